@@ -66,20 +66,12 @@ BLOCK = 1 << 15  # points moved at a time, which stay in the second-level cache
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Boxes:
-    """Boxes of n poses, as COCO writes them: x, y, width, height in continuous pixels.
+    """Boxes of n poses, as COCO writes them: x, y, width, height in continuous pixels."""
 
-    Parameters
-    ----------
-    xywh
-        (n, 4) tight box of the surface inside the image; nan where there is none.
-    amodal
-        (n, 4) tight box of the surface in front of the near plane, inside the image or not; nan where there is none.
-    truncated_fraction
-        (n,) share of the amodal box's area that the box in the image lacks: 0 framed, 1 out of the image.
-    """
-
-    xywh: Float[np.ndarray, "n 4"]
+    xywh: Float[np.ndarray, "n 4"]  # tight box of the surface inside the image; nan where there is none
+    # tight box of the surface in front of the near plane, inside the image or not; nan where there is none
     amodal: Float[np.ndarray, "n 4"]
+    # share of the amodal box's area that the box in the image lacks: 0 framed, 1 out of the image
     truncated_fraction: Float[np.ndarray, " n"]
 
 
@@ -277,11 +269,6 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
     """Return the share of an amodal box's area that the box in the image lacks.
 
     For a box without width or height the other side alone counts. It's 1 if `xywh` is nan: out of the image.
-
-    Parameters
-    ----------
-    xywh, amodal
-        (..., 4) boxes; the first inside the second.
     """
     inner = checked(xywh, "xywh", ("...", 4), finite=False)
     outer = checked(amodal, "amodal", ("...", 4), finite=False)

@@ -22,13 +22,7 @@ SLACK = 1e-12  # of a cluster's distance and size: what bounds may be off by the
 
 
 class ClusteredSurface:
-    """A vehicle's triangles in compact clusters with boxes around them.
-
-    Parameters
-    ----------
-    parts
-        The vehicle's surface.
-    """
+    """A vehicle's triangles in compact clusters with boxes around them."""
 
     def __init__(self, parts: PosedParts) -> None:
         self._parts = parts

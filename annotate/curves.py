@@ -27,18 +27,10 @@ AROUND = 64  # places on the circle of the fold that are compared at a time
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CurvedView:
-    """The view of one camera with a distorting lens.
-
-    Parameters
-    ----------
-    intrinsics
-        Of one camera.
-    frame
-        Whether the image's sides bound what is seen, or the lens's fold alone.
-    """
+    """The view of one camera with a distorting lens."""
 
     intrinsics: Intrinsics
-    frame: bool
+    frame: bool  # whether the image's sides bound what is seen, or the lens's fold alone
 
     @property
     def radius(self) -> float:

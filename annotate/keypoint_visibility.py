@@ -15,22 +15,7 @@ SLACK = 0.01  # meters that a keypoint may be below the surface that it is on
 
 
 def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: Scene) -> Float[np.ndarray, "k 3"]:
-    """Pixel and COCO's v of each keypoint of a vehicle: 2 if it's visible, 1 if it's hidden, 0 outside of the image.
-
-    Parameters
-    ----------
-    vehicle
-        The vehicle, in one pose.
-    camera
-        The camera; nothing nearer than `NEAR` is seen.
-    world
-        Occluders: ground, obstacles, and vehicles, this one included. A surface less than `SLACK` in
-        front of a keypoint doesn't hide it.
-
-    Returns
-    -------
-    (k, 3) x, y, and v; zeros where v is 0.
-    """
+    """Pixel and COCO's v of each keypoint of a vehicle: 2 if it's visible, 1 if it's hidden, 0 outside of the image."""
     shape, world_from_vehicle = vehicle.caster.shape, vehicle.world_from_vehicle[0]
     points = apply(world_from_vehicle, shape.keypoints_at(vehicle.articulation))
     pixels, depth = camera.project(points)

@@ -24,13 +24,7 @@ def encode(mask: ArrayLike) -> dict[str, object]:
 
 
 def decode(segmentation: object, width: int, height: int) -> Bool[np.ndarray, "h w"]:
-    """Return a COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons.
-
-    Raises
-    ------
-    ValueError
-        If it is neither, or its size is not that of the image.
-    """
+    """Return a COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons."""
     counts = run_lengths(segmentation, width, height)
     return np.repeat(np.arange(len(counts)) % 2 == 1, counts).reshape(width, height).T
 

@@ -19,24 +19,9 @@ def polygons(segmentation: object, width: int, height: int, *, within: float = 0
 
     The outline runs half way between the centers of pixels in the mask and out of it.
 
-    Parameters
-    ----------
-    segmentation
-        Run lengths or polygons; see `annotate.masks.decode`.
-    width, height
-        Of the image, in pixels.
-    within
-        Pixels: corners are dropped if the outline moves by no more. A piece or hole with fewer than three
-        corners left is dropped.
-
-    Returns
-    -------
-    Polygons as x1, y1, x2, y2, ... in pixels; none for an empty mask.
-
-    Raises
-    ------
-    ValueError
-        If the segmentation is damaged, or `within` is negative or no number.
+    `width`, `height`: of the image, in pixels.
+    `within`: pixels: corners are dropped if the outline moves by no more. A piece or hole with fewer than three
+    corners left is dropped.
 
     Examples
     --------
@@ -57,10 +42,7 @@ def polygons(segmentation: object, width: int, height: int, *, within: float = 0
 def bridged(rings: Sequence[Ring]) -> Ring:
     """Several rings as one, tied together by bridges without width where they come nearest to the first.
 
-    Parameters
-    ----------
-    rings
-        (n, 2) corners each, in pixels, the last not repeating the first.
+    `rings`: corners each, in pixels, the last not repeating the first.
     """
     whole = np.asarray(rings[0], dtype=np.float64)
     for ring in rings[1:]:

@@ -16,27 +16,7 @@ NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may b
 
 
 class PosedParts:
-    """The used vertices of what can be seen of a vehicle by rigid part, and those that can be extreme in an image.
-
-    Parameters
-    ----------
-    shape
-        The vehicle.
-
-    Attributes
-    ----------
-    shape
-        The vehicle.
-    vertices
-        (3, v) used vertices at rest, part after part.
-    faces
-        (f, 3) indices into them, part after part.
-    extreme
-        (3, h) the vertices of each part's convex hull: a linear function of the part's points, such as being left of
-        a line of the image, is greatest at one of them.
-    vertex_slices, face_slices, extreme_slices
-        Where each part's begin and end.
-    """
+    """The used vertices of what can be seen of a vehicle by rigid part, and those that can be extreme in an image."""
 
     def __init__(self, shape: VehicleShape) -> None:
         def part_slices(part: Int[np.ndarray, " n"]) -> list[slice]:

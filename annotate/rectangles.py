@@ -20,22 +20,7 @@ _UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.ndarray, "5"] | None:
     """Center, width, height, and angle of the smallest rectangle that holds a mask's pixels; None for an empty mask.
 
-    Parameters
-    ----------
-    segmentation
-        COCO's run lengths or polygons; see `annotate.masks.decode`. Each pixel is a square.
-    width, height
-        Of the image, in pixels.
-
-    Returns
-    -------
-    The center and the sides are in continuous pixels. The width is the longer side; its angle is in radians from the
-    image's x axis to its y axis, at least -pi/2 and below pi/2.
-
-    Raises
-    ------
-    ValueError
-        If the segmentation is damaged.
+    `width`, `height`: of the image, in pixels.
 
     Examples
     --------

@@ -26,20 +26,8 @@ def vehicle_masks(
 ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Return the pixels whose center is on the vehicle, and those of them that nothing hides.
 
-    Parameters
-    ----------
-    vehicle
-        The vehicle, in one pose.
-    camera
-        The camera; nothing nearer than `NEAR` is seen.
-    xywh
-        The vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
-    world
-        Occluders: ground, obstacles, and other vehicles. None: nothing hides it.
-
-    Returns
-    -------
-    (height, width) each: the whole silhouette in the image, and what is visible of it.
+    `xywh`: the vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
+    `world`: occluders: ground, obstacles, and other vehicles. None: nothing hides it.
     """
     size = np.array([camera.intrinsics.width, camera.intrinsics.height])
     whole, mask = np.zeros((2, *size[::-1]), dtype=bool)
@@ -67,19 +55,7 @@ def show_pixels(
     xywh: Float[np.ndarray, "n 4"],
     world: Scene,
 ) -> Bool[np.ndarray, " n"]:
-    """Return whether any pixel's center shows each camera's subject; a few pixels are tested first.
-
-    Parameters
-    ----------
-    subjects
-        Vehicles in rows: one for each camera.
-    world_from_camera, intrinsics
-        The cameras.
-    xywh
-        (n, 4) boxes of the subjects.
-    world
-        Their occluders.
-    """
+    """Return whether any pixel's center shows each camera's subject; a few pixels are tested first."""
     shown = np.zeros(len(xywh), dtype=bool)
     first, end = _pixels_in(xywh, intrinsics.size)
     width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)

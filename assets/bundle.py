@@ -56,24 +56,12 @@ def save(path: Path | str, asset: VehicleShape | Scenery) -> None:
 
 
 def load_vehicle(path: Path | str) -> VehicleShape:
-    """Return the vehicle that `save` wrote to `path`, bit for bit.
-
-    Raises
-    ------
-    AssetError
-        If `path` isn't such a file, or has another format version.
-    """
+    """Return the vehicle that `save` wrote to `path`, bit for bit."""
     return _load(Path(path), VehicleShape)
 
 
 def load_scenery(path: Path | str) -> Scenery:
-    """Return the scenery that `save` wrote to `path`, bit for bit.
-
-    Raises
-    ------
-    AssetError
-        If `path` isn't such a file, or has another format version.
-    """
+    """Return the scenery that `save` wrote to `path`, bit for bit."""
     return _load(Path(path), Scenery)
 
 

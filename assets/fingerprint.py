@@ -22,18 +22,10 @@ TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a coordinate that ch
 
 
 class Fingerprint(msgspec.Struct, frozen=True):
-    """The fingerprint of a vehicle's or scenery's geometry.
+    """The fingerprint of a vehicle's or scenery's geometry."""
 
-    Parameters
-    ----------
-    topology
-        SHA-256 of all that isn't a coordinate: faces, parts, textures, and how many of each there are.
-    shape
-        Weighted sum of all coordinates, in meters.
-    """
-
-    topology: str
-    shape: float
+    topology: str  # SHA-256 of all that isn't a coordinate: faces, parts, textures, and how many of each there are
+    shape: float  # weighted sum of all coordinates, in meters
 
     def agrees(self, other: Fingerprint) -> bool:
         """Return whether another fingerprint is of the same geometry."""

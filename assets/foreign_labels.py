@@ -36,19 +36,7 @@ class _Described(Struct):
 
 
 def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
-    """Return the reader of a YOLO or VOC folder; None if it's neither.
-
-    Parameters
-    ----------
-    folder
-        Of YOLO, a split: ``ROOT/images/train`` or ``ROOT/train``, with ``data.yaml`` in ROOT. Of VOC, a folder with
-        ``Annotations`` and ``JPEGImages``, or with an XML file next to each picture.
-
-    Raises
-    ------
-    DatasetError
-        If it's a YOLO dataset of several splits. The reader's errors name the file and line.
-    """
+    """Return the reader of a YOLO or VOC folder; None if it's neither."""
     if (folder / "Annotations").is_dir():
         return partial(_voc, folder, folder / "Annotations", folder / "JPEGImages")
     if any(folder.glob("*.xml")):
@@ -66,13 +54,7 @@ def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
 
 
 def refuse_nameless(folder: Path) -> None:
-    """Refuse a folder of YOLO without the file that names its classes.
-
-    Raises
-    ------
-    DatasetError
-        If it has YOLO's labels.
-    """
+    """Refuse a folder of YOLO without the file that names its classes."""
     for pictures, labels in _yolo_folders(folder):
         if pictures != labels and pictures.is_dir() and any(labels.glob("*.txt")) and _pictures(pictures):
             raise DatasetError(

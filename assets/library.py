@@ -35,44 +35,22 @@ class HdriSource(Source, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Assets:
-    """All assets of a plan; mappings are by the asset's name in the config.
+    """All assets of a plan; mappings are by the asset's name in the config."""
 
-    Parameters
-    ----------
-    vehicles
-        Shape of each vehicle, in the order of the config.
-    categories
-        Class of each vehicle.
-    sceneries
-        Geometry of each scenery, in the order of the config.
-    hdris
-        Names of the HDRIs, in the order of the config.
-    distractors
-        Shape of each distractor, in the order of the config.
-    skies
-        Light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory.
-    files
-        The files they came from, by "vehicles", "distractors", "sceneries", or "hdris", then by name; assets without an
-        entry were made in memory.
-    without_material
-        Names of vehicles and distractors whose files have no material, so that they can't be painted.
-    photographs
-        Photographs that cameras follow; None: the planner reads those that the config names.
-
-    Raises
-    ------
-    ValueError
-        If there is no vehicle, scenery or HDRI, or a vehicle has no class.
-    """
-
-    vehicles: Mapping[str, VehicleShape]
+    vehicles: Mapping[str, VehicleShape]  # shape of each vehicle, in the order of the config
     categories: Mapping[str, str]
-    sceneries: Mapping[str, Scenery]
-    hdris: tuple[str, ...]
+    sceneries: Mapping[str, Scenery]  # geometry of each scenery, in the order of the config
+    hdris: tuple[str, ...]  # names of the HDRIs, in the order of the config
+    # the files they came from, by "vehicles", "distractors", "sceneries", or "hdris", then by name; assets without an
+    # entry were made in memory
     files: Mapping[str, Mapping[str, Source]] = field(default_factory=dict)
+    # shape of each distractor, in the order of the config
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
+    # light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory
     skies: Mapping[str, SkyLight] = field(default_factory=dict)
+    # names of vehicles and distractors whose files have no material, so that they can't be painted
     without_material: frozenset[str] = frozenset()
+    # photographs that cameras follow; None: the planner reads those that the config names
     photographs: Photographs | None = None
 
     def __post_init__(self) -> None:

@@ -24,36 +24,17 @@ EDGE = 0.003  # share of the picture's width or height: a box this near to a sid
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Photographs:
-    """m photographs and their n boxes, by photograph.
+    """m photographs and their n boxes, by photograph."""
 
-    Parameters
-    ----------
-    path
-        The COCO file, or the folder of another kind.
-    sha256
-        Hexadecimal digest of its bytes.
-    file_names
-        (m,) of the photographs.
-    size
-        (m, 2) width and height, pixels.
-    image
-        (n,) ascending: the photograph of each box.
-    xywh
-        (n, 4) boxes in the frame: x and width relative to the picture's width, y and height to its height.
-    category
-        (n,) class of each box.
-    cut
-        (n, 4) whether the picture's left, top, right, and bottom sides cut a box off.
-    """
-
-    path: Path
-    sha256: str
+    path: Path  # the COCO file, or the folder of another kind
+    sha256: str  # hexadecimal digest of its bytes
     file_names: tuple[str, ...]
-    size: Float[np.ndarray, "m 2"]
-    image: Int[np.ndarray, " n"]
+    size: Float[np.ndarray, "m 2"]  # width and height, pixels
+    image: Int[np.ndarray, " n"]  # ascending: the photograph of each box
+    # boxes in the frame: x and width relative to the picture's width, y and height to its height
     xywh: Float[np.ndarray, "n 4"]
     category: tuple[str, ...]
-    cut: Bool[np.ndarray, "n 4"]
+    cut: Bool[np.ndarray, "n 4"]  # whether the picture's left, top, right, and bottom sides cut a box off
 
     @property
     def height(self) -> Float[np.ndarray, " n"]:
@@ -111,11 +92,6 @@ def read_photographs(path: Path) -> Photographs:
 
     Regions of many (`iscrowd`) and boxes without area in the frame are left out. Where a record states
     `truncated_fraction`, as this package's do, 0 means that no side cuts the box off, however near it is.
-
-    Raises
-    ------
-    DatasetError
-        If there is no such file, or it has no labels of these kinds.
     """
     path, content = _labels(path)
     try:

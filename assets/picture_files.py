@@ -24,42 +24,19 @@ _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PictureFile:
-    """A picture and the bytes it was read from.
-
-    Parameters
-    ----------
-    content
-        The file's bytes.
-    size
-        Width and height in pixels, as displayed.
-    orientation
-        EXIF orientation, 1 to 8. From 5 on, stored width and height are swapped.
-    pixels
-        (h, w, 3) colors as displayed; None if it has more pixels than the caller's limit.
-    """
+    """A picture and the bytes it was read from."""
 
     content: bytes
-    size: tuple[int, int]
-    orientation: int
-    pixels: UInt8[np.ndarray, "h w 3"] | None
+    size: tuple[int, int]  # width and height in pixels, as displayed
+    orientation: int  # EXIF orientation, 1 to 8. From 5 on, stored width and height are swapped.
+    pixels: UInt8[np.ndarray, "h w 3"] | None  # colors as displayed; None if it has more pixels than the caller's limit
 
 
 def read_picture(path: Path, size: tuple[int, int] | None = None, *, largest: int | None = None) -> PictureFile:
     """Read a picture. Everything in hulldown that needs a dataset's pixels reads them here.
 
-    Parameters
-    ----------
-    path
-        The file.
-    size
-        Width and height that its record states; None: any.
-    largest
-        Don't decode pictures of more pixels than this; only check their structure and read their size.
-
-    Raises
-    ------
-    DatasetError
-        If the file is missing, damaged, not a picture, of another size, or of a kind whose values have no known range.
+    `size`: width and height that its record states; None: any.
+    `largest`: don't decode pictures of more pixels than this; only check their structure and read their size.
     """
     picture = _read_picture(path, largest)
     if size is not None and picture.size != size:
@@ -114,11 +91,6 @@ def rgb(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
     """Return a picture's colors as 8-bit RGB, scaled by its bit depth.
 
     Transparency is ignored. Integers of 16 and 32 bits are scaled from their whole range, floats from 0 to 1.
-
-    Raises
-    ------
-    ValueError
-        If a float picture has values outside of 0 to 1, or an integer picture is signed.
     """
     mode = picture.mode
     if mode == "F":

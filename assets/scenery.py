@@ -13,48 +13,24 @@ from hulldown.geometry.transforms import apply
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Scenery:
-    """A scenery relative to its origin, z up, meters.
+    """A scenery relative to its origin, z up, meters."""
 
-    Parameters
-    ----------
-    name
-        The scenery's name, unique in a config.
-    origin
-        (3,) meters, subtracted from the file's coordinates; everything else here is relative to it.
-    ground
-        All ground meshes merged, or None if the file has none: the ground is then the plane z = fallback_z.
-    ground_names
-        Object name of each ground mesh.
-    obstacle_meshes
-        Unique meshes of everything but ground (boulders, trees), each in its own frame.
-    instance_mesh
-        (k,) for each obstacle instance the index into `obstacle_meshes`.
-    world_from_instance
-        (k, 4, 4) affine pose of each instance; may mirror and scale unevenly.
-    instance_names
-        Object name of each instance.
-    instance_gives_way
-        (k,) whether it only hides, like grass: vehicles drive over it, and cameras look out of it.
-    instance_is_water
-        (k,) whether it's water: a surface that hides, with nothing placed below.
-    scenery_from_file
-        (4, 4) affine: from the file's world coordinates to meters, z up, relative to `origin`.
-    crs
-        The coordinate reference system that `origin` is in: "EPSG:32632", or WKT; "" if there is none.
-    """
-
-    name: str
+    name: str  # the scenery's name, unique in a config
+    # meters, subtracted from the file's coordinates; everything else here is relative to it
     origin: Float[np.ndarray, "3"]
+    # all ground meshes merged, or None if the file has none: the ground is then the plane z = fallback_z
     ground: Mesh | None
-    ground_names: tuple[str, ...]
-    obstacle_meshes: tuple[Mesh, ...]
-    instance_mesh: Int[np.ndarray, " k"]
-    world_from_instance: Float[np.ndarray, "k 4 4"]
-    instance_names: tuple[str, ...]
+    ground_names: tuple[str, ...]  # object name of each ground mesh
+    obstacle_meshes: tuple[Mesh, ...]  # unique meshes of everything but ground (boulders, trees), each in its own frame
+    instance_mesh: Int[np.ndarray, " k"]  # for each obstacle instance the index into `obstacle_meshes`
+    world_from_instance: Float[np.ndarray, "k 4 4"]  # affine pose of each instance; may mirror and scale unevenly
+    instance_names: tuple[str, ...]  # object name of each instance
+    # whether it only hides, like grass: vehicles drive over it, and cameras look out of it
     instance_gives_way: Bool[np.ndarray, " k"]
-    instance_is_water: Bool[np.ndarray, " k"]
+    instance_is_water: Bool[np.ndarray, " k"]  # whether it's water: a surface that hides, with nothing placed below
+    # affine: from the file's world coordinates to meters, z up, relative to `origin`
     scenery_from_file: Float[np.ndarray, "4 4"]
-    crs: str = ""
+    crs: str = ""  # the coordinate reference system that `origin` is in: "EPSG:32632", or WKT; "" if there is none
 
     @property
     def solid(self) -> Bool[np.ndarray, " k"]:

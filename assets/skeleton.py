@@ -24,26 +24,8 @@ def category_fields(
 ) -> dict[str, object]:
     """Return COCO's `keypoints` and `skeleton`, the same for all categories, so an image's labels are one array.
 
-    Parameters
-    ----------
-    shapes
-        The labeled vehicles.
-    patterns
-        The config's `annotate.keypoints`; None: no keypoints, and an empty result.
-    lines
-        The config's `annotate.skeleton`; None: between the default keypoints.
-    path
-        Where the config comes from, for errors.
-
-    Returns
-    -------
-    The default keypoints come first, then the others in the order in which vehicles have them; the skeleton has pairs
-    of places in that list, from 1.
-
-    Raises
-    ------
-    ConfigError
-        Naming a pattern without a match, or a line to an unknown keypoint.
+    `patterns`: the config's `annotate.keypoints`; None: no keypoints, and an empty result.
+    `lines`: the config's `annotate.skeleton`; None: between the default keypoints.
     """
     if patterns is None:
         return {}

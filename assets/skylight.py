@@ -11,24 +11,12 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, slots=True)
 class SkyLight:
-    """The light of an HDRI, and whether it shows surroundings.
+    """The light of an HDRI, and whether it shows surroundings."""
 
-    Parameters
-    ----------
-    irradiance
-        Of level ground, linear Rec. 709.
-    horizon_deg
-        Elevation up to which it shows something other than sky.
-    misfits
-        Signs that it doesn't show open land, one sentence each.
-    shows_land
-        Whether there are grass, trees, or streets below its horizon, instead of one color.
-    """
-
-    irradiance: tuple[float, float, float] = (math.pi, math.pi, math.pi)
-    horizon_deg: float = 0.0
-    misfits: tuple[str, ...] = ()
-    shows_land: bool = False
+    irradiance: tuple[float, float, float] = (math.pi, math.pi, math.pi)  # of level ground, linear Rec. 709.
+    horizon_deg: float = 0.0  # elevation up to which it shows something other than sky
+    misfits: tuple[str, ...] = ()  # signs that it doesn't show open land, one sentence each
+    shows_land: bool = False  # whether there are grass, trees, or streets below its horizon, instead of one color
 
 
 EVEN = SkyLight()  # of radiance 1 everywhere
@@ -39,10 +27,7 @@ def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3
 
     Between the centers of its pixels a picture is linear, as it is rendered; the integral is in closed form.
 
-    Parameters
-    ----------
-    pixels
-        Radiance, the lowest row first.
+    `pixels`: radiance, the lowest row first.
 
     Examples
     --------

@@ -17,52 +17,33 @@ Articulation = Mapping[str, float]  # part name -> radians; parts not named are 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleShape:
-    """A vehicle at rest in its own frame: x forward, y left, z up, meters, origin at the center of its underside.
+    """A vehicle at rest in its own frame: x forward, y left, z up, meters, origin at the center of its underside."""
 
-    Parameters
-    ----------
-    name
-        The vehicle's name, unique in a config.
-    mesh
-        All triangles of all parts, turret and gun at angle zero.
-    vertex_part
-        (v,) index of the part each vertex belongs to; part 0 is the hull. No face spans two parts.
-    part_names
-        ("hull", "turret", "gun", ...), as in articulations.
-    part_parent
-        (p,) index of the part each part rides on; -1 for the hull. Parents come before children.
-    part_pivot
-        (p, 3) a point on each part's axis of rotation, vehicle frame at rest; zeros for the hull.
-    part_axis
-        (p, 3) unit axis of rotation, vehicle frame at rest; +z for the hull, which never turns. Positive angles
-        turn a turret counterclockwise seen from above and raise a gun.
-    part_limits
-        (p, 2) lowest and highest angle in radians; zeros for the hull.
-    vehicle_from_file
-        (4, 4) affine: from the world coordinates of the file it was read from to the vehicle frame
-        (scale to meters, up and forward axis, origin), so that the renderer can place the file's own objects.
-    underside
-        (a, b) heights of the mesh's underside, as `placement.footprint.underside` finds them; empty: not known.
-    keypoint_names, keypoints, keypoint_part
-        Name, (k, 3) place in the vehicle frame at rest, and (k,) index of the part of each keypoint.
-    seen, seen_part
-        What can be seen of the mesh, as `geometry.seen_surface` finds it, and the part of each of its vertices. None:
-        the whole mesh.
-    """
-
-    name: str
-    mesh: Mesh
+    name: str  # the vehicle's name, unique in a config
+    mesh: Mesh  # all triangles of all parts, turret and gun at angle zero
+    # index of the part each vertex belongs to; part 0 is the hull. No face spans two parts.
     vertex_part: Int[np.ndarray, " v"]
     part_names: tuple[str, ...]
+    # index of the part each part rides on; -1 for the hull. Parents come before children.
     part_parent: Int[np.ndarray, " p"]
+    # a point on each part's axis of rotation, vehicle frame at rest; zeros for the hull
     part_pivot: Float[np.ndarray, "p 3"]
+    # unit axis of rotation, vehicle frame at rest; +z for the hull, which never turns. Positive angles turn a turret
+    # counterclockwise seen from above and raise a gun.
     part_axis: Float[np.ndarray, "p 3"]
-    part_limits: Float[np.ndarray, "p 2"]
+    part_limits: Float[np.ndarray, "p 2"]  # lowest and highest angle in radians; zeros for the hull
+    # affine: from the world coordinates of the file it was read from to the vehicle frame (scale to meters, up and
+    # forward axis, origin), so that the renderer can place the file's own objects
     vehicle_from_file: Float[np.ndarray, "4 4"]
+    # heights of the mesh's underside, as `placement.footprint.underside` finds them; empty: not known
     underside: Float[np.ndarray, "a b"] = field(default_factory=lambda: np.zeros((0, 0)))
+    # keypoint_names, keypoints, keypoint_part: name, (k, 3) place in the vehicle frame at rest, and (k,) index of the
+    # part of each keypoint
     keypoint_names: tuple[str, ...] = ()
     keypoints: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     keypoint_part: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    # seen, seen_part: what can be seen of the mesh, as `geometry.seen_surface` finds it, and the part of each of its
+    # vertices. None: the whole mesh.
     seen: Mesh | None = None
     seen_part: Int[np.ndarray, " s"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
@@ -83,13 +64,7 @@ class VehicleShape:
         return high - low
 
     def angles(self, articulations: Sequence[Articulation]) -> Float[np.ndarray, "n p"]:
-        """Angles of all parts in n articulations; zero where not named.
-
-        Raises
-        ------
-        ValueError
-            If one names a part that the vehicle doesn't have.
-        """
+        """Angles of all parts in n articulations; zero where not named."""
         column = {name: i for i, name in enumerate(self.part_names) if i}
         angles = np.zeros((len(articulations), len(self.part_names)))
         for row, articulation in enumerate(articulations):
@@ -105,11 +80,6 @@ class VehicleShape:
         """Poses of articulated parts relative to rest: (p, 4, 4), or (n, p, 4, 4) for n articulations or their angles.
 
         A row's bits depend on that row alone.
-
-        Raises
-        ------
-        ValueError
-            If it names a part that the vehicle doesn't have.
         """
         if isinstance(articulation, Mapping):
             return self.vehicle_from_parts([articulation])[0]

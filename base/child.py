@@ -28,21 +28,7 @@ class Child:
     It has a session of its own, so that Ctrl-C in the terminal reaches this process alone. Its stdin ends when this
     process does, even by ``kill -9``; see `end_with_parent`.
 
-    Parameters
-    ----------
-    command
-        A program and its arguments.
-    env
-        All its environment variables.
-    on_line
-        Called in another thread with each line of its stdout, and with an empty line when it ends.
-    log
-        File that its stderr is appended to; None: stderr goes to `on_line` too.
-
-    Raises
-    ------
-    OSError
-        If it can't be started.
+    `log`: file that its stderr is appended to; None: stderr goes to `on_line` too.
     """
 
     def __init__(

@@ -21,16 +21,6 @@ UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so tha
 def replacing(path: Path) -> Iterator[BinaryIO]:
     """Open a temporary file that replaces `path` in one step when all of it is on disk.
 
-    Parameters
-    ----------
-    path
-        Its folder must exist. Until the block ends, the data is in a temporary file next to it.
-
-    Raises
-    ------
-    OSError
-        If it can't be written. After any error the file at `path` is unchanged.
-
     Examples
     --------
     >>> from pathlib import Path
@@ -71,11 +61,6 @@ def all_or_nothing(out: Path, key: str = "") -> Iterator[Path]:
 
     It's inside `out`, so that moving is renaming. Training tools don't see the remains of a killed run, and the
     next run replaces them. With a key of what is made, `is_done` tells whether an earlier run with it made all.
-
-    Raises
-    ------
-    DatasetError
-        If `out` is a file, isn't empty, or cannot be written.
     """
     if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
         raise DatasetError("isn't empty", path=out, remedy="name an empty or a new folder")
@@ -117,13 +102,7 @@ def _move(unfinished: Path, out: Path) -> None:
 
 
 def open_regular(path: Path) -> BinaryIO:
-    """Open a regular file for reading bytes; pipes and devices, which may never end, are refused.
-
-    Raises
-    ------
-    OSError
-        If it cannot be read, or is something else.
-    """
+    """Open a regular file for reading bytes; pipes and devices, which may never end, are refused."""
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     return _regular(descriptor, "rb", path)
@@ -140,11 +119,6 @@ def open_in_place(path: Path) -> BinaryIO:
     """Open a file for reading and appending, created if missing, without following a link.
 
     For files that grow or are continued; everything else is written with `replacing`.
-
-    Raises
-    ------
-    OSError
-        If it can't be written, or is a link, a pipe, or a device.
     """
     if path.is_symlink():
         raise OSError(errno.ELOOP, "it is a link, which could lead anywhere; delete it", str(path))
@@ -174,13 +148,7 @@ def stays_inside(file_name: object) -> TypeGuard[str]:
 
 
 def make_room(path: Path) -> None:
-    """Make a file's folder before the long work that writes the file.
-
-    Raises
-    ------
-    HulldownError
-        If the path is a folder's, or the folder can't be made.
-    """
+    """Make a file's folder before the long work that writes the file."""
     if path.is_dir():
         raise HulldownError("is a folder", path=path, remedy="name a file in it")
     with HulldownError.explaining("cannot be written", path=path, remedy="choose a folder that you may write to"):

@@ -38,14 +38,7 @@ Refuse: TypeAlias = Callable[[str], Exception]  # makes an error of a problem, s
 def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
     """Return a file's content.
 
-    Parameters
-    ----------
-    path
-        The file.
-    refuse
-        Makes the error that is raised if it isn't a regular file, is larger than `most` bytes, or can't be read.
-    most
-        Largest size in bytes.
+    `refuse`: makes the error that is raised if it isn't a regular file, is larger than `most` bytes, or can't be read.
 
     Examples
     --------
@@ -71,13 +64,7 @@ def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
 
 
 def sha256_of(path: Path) -> str:
-    """Return the SHA-256 of a regular file's content, in hexadecimal digits.
-
-    Raises
-    ------
-    OSError
-        If it can't be read.
-    """
+    """Return the SHA-256 of a regular file's content, in hexadecimal digits."""
     digest = hashlib.sha256()
     with open_regular(path) as file:
         while part := file.read(1 << 20):
@@ -104,11 +91,6 @@ def read_json(path: Path, kind: type[T], refuse: Refuse, *, what: str, most: int
 
 def json_of(content: bytes | memoryview, kind: type[T]) -> T:
     """Return a JSON value as a `kind`.
-
-    Raises
-    ------
-    ValueError
-        If it isn't JSON, has numbers beyond float64 or values nested more than `NESTED` deep, or isn't a `kind`.
 
     Examples
     --------
@@ -190,13 +172,7 @@ def yaml_of(text: str) -> object:
 
 
 def xml_of(content: bytes) -> Element:
-    """Return the root of an XML document without a document type, where entities would be declared.
-
-    Raises
-    ------
-    ValueError
-        If it isn't XML, declares a document type, or its elements are nested more than `NESTED` deep.
-    """
+    """Return the root of an XML document without a document type, where entities would be declared."""
     tree, depth, parser = TreeBuilder(), 0, expat.ParserCreate()
 
     def start(name: str, attributes: dict[str, str]) -> None:

@@ -75,13 +75,7 @@ def reading_status() -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
-    """Show a bar on stderr; yields a function of title, steps done, and their total.
-
-    Parameters
-    ----------
-    unit
-        Name of a step, to show the speed; empty: no speed.
-    """
+    """Show a bar on stderr; yields a function of title, steps done, and their total."""
     measured = [TextColumn("{task.fields[speed]}", style="progress.data.speed")] if unit else []
     columns = (
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *measured, TimeElapsedColumn(),

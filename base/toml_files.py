@@ -18,13 +18,7 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
-    """Read a TOML file; `remedy` is what to do if it can't be read.
-
-    Raises
-    ------
-    ConfigError
-        If it cannot be read, or isn't TOML.
-    """
+    """Read a TOML file; `remedy` is what to do if it can't be read."""
     text = read_text(path, partial(ConfigError, path=path, remedy=remedy))
     try:
         return toml_of(text)
@@ -33,13 +27,7 @@ def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
 
 
 def validated(model: type[Model], data: Mapping[str, object], path: Path | None) -> Model:
-    """Return the model that the data of a file describes.
-
-    Raises
-    ------
-    ConfigError
-        Naming file, key, value and what is allowed.
-    """
+    """Return the model that the data of a file describes."""
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:

@@ -13,13 +13,6 @@ class CameraRays:
     """Rays of n cameras, r each; flat index i is ray i % r of camera i // r.
 
     Windows are in the plane at unit depth, where a point (x, y, z) of the camera's frame is (x / z, y / z).
-
-    Parameters
-    ----------
-    low, extent
-        (n, 2) lowest corner and size of each window.
-    pattern
-        (r, 2) where in the window the rays go, from 0 to 1; (n, r, 2) of each camera.
     """
 
     def __init__(
@@ -42,14 +35,9 @@ class CameraRays:
     ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
         """Origins on the near plane, and directions of unit depth, of the rays with these ascending indices.
 
-        Parameters
-        ----------
-        frame_from_camera
-            (m, 4, 4) frames for the rays.
-        which
-            (k,) index i is ray i % r of frame i // r.
-        camera
-            (m,) the camera of each frame's rays; None: frame i is camera i's.
+        `frame_from_camera`: frames for the rays.
+        `which`: index i is ray i % r of frame i // r.
+        `camera`: the camera of each frame's rays; None: frame i is camera i's.
         """
         r = self.count
         view = which // r

@@ -121,13 +121,7 @@ def seen_radius(distortion: Coefficients) -> float:
 def frame_bounds(
     width: float, height: float, pinhole: tuple[float, float, float, float], distortion: Coefficients
 ) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return corners of the smallest rectangle at unit depth around everything that an image shows.
-
-    Raises
-    ------
-    ValueError
-        If the lens folds inside the image.
-    """
+    """Return corners of the smallest rectangle at unit depth around everything that an image shows."""
     fx, fy, cx, cy = pinhole
     pixels = (along_sides(SIDE) * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):

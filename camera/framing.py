@@ -32,16 +32,8 @@ def turned(
     A level horizon stays level but for the roll, as on a tripod, where the view is flat enough for that:
     cos(elevation) above sin(fov_x / 2). Steeper cameras, and those that aren't level, turn by the smallest rotation.
 
-    Parameters
-    ----------
-    world_from_camera
-        (..., 4, 4) poses.
-    intrinsics
-        One, or one for each of m poses (m, 4, 4).
-    pixel
-        (..., 2) pixels, in the frame or out of it; leading axes broadcast against those of the poses.
-    roll
-        (...) radians about the optical axis, from x to y: positive lowers the camera's right side.
+    `pixel`: pixels, in the frame or out of it; leading axes broadcast against those of the poses.
+    `roll`: radians about the optical axis, from x to y: positive lowers the camera's right side.
     """
     pose = checked(world_from_camera, "world_from_camera", ("...", 4, 4))
     uv = checked(pixel, "pixel", ("...", 2))
@@ -125,29 +117,8 @@ def frame_target(
     keep it in the frame. Otherwise it is uniform over all places at which the frame's edges cut off just that share of
     its area, through one side or over a corner.
 
-    Parameters
-    ----------
-    world_from_camera
-        (n, 4, 4) poses that look at the target.
-    points_world
-        (n, k, 3) or (1, k, 3) points whose projected box is the target's, such as the vertices of its convex hull.
-    intrinsics
-        One, or one for each pose.
-    rng
-        Source of randomness; five numbers a pose are drawn.
-    roll
-        () or (n,) radians; see `turned`.
-    spread
-        0 to 1: how much of the room on either side of the middle is used. 0 centers the box.
-    truncated
-        Least and largest share of the box's area to be cut off, within 0 to 1.
-
-    Returns
-    -------
-    (n, 4, 4) turned poses. More than `truncated` is cut off if the box is larger than the frame. If a point of the
-    target isn't in front of the camera, the camera keeps its pose. The place is missed where the box would be larger
-    than the frame, behind the camera, or beyond what a distorted lens sees: only within three vehicle lengths of the
-    target, with fields of view above 85 degrees, or just before a lens folds.
+    `roll`: or (n,) radians; see `turned`.
+    `truncated`: least and largest share of the box's area to be cut off, within 0 to 1.
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("m", "k", 3))
@@ -193,16 +164,9 @@ def place_boxes(
     fits into the frame. Where one side does, it cuts the target off as well, and their sides within the frame agree, as
     far as that leaves enough of the target.
 
-    Parameters
-    ----------
-    world_from_camera, points_world, intrinsics, roll
-        See `frame_target`; a set of points for each pose.
-    corners
-        (n, 4) left, top, right, and bottom side of the other box in the frame, pixels.
-    cut
-        (n, 4) whether the frame cuts it off there.
-    kept
-        () or (n, 2) least share of the target's width and height in the frame.
+    `corners`: left, top, right, and bottom side of the other box in the frame, pixels.
+    `cut`: whether the frame cuts it off there.
+    `kept`: or (n, 2) least share of the target's width and height in the frame.
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("n", "k", 3))

@@ -16,18 +16,10 @@ NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR]])
 
 @dataclass(frozen=True, eq=False)
 class Frustum:
-    """A view frustum as half-spaces in the camera's frame.
-
-    Parameters
-    ----------
-    intrinsics
-        One camera, without distortion.
-    frame
-        Whether the image's edges are among the half-spaces, or the near plane alone.
-    """
+    """A view frustum as half-spaces in the camera's frame."""
 
     intrinsics: Intrinsics
-    frame: bool
+    frame: bool  # whether the image's edges are among the half-spaces, or the near plane alone
 
     @cached_property
     def _numbers(self) -> tuple[list[float], list[float], list[float]]:

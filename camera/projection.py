@@ -67,18 +67,6 @@ def directions(intrinsics: Intrinsics, pixels: ArrayLike) -> Float[np.ndarray, "
 class Camera:
     """One camera somewhere in the world.
 
-    Parameters
-    ----------
-    intrinsics
-        Image size and field of view.
-    world_from_camera
-        (4, 4) rigid pose; camera axes x right, y down, z forward (OpenCV).
-
-    Raises
-    ------
-    ValueError
-        If the pose isn't a rigid transform.
-
     Examples
     --------
     >>> import math
@@ -90,8 +78,8 @@ class Camera:
     ([[320.0, 240.0], [352.0, 256.0], [nan, nan]], [10.0, 10.0, -1.0])
     """
 
-    intrinsics: Intrinsics
-    world_from_camera: np.ndarray
+    intrinsics: Intrinsics  # image size and field of view
+    world_from_camera: np.ndarray  # rigid pose; camera axes x right, y down, z forward (OpenCV)
 
     def __post_init__(self) -> None:
         pose = checked(self.world_from_camera, "world_from_camera", (4, 4))

@@ -51,10 +51,7 @@ def displayed(radiance: np.ndarray) -> np.ndarray:
 def white_balance(offset_k: float) -> np.ndarray:
     """Matrix on linear Rec. 709 of a camera whose white balance is off by some kelvin.
 
-    Parameters
-    ----------
-    offset_k
-        Offset of its setting from `NEUTRAL_K`; 0 changes nothing, and more makes pictures warmer.
+    `offset_k`: offset of its setting from `NEUTRAL_K`; 0 changes nothing, and more makes pictures warmer.
 
     Examples
     --------
@@ -85,12 +82,7 @@ def _xyz(x: float, y: float) -> np.ndarray:
 def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
     """Return the distance of a light's color from sunsets and daylight in CIE 1976 u'v'; 0 for 2000 to 25000 K.
 
-    Parameters
-    ----------
-    light
-        Linear Rec. 709; not black.
-    warmest
-        Kelvin of the warmest light that counts: 2000, or 4000 to 8000 for daylight without sunsets.
+    `light`: linear Rec. 709; not black.
 
     Examples
     --------
@@ -116,10 +108,7 @@ def _uv(xyz: np.ndarray) -> np.ndarray:
 def metered(radiance: np.ndarray) -> np.ndarray:
     """Exposures in EV at which these colors have the luminance `CARD` in a picture; the maximum for black.
 
-    Parameters
-    ----------
-    radiance
-        Linear Rec. 709 of gray cards.
+    `radiance`: linear Rec. 709 of gray cards.
     """
     low, high = (np.full(len(radiance), end) for end in (-FARTHEST_EV, FARTHEST_EV))
     for _ in range(_HALVINGS):

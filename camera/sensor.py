@@ -9,41 +9,16 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True)
 class Sensor:
-    """Lens, sensor, and processing of an image. The defaults change nothing.
+    """Lens, sensor, and processing of an image. The defaults change nothing."""
 
-    Parameters
-    ----------
-    blur_px
-        Standard deviation of the lens's point spread function.
-    aberration_px
-        How far red lies outward, and blue inward, of green in the corners.
-    vignetting_ev
-        Loss of light in the corners, in stops.
-    full_well_e
-        Electrons at which a pixel clips at base gain; 0 for a sensor without noise.
-    read_noise_e
-        Standard deviation of the readout, in electrons.
-    gain
-        Factor over base gain: a level needs that many times fewer electrons.
-    sharpening
-        Share of the detail that is added.
-    jpeg_quality
-        1 to 100; 0 for PNG.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range.
-    """
-
-    blur_px: float = 0.0
-    aberration_px: float = 0.0
-    vignetting_ev: float = 0.0
-    full_well_e: float = 0.0
-    read_noise_e: float = 0.0
-    gain: float = 1.0
-    sharpening: float = 0.0
-    jpeg_quality: int = 0
+    blur_px: float = 0.0  # standard deviation of the lens's point spread function
+    aberration_px: float = 0.0  # how far red lies outward, and blue inward, of green in the corners
+    vignetting_ev: float = 0.0  # loss of light in the corners, in stops
+    full_well_e: float = 0.0  # electrons at which a pixel clips at base gain; 0 for a sensor without noise
+    read_noise_e: float = 0.0  # standard deviation of the readout, in electrons
+    gain: float = 1.0  # factor over base gain: a level needs that many times fewer electrons
+    sharpening: float = 0.0  # share of the detail that is added
+    jpeg_quality: int = 0  # 1 to 100; 0 for PNG
 
     def __post_init__(self) -> None:
         for key, (low, high) in LIMITS.items():
@@ -52,13 +27,6 @@ class Sensor:
 
     def falloff(self, x: np.ndarray, y: np.ndarray, corner: float) -> np.ndarray:
         """Return the share of light that arrives at (x, y) from the axis: the fourth power of a cosine.
-
-        Parameters
-        ----------
-        x, y
-            Distances from where the lens's axis meets the picture.
-        corner
-            Half the picture's diagonal, in the same unit; the loss there is `vignetting_ev`.
 
         References
         ----------

@@ -23,20 +23,10 @@ def camera_pose(
     Straight above and straight below need no up vector: the image's right is always (-sin azimuth, cos azimuth, 0),
     so the pose is a continuous function of both angles, poles included.
 
-    Parameters
-    ----------
-    center
-        (..., 3) world point looked at; it projects to the image's center at depth `distance`.
-    distance
-        (...) meters, positive.
-    azimuth
-        (...) radians counterclockwise from +x, from the center to the camera.
-    elevation
-        (...) radians above the horizontal plane through the center, from -pi/2 to pi/2.
-
-    Returns
-    -------
-    (..., 4, 4) world_from_camera; all leading axes broadcast.
+    `center`: world point looked at; it projects to the image's center at depth `distance`.
+    `distance`: meters, positive.
+    `azimuth`: radians counterclockwise from +x, from the center to the camera.
+    `elevation`: radians above the horizontal plane through the center, from -pi/2 to pi/2.
     """
     c = checked(center, "center", ("...", 3))
     d = checked(distance, "distance", ("...",))
@@ -81,19 +71,10 @@ def draw_elevation(
 ) -> Float[np.ndarray, " n"]:
     """Sample `n` elevations within bounds.
 
-    Parameters
-    ----------
-    n
-        How many.
-    bounds
-        Lowest and highest elevation in radians, within -pi/2 to pi/2.
-    rng
-        Source of randomness.
-    uniform_in
-        ``"angle"``, as in the paper: uniform in elevation. The rings of equal elevation
-        shrink toward the pole, so cameras crowd there: 80 to 90 degrees gets 11 % of the draws of 0 to 90 degrees
-        but is 1.5 % of the dome. ``"sphere"``: uniform on the shell's area, which is
-        uniform in sin(elevation) (Archimedes).
+    `bounds`: lowest and highest elevation in radians, within -pi/2 to pi/2.
+    `uniform_in`: ``"angle"``, as in the paper: uniform in elevation. The rings of equal elevation shrink toward the
+    pole, so cameras crowd there: 80 to 90 degrees gets 11 % of the draws of 0 to 90 degrees but is 1.5 % of the dome.
+    ``"sphere"``: uniform on the shell's area, which is uniform in sin(elevation) (Archimedes).
     """
     low, high = bounds
     if not -math.pi / 2 <= low <= high <= math.pi / 2:

@@ -39,24 +39,8 @@ def solve_distance(
     from the center's pixel; each side of the box is the outermost of them, and the size falls steadily with distance if
     the center lies inside the points' hull. With a distorting lens, that distance is where a search by secants begins.
 
-    Parameters
-    ----------
-    intrinsics
-        One, or one for each pose.
-    world_from_camera
-        (m, 4, 4) poses with the center in front of them.
-    points_world
-        (m, n, 3) or (1, n, 3) points, such as the vertices of the posed vehicle's convex hull.
-    center
-        (3,) or (m, 3) world point.
-    pixels
-        () or (m,) wanted size, positive: of the height, width or diagonal in pixels, of the area in square pixels.
-    measure
-        Which size of the box.
-
-    Returns
-    -------
-    (m,) meters; nan where no distance with all points in front of the camera gives that size.
+    `center`: or (m, 3) world point.
+    `pixels`: or (m,) wanted size, positive: of the height, width or diagonal in pixels, of the area in square pixels.
     """
     if measure not in get_args(Measure):
         raise ValueError(f"measure: expected one of {', '.join(get_args(Measure))}, got {measure!r}")
@@ -98,14 +82,8 @@ def refine_distance(
 ) -> Float[np.ndarray, " m"]:
     """Refine distances by secants until a size is as wanted.
 
-    Parameters
-    ----------
-    size
-        Called with distances and the rows that these are of; nan where there is none.
-    distance
-        (m,) to begin with; nan stays nan.
-    wanted
-        (m,) lengths, such as `box_length` gives.
+    `size`: called with distances and the rows that these are of; nan where there is none.
+    `distance`: to begin with; nan stays nan.
     """
     solution = distance.copy()
     rows = np.flatnonzero(np.isfinite(solution))

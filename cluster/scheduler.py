@@ -16,29 +16,16 @@ LOST_S = 60  # a worker silent for this long is lost
 
 @dataclass(frozen=True, slots=True)
 class Scheduler:
-    """A Dask scheduler, see docs/cluster.md.
+    """A Dask scheduler, see docs/cluster.md."""
 
-    Parameters
-    ----------
-    address
-        `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file of `dask scheduler --scheduler-file`.
-    tls
-        Files for `tls://`, by their names in `distributed.Security`; empty: by Dask's configuration.
-    """
-
-    address: str
+    address: str  # `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file of `dask scheduler --scheduler-file`
+    # files for `tls://`, by their names in `distributed.Security`; empty: by Dask's configuration
     tls: Mapping[str, str] = field(default_factory=dict)
 
 
 @contextmanager
 def needing_dask() -> Iterator[None]:
-    """Turn a missing Dask into a one-line error.
-
-    Raises
-    ------
-    HulldownError
-        If Dask isn't installed.
-    """
+    """Turn a missing Dask into a one-line error."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -53,17 +40,8 @@ def local_cluster(workers: int, *, port: int) -> Iterator[str]:
 
     The workers end with the scheduler in any case; one that dies is restarted.
 
-    Parameters
-    ----------
-    workers
-        Number of workers, which share the machine's cores and memory.
-    port
-        The scheduler's; 0 for any.
-
-    Raises
-    ------
-    HulldownError
-        If the port is taken, or Dask isn't installed.
+    `workers`: number of workers, which share the machine's cores and memory.
+    `port`: the scheduler's; 0 for any.
     """
     with needing_dask():
         import dask

@@ -36,20 +36,10 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class Answer(Generic[Result]):
-    """A task's answer.
-
-    Parameters
-    ----------
-    value
-        Its result.
-    has_failed
-        Whether another worker should try it.
-    lines
-        Messages for the user.
-    """
+    """A task's answer."""
 
     value: Result
-    has_failed: bool = False
+    has_failed: bool = False  # whether another worker should try it
     lines: tuple[str, ...] = ()
 
 
@@ -64,26 +54,7 @@ class _Task(Generic[Job, Result]):
 
 
 class Cluster:
-    """A connection to a cluster's workers. Leaving it as a context cancels its tasks.
-
-    Parameters
-    ----------
-    scheduler
-        The cluster's.
-    resource
-        A resource that each task needs: ``dask worker --resources "NAME=1"``.
-    refusal
-        Called on each worker before it gets tasks; returns the reason why it can't do them, empty if it can.
-    at_once
-        Tasks sent for each worker: a running one, and waiting ones.
-    say
-        Called with messages for the user.
-
-    Raises
-    ------
-    HulldownError
-        If no scheduler answers.
-    """
+    """A connection to a cluster's workers. Leaving it as a context cancels its tasks."""
 
     def __init__(
         self,
@@ -119,26 +90,7 @@ class Cluster:
         lost: Result,
         stopping: Callable[[], bool] = lambda: False,
     ) -> Generator[tuple[Job, list[Result]]]:
-        """Run jobs on the workers; yields each when it ends, with the results of workers that failed, and the last one.
-
-        Parameters
-        ----------
-        jobs
-            Any objects.
-        call
-            Function from a job to what is called on a worker; it returns an answer, or why that worker can't do tasks.
-        lost
-            The last result of a job during which workers are lost again and again.
-        stopping
-            Called several times a second; true: stop now.
-
-        Raises
-        ------
-        Stopped
-            If `stopping` returned true.
-        HulldownError
-            If the scheduler is lost, or there are workers and all are refused.
-        """
+        """Run jobs; yield each when it ends, with the results of workers that failed, and the last one."""
         waiting, running = deque(_Task[Job, Result](job) for job in jobs), dict[Future, _Task[Job, Result]]()
         ended = as_completed(loop=self.client.loop, with_results=True, raise_errors=False)
         try:
@@ -204,13 +156,7 @@ class Cluster:
         return results
 
     def _look(self) -> bool:
-        """Update the list of workers; return whether the scheduler can be reached.
-
-        Raises
-        ------
-        HulldownError
-            If the scheduler is lost, or there are workers and all are refused.
-        """
+        """Update the list of workers; return whether the scheduler can be reached."""
         if self.client.status == "closed":  # since it was out of reach for `GONE_S`
             remedy = "start one, and run the same command with its address, which continues"
             raise HulldownError("the scheduler is out of reach", path=self._address, remedy=remedy)

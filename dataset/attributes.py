@@ -76,15 +76,7 @@ class _Numbers(Struct):
 def numbers_of(
     labels: Sequence[Label], images: Sequence[Image], image: Int[np.ndarray, " g"]
 ) -> dict[str, Float[np.ndarray, " g"]]:
-    """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown.
-
-    Parameters
-    ----------
-    labels, images
-        Labels and images.
-    image
-        (g,) which of the images each label belongs to.
-    """
+    """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown."""
     fields, spaces = [fields_of(label.record, _Numbers) for label in labels], [BOX_3D.read(label) for label in labels]
     vehicles = poses([label.world_from_vehicle for label in labels])
     cameras = camera_poses(images)[image]

@@ -17,22 +17,12 @@ from hulldown.dataset.store.seals import changed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Category:
-    """A class.
-
-    Parameters
-    ----------
-    id, name
-        COCO's.
-    keypoints
-        Names of its keypoints; None if it has none.
-    record
-        All fields in the file.
-    """
+    """A class."""
 
     id: int
     name: str
-    keypoints: list[str] | None
-    record: Record
+    keypoints: list[str] | None  # names of its keypoints; None if it has none
+    record: Record  # all fields in the file
 
     @classmethod
     def of(cls, record: Record) -> Category:
@@ -42,36 +32,18 @@ class Category:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Label:
-    """A label of an image.
-
-    Parameters
-    ----------
-    id, category_id
-        COCO's.
-    category
-        The class's name.
-    bbox
-        (4,) x, y, width and height in pixels.
-    crowd
-        Whether it's an ignored region.
-    visible_fraction, truncated_fraction
-        Shares; nan if unknown.
-    vehicle, world_from_vehicle
-        The model's name, and its pose; None if unknown.
-    record
-        All fields in the file; `dataset.labels` reads those of each type of label.
-    """
+    """A label of an image."""
 
     id: int
     category_id: int
     category: str
-    bbox: Float[np.ndarray, "4"]
-    crowd: bool
-    visible_fraction: float
+    bbox: Float[np.ndarray, "4"]  # x, y, width and height in pixels
+    crowd: bool  # whether it's an ignored region
+    visible_fraction: float  # visible_fraction, truncated_fraction: shares; nan if unknown
     truncated_fraction: float
-    vehicle: str | None
+    vehicle: str | None  # vehicle, world_from_vehicle: the model's name, and its pose; None if unknown
     world_from_vehicle: Pose | None
-    record: Record
+    record: Record  # all fields in the file; `dataset.labels` reads those of each type of label
 
     @classmethod
     def of(cls, record: Record, names: Mapping[int, str]) -> Label:
@@ -97,24 +69,14 @@ class Label:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Image:
-    """An image.
+    """An image."""
 
-    Parameters
-    ----------
-    id, file_name, width, height
-        COCO's; the name is relative to the dataset.
-    labels
-        In the order of the file.
-    record
-        All fields in the file.
-    """
-
-    id: int
+    id: int  # id, file_name, width, height: COCO's; the name is relative to the dataset
     file_name: str
     width: int
     height: int
-    labels: tuple[Label, ...]
-    record: Record
+    labels: tuple[Label, ...]  # in the order of the file
+    record: Record  # all fields in the file
 
     @classmethod
     def of(cls, record: Record, labels: Iterable[Label]) -> Image:
@@ -142,19 +104,11 @@ class Image:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LabeledImages:
-    """All images of a dataset.
+    """All images of a dataset."""
 
-    Parameters
-    ----------
-    categories, images
-        In the order of the file.
-    head
-        The other keys of the COCO dictionary.
-    """
-
-    categories: tuple[Category, ...]
+    categories: tuple[Category, ...]  # categories, images: in the order of the file
     images: tuple[Image, ...]
-    head: Record
+    head: Record  # the other keys of the COCO dictionary
 
     @classmethod
     def of(cls, coco: Coco) -> LabeledImages:

@@ -35,24 +35,12 @@ from hulldown.dataset.store.seals import broken
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """The result of joining.
-
-    Parameters
-    ----------
-    added
-        Number of appended images.
-    already
-        Number of the parts' images that were in the dataset before.
-    failed
-        Number of failed images of parts that aren't in the dataset.
-    missing
-        Number of the plans' images that are in no part yet, failed ones included.
-    """
+    """The result of joining."""
 
     added: int
-    already: int
-    failed: int
-    missing: int
+    already: int  # number of the parts' images that were in the dataset before
+    failed: int  # number of failed images of parts that aren't in the dataset
+    missing: int  # number of the plans' images that are in no part yet, failed ones included
 
 
 @dataclass(frozen=True, eq=False, slots=True)

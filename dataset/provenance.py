@@ -20,25 +20,13 @@ GROWING = ("blender", "devices", "systems", "confinement")  # lists that several
 
 
 class Provenance(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a plan's images were made of.
+    """What a plan's images were made of."""
 
-    Parameters
-    ----------
-    file
-        Name of the plan's file.
-    first_image_id, images
-        Id of its first image in the dataset, and number of all.
-    devices, systems, blender, confinement
-        What rendered them, on all machines.
-    plan
-        The plan's header.
-    """
-
-    file: str = ""
-    first_image_id: int = 0
+    file: str = ""  # name of the plan's file
+    first_image_id: int = 0  # first_image_id, images: id of its first image in the dataset, and number of all
     images: int = 0
     blender: list[str]
-    devices: list[str]
+    devices: list[str]  # devices, systems, blender, confinement: what rendered them, on all machines
     systems: list[str]
     confinement: list[str]
     plan: object = None
@@ -57,33 +45,14 @@ class _File(Struct):
 
 
 def read_provenance(folder: Path) -> dict[str, Provenance]:
-    """Return the provenance of each plan's images by its key; empty without a file.
-
-    Raises
-    ------
-    DatasetError
-        If the file is something else.
-    """
+    """Return the provenance of each plan's images by its key; empty without a file."""
     path = folder / PROVENANCE_NAME
     refuse = partial(DatasetError, path=path, remedy="move it away")
     return read_json(path, _File, refuse, what="a hulldown provenance file").plans if path.exists() else {}
 
 
 def add_provenance(folder: Path, plans: Mapping[str, Provenance]) -> None:
-    """Add plans, or update them; replaces the file in one step.
-
-    Parameters
-    ----------
-    folder
-        The dataset.
-    plans
-        By the plan's key; the lists in `GROWING` are extended.
-
-    Raises
-    ------
-    DatasetError
-        If the file can't be read or written.
-    """
+    """Add plans, or update them; replaces the file in one step."""
     if not plans:
         return
     known = read_provenance(folder)
@@ -96,13 +65,7 @@ def add_provenance(folder: Path, plans: Mapping[str, Provenance]) -> None:
 
 
 def read_failures(folder: Path) -> list[Failure]:
-    """Return one failure per image; empty without a file.
-
-    Raises
-    ------
-    DatasetError
-        If a line is damaged.
-    """
+    """Return one failure per image; empty without a file."""
     refuse = partial(DatasetError, path=folder / FAILURES_NAME, remedy="delete it; the images are tried again")
     try:
         return typed(list(read_journal(folder / FAILURES_NAME)), list[Failure])

@@ -36,24 +36,12 @@ LISTED = 20  # findings of a kind that are printed
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A problem found by a check.
+    """A problem found by a check."""
 
-    Parameters
-    ----------
-    severity
-        ``"error"``: would break or mislead training. ``"warning"``: worth a look.
-    where
-        The record or file.
-    problem
-        A description.
-    figure
-        The measured value, if there is one.
-    """
-
-    severity: Literal["error", "warning"]
+    severity: Literal["error", "warning"]  # ``"error"``: would break or mislead training. ``"warning"``: worth a look.
     where: str
     problem: str
-    figure: float | None = None
+    figure: float | None = None  # the measured value, if there is one
 
     def __post_init__(self) -> None:
         for field in ("where", "problem"):
@@ -77,13 +65,7 @@ def listed(findings: Iterable[Finding]) -> list[str]:
 
 
 def read_usable(folder: Path) -> LabeledImages:
-    """Read the dataset in `folder`, all records of which must be complete.
-
-    Raises
-    ------
-    DatasetError
-        If there is none, or naming the first incomplete record.
-    """
+    """Read the dataset in `folder`, all records of which must be complete."""
     coco = read_coco(folder)
     check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
     return LabeledImages.of(coco)
@@ -95,13 +77,7 @@ def check_usable(
     images: Iterable[Record],
     annotations: Iterable[Record],
 ) -> None:
-    """Refuse records that can't be drawn, exported, or appended to another dataset.
-
-    Raises
-    ------
-    DatasetError
-        Naming the first.
-    """
+    """Refuse records that can't be drawn, exported, or appended to another dataset."""
 
     def refuse(where: str, problem: str) -> None:
         raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")

@@ -24,18 +24,6 @@ def check_planned(coco: Coco, plan: Plan) -> Iterator[Finding]:
 
     A difference is an error, since numbers are copied unrounded. A missing image is a warning, since a run may
     be in progress, or someone deleted it on purpose.
-
-    Parameters
-    ----------
-    coco
-        The dataset.
-    plan
-        The plan, its file unchanged since rendering.
-
-    Raises
-    ------
-    ConfigError
-        If a line isn't a row.
     """
     reservation = find_reservation(coco, plan_key(plan.path))
     if reservation is None:

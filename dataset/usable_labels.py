@@ -21,20 +21,8 @@ LISTED = 10  # boxes that an error names
 def clipped(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]:
     """Return images with labels whose boxes lie inside.
 
-    Parameters
-    ----------
-    images
-        Images.
-    folder
-        The dataset, for errors.
-    clip
-        Clip every box and leave out those that are outside altogether; else only boxes that leave their image by up to
-        `SLIGHT` pixels are clipped.
-
-    Raises
-    ------
-    DatasetError
-        Naming every box without area, and without `clip` every box that leaves its image farther (up to `LISTED`).
+    `clip`: clip every box and leave out those that are outside altogether; else only boxes that leave their image by
+    up to `SLIGHT` pixels are clipped.
     """
     found: list[Image] = []
     wrong: list[str] = []
@@ -66,13 +54,7 @@ def clipped(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]
 
 
 def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
-    """Raise one error that lists all problems, up to `LISTED`, if there are any.
-
-    Raises
-    ------
-    DatasetError
-        If there are any.
-    """
+    """Raise one error that lists all problems, up to `LISTED`, if there are any."""
     if wrong:
         more = f", and {len(wrong) - LISTED} more; `hulldown verify` lists all" if len(wrong) > LISTED else ""
         several = {"box": "boxes"}.get(what, f"{what}s")
@@ -88,21 +70,13 @@ def beyond(bbox: Float[np.ndarray, "4"], width: int, height: int) -> float:
 
 @dataclass(frozen=True, slots=True)
 class LabelFloors:
-    """Limits of full labels; fields that a label lacks, such as a photograph's, are ignored.
+    """Limits of full labels; fields that a label lacks, such as a photograph's, are ignored."""
 
-    Parameters
-    ----------
-    min_box_px
-        Least width and height of its box.
-    min_visible_fraction, max_truncated_fraction
-        Least visible and largest truncated fraction.
-    below
-        Labels that show less: ``"ignored"``: they get ``iscrowd`` 1; ``"left_out"``: they're dropped.
-    """
-
-    min_box_px: float = 0.0
+    min_box_px: float = 0.0  # least width and height of its box
+    # min_visible_fraction, max_truncated_fraction: least visible and largest truncated fraction
     min_visible_fraction: float = 0.0
     max_truncated_fraction: float = 1.0
+    # labels that show less: ``"ignored"``: they get ``iscrowd`` 1; ``"left_out"``: they're dropped
     below: Literal["ignored", "left_out"] = "ignored"
 
     def kept(self, labels: Iterable[Label]) -> list[Label]:

@@ -54,14 +54,7 @@ class Land:
     def surroundings(self, ground: Height, mountains: Height, material: Any, *, rise: tuple[float, float]) -> None:
         """Eight sheets around the square of the ground, coarser outwards, that carry the view to the horizon.
 
-        Parameters
-        ----------
-        ground
-            Height at the square's edge, which fades outwards.
-        mountains
-            Height of what rises between the distances `rise` from the edge.
-        material, rise
-            Of all sheets; in meters.
+        `material`, `rise`: of all sheets; in meters.
         """
         half = self.half
 

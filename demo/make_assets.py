@@ -19,26 +19,7 @@ BUILT = "hulldown built "  # starts a line of the child process that names a fil
 def build_demo_assets(
     folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Path, ...]:
-    """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`, replacing those that exist.
-
-    Parameters
-    ----------
-    folder
-        The folder; made if missing.
-    seed
-        The same seed gives the same assets: equal evaluated geometry, equal pictures.
-    progress
-        Called with (done, all) after each file.
-
-    Returns
-    -------
-    The files of `catalog`, in its order.
-
-    Raises
-    ------
-    AssetError
-        If Blender cannot be started or cannot write there.
-    """
+    """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`, replacing those that exist."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
     left = list(FILES)

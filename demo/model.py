@@ -16,12 +16,7 @@ from hulldown.demo.shapes import Point, Shape, box
 class BlendModel:
     """One vehicle, modeled in meters, stored in file units.
 
-    Parameters
-    ----------
-    name
-        Name of the vehicle's collection.
-    unit
-        File units in a meter: 100 stores centimeters and sets the scene's unit scale.
+    `unit`: file units in a meter: 100 stores centimeters and sets the scene's unit scale.
     """
 
     def __init__(self, name: str, *, unit: float = 1.0) -> None:

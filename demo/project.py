@@ -62,13 +62,7 @@ AERIAL = {
 
 
 def write_config(folder: Path, text: str) -> Path:
-    """Write a config into `folder`, and return its path.
-
-    Raises
-    ------
-    ConfigError
-        If the folder has a config already.
-    """
+    """Write a config into `folder`, and return its path."""
     config = folder / CONFIG
     refuse_config(config)
     with replacing(config) as file:
@@ -89,24 +83,7 @@ def create_project(
     small: bool = False,
     values: Mapping[str, object] = NOTHING,
 ) -> Path:
-    """Write the demo assets and a config of them into `folder`, and return the config's path.
-
-    Parameters
-    ----------
-    folder
-        The folder; made if missing.
-    seed
-        Seed of the demo assets.
-    small
-        Whether the config is for a few small images instead of a dataset with the paper's settings.
-    values
-        Keys of the config with other values; see `planning.config.template.config_text`.
-
-    Raises
-    ------
-    ConfigError
-        If the folder has a config already, which stays as it is.
-    """
+    """Write the demo assets and a config of them into `folder`, and return the config's path."""
     folder = Path(folder)
     refuse_config(folder / CONFIG)
     with reporting("building demo assets") as advance:

@@ -35,17 +35,6 @@ class Cut(IntEnum):
 class AlphaMap:
     """The opacity of a material over texture coordinates.
 
-    Parameters
-    ----------
-    texels
-        (h, w) values from 0 to 1: uint8 in 255ths, or float32. The first row is the lowest. Maps may share one array.
-    extension
-        How the image continues beyond its edges.
-    smooth
-        Whether values between texels are interpolated; the nearest counts if not.
-    curve
-        (g,) monotone: the opacity, from 0 to 1, at interpolated values of `GRADES`; None: the values themselves.
-
     Examples
     --------
     >>> leaf = AlphaMap(np.array([[0, 255]], dtype=np.uint8), smooth=False)
@@ -53,9 +42,11 @@ class AlphaMap:
     [0.0, 1.0, 0.0]
     """
 
+    # values from 0 to 1: uint8 in 255ths, or float32. The first row is the lowest. Maps may share one array.
     texels: np.ndarray
-    extension: Extension = Extension.REPEAT
-    smooth: bool = True
+    extension: Extension = Extension.REPEAT  # how the image continues beyond its edges
+    smooth: bool = True  # whether values between texels are interpolated; the nearest counts if not
+    # monotone: the opacity, from 0 to 1, at interpolated values of `GRADES`; None: the values themselves
     curve: Float32[np.ndarray, " g"] | None = None
 
     def __post_init__(self) -> None:
@@ -129,13 +120,6 @@ class TexelCounts:
     An interpolated value lies between those of its four texels, and curves are monotone; so where all texels of a
     stretch are above a threshold, all that is looked up there is.
 
-    Parameters
-    ----------
-    alpha
-        The map.
-    marks
-        Which opacities count, also beyond the edges of a clipped image.
-
     References
     ----------
     Crow, Summed-area tables for texture mapping, SIGGRAPH 1984.
@@ -184,23 +168,11 @@ class TexelCounts:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cutouts:
-    """Which faces of a mesh are cut out by which textures.
+    """Which faces of a mesh are cut out by which textures."""
 
-    Parameters
-    ----------
-    face
-        (m,) ascending indices of the mesh's faces; all others are opaque.
-    uv
-        (m, 3, 2) texture coordinates of their corners.
-    face_map
-        (m,) for each the index into `maps`.
-    maps
-        The textures.
-    """
-
-    face: Int[np.ndarray, " m"]
-    uv: Float32[np.ndarray, "m 3 2"]
-    face_map: Int[np.ndarray, " m"]
+    face: Int[np.ndarray, " m"]  # ascending indices of the mesh's faces; all others are opaque
+    uv: Float32[np.ndarray, "m 3 2"]  # texture coordinates of their corners
+    face_map: Int[np.ndarray, " m"]  # for each the index into `maps`
     maps: tuple[AlphaMap, ...]
 
     def of(self, faces: Int[np.ndarray, " k"]) -> Cutouts | None:

@@ -19,27 +19,7 @@ def checked(
     dtype: DTypeLike = np.float64,
     finite: bool = True,
 ) -> np.ndarray:
-    """`value` as a contiguous array of `dtype`, or a ValueError that names it.
-
-    Parameters
-    ----------
-    value
-        What the caller handed over.
-    name
-        The argument's name, for the error.
-    shape
-        Expected shape; a string stands for any length, the same string twice for the same length, and a
-        leading ``"..."`` for any leading axes.
-    dtype
-        The dtype wanted; integers are refused where floats would be rounded to get there.
-    finite
-        Whether NaN and infinities are refused.
-
-    Raises
-    ------
-    ValueError
-        Naming the argument, what was expected and what was given.
-    """
+    """`value` as a contiguous array of `dtype`, or a ValueError that names it."""
     expected = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
         given = np.asarray(value)
@@ -79,20 +59,7 @@ def are_numbers(values: Iterable[object]) -> bool:
 
 
 def whole(value: object, name: str) -> int:
-    """`value` as an int, or a ValueError that names it.
-
-    Parameters
-    ----------
-    value
-        The caller's argument: an int or a NumPy integer.
-    name
-        The argument's name, for the error.
-
-    Raises
-    ------
-    ValueError
-        If it isn't a whole number.
-    """
+    """`value` as an int, or a ValueError that names it."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name}: expected a whole number, got {value!r:.80}")
     return int(value)

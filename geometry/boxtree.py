@@ -26,10 +26,7 @@ VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stay
 class BoxTree:
     """A hierarchy over boxes; built once, never changes. Touching counts: all tests are closed.
 
-    Parameters
-    ----------
-    bounds
-        (k, 2, d) lowest and highest corners in d dimensions; k = 0 is legal.
+    `bounds`: lowest and highest corners in d dimensions; k = 0 is legal.
     """
 
     def __init__(self, bounds: Float[np.ndarray, "k 2 d"]) -> None:
@@ -57,12 +54,6 @@ class BoxTree:
         """Return all boxes that each ray crosses within its distance, which counts in lengths of the direction.
 
         A box that a ray passes by less than rounding may be among them.
-
-        Returns
-        -------
-        ray, box, entry
-            (p,) indices, in no particular order, every pair once; and the distance from the origin to the box along
-            the ray, 0 where the origin lies inside.
         """
         first = self._packets(origins, directions)
         count = np.diff(first, append=len(origins))

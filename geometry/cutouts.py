@@ -34,13 +34,6 @@ class CutoutCaster(RayCaster):
 
     A point at least `HIDES` opaque is hit, for `cast` and `occluded`; `transmittance` multiplies what each face lets
     through, as Cycles does. The topmost face under a point is that of the mesh without holes.
-
-    Parameters
-    ----------
-    mesh
-        What the rays meet.
-    cuts
-        (m,) a `Cut` for each of `mesh.cutouts.face`.
     """
 
     def __init__(self, mesh: Mesh, cuts: np.ndarray) -> None:
@@ -155,13 +148,7 @@ class CutoutCaster(RayCaster):
 
 
 class _Textured:
-    """Texture coordinates on faces, in float64: they are linear in the point of a face's plane.
-
-    Parameters
-    ----------
-    mesh
-        All of its faces are cut out.
-    """
+    """Texture coordinates on faces, in float64: they are linear in the point of a face's plane."""
 
     def __init__(self, mesh: Mesh) -> None:
         assert mesh.cutouts is not None
@@ -188,13 +175,7 @@ class _Textured:
 
 
 class Solidity:
-    """Tells whether the part of a face inside a box is opaque anywhere. Immutable.
-
-    Parameters
-    ----------
-    mesh
-        A mesh with cut-outs.
-    """
+    """Tells whether the part of a face inside a box is opaque anywhere. Immutable."""
 
     def __init__(self, mesh: Mesh) -> None:
         cutouts = mesh.cutouts
@@ -212,12 +193,8 @@ class Solidity:
     ) -> Bool[np.ndarray, " p"]:
         """Tell whether a face may be at least `HIDES` opaque somewhere in a box; true for faces without a texture.
 
-        Parameters
-        ----------
-        face
-            (p,) faces that touch their boxes.
-        middle, half_sides
-            (p, 3) middles and (p, 3, 3) halves of the three sides, as columns, of the boxes, in the mesh's frame.
+        `middle`, `half_sides`: middles and (p, 3, 3) halves of the three sides, as columns, of the boxes, in the
+        mesh's frame.
         """
         place = self._place[face]
         solid = place < 0

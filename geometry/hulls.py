@@ -12,19 +12,10 @@ STRAIGHT = 1e-12  # of points whose coordinates are about 1
 def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:
     """Return ascending indices of points that include the maximum of every linear function over all points.
 
-    Parameters
-    ----------
-    points
-        In any frame, at any distance from its origin.
-    near
-        Points that Qhull's rounding puts on a side of the hull, and that are no farther from one of its vertices than
-        this share of the set's size, are taken too: after each point has been moved and rounded by itself, one of
-        them may be the greatest in the vertex's place.
-
-    Returns
-    -------
-    The vertices of the convex hull, up to Qhull's rounding (some 1e-15 of the size), and what is near them; every
-    point where all lie in a plane or on a line, or are fewer than four.
+    `points`: in any frame, at any distance from its origin.
+    `near`: points that Qhull's rounding puts on a side of the hull, and that are no farther from one of its vertices
+    than this share of the set's size, are taken too: after each point has been moved and rounded by itself, one of
+    them may be the greatest in the vertex's place.
 
     References
     ----------

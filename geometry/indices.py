@@ -36,13 +36,6 @@ def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[
 def rounds(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> Iterator[Int[np.ndarray, " m"]]:
     """Yield the indices of the first few of each group, then the next few, in ever larger batches.
 
-    Parameters
-    ----------
-    group
-        (k,) ascending numbers.
-    first, growth
-        How many of each group the first batch has, and how many times as many have been yielded after each batch.
-
     Examples
     --------
     >>> [batch.tolist() for batch in rounds(np.array([3, 3, 3, 8, 8]))]

@@ -32,15 +32,9 @@ FEW_RAYS = 1024
 
 @dataclass(frozen=True, eq=False, slots=True)
 class InstanceHits(RayHits):
-    """What n rays met first; distances are in the world, and faces those of the instance's own mesh.
+    """What n rays met first; distances are in the world, and faces those of the instance's own mesh."""
 
-    Parameters
-    ----------
-    instance
-        (n,) index of the instance; -1 on a miss.
-    """
-
-    instance: Int[np.ndarray, " n"]
+    instance: Int[np.ndarray, " n"]  # index of the instance; -1 on a miss
 
     @classmethod
     def missed(cls, n: int) -> InstanceHits:
@@ -51,20 +45,10 @@ class InstanceHits(RayHits):
 class InstancedScene:
     """Instances of meshes in the world, for two-sided ray casts. Immutable.
 
-    Parameters
-    ----------
-    meshes
-        The unique meshes, each in its own frame.
-    instance_mesh
-        (k,) for each instance the index into `meshes`; k = 0 is legal.
-    world_from_instance
-        (k, 4, 4) affine poses: may mirror, shear and scale unevenly. A flattened instance works too, but
-        becomes a mesh of its own, which is in the world.
-
-    Raises
-    ------
-    ValueError
-        If shapes do not match, an index is out of range or a pose is not affine.
+    `meshes`: the unique meshes, each in its own frame.
+    `instance_mesh`: for each instance the index into `meshes`; k = 0 is legal.
+    `world_from_instance`: affine poses: may mirror, shear and scale unevenly. A flattened instance works too, but
+    becomes a mesh of its own, which is in the world.
     """
 
     def __init__(self, meshes: Sequence[Mesh], instance_mesh: ArrayLike, world_from_instance: ArrayLike) -> None:
@@ -139,15 +123,7 @@ class InstancedScene:
         instance: Int[np.ndarray, " p"],
         max_distance: ArrayLike = np.inf,
     ) -> Float[np.ndarray, " n"]:
-        """Return each ray's transmittance through the instances that it's paired with.
-
-        Parameters
-        ----------
-        origins, directions, max_distance
-            As for `RayCaster.cast`.
-        ray, instance
-            (p,) indices: the pairs to try.
-        """
+        """Return each ray's transmittance through the instances that it's paired with."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         passed = np.ones(len(start))
         for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
@@ -165,17 +141,7 @@ class InstancedScene:
         reach: Float[np.ndarray, " n"],
         hits: InstanceHits,
     ) -> None:
-        """Let rays meet the instances that they're paired with.
-
-        Parameters
-        ----------
-        start, along
-            (n, 3) origins and unit directions.
-        ray, instance
-            (p,) indices: the pairs to try.
-        reach, hits
-            (n,) how far each ray looks and what it has met so far; both are updated.
-        """
+        """Let rays meet the instances that they're paired with."""
         distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
         for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
             met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale)
@@ -200,16 +166,7 @@ class InstancedScene:
     ) -> None:
         """Let instances hide what lies along the rays that they're paired with.
 
-        Parameters
-        ----------
-        start, along
-            (n, 3) origins and unit directions.
-        ray, instance
-            (p,) indices, rays ascending: the pairs to try, as long as nothing hides a ray.
-        hidden
-            (n,) whether anything was met so far; updated.
-        reach
-            (n,) how far each ray looks; None: endlessly.
+        `reach`: how far each ray looks; None: endlessly.
         """
         for batch in rounds(ray, growth=4):
             on = batch[~hidden[ray[batch]]]

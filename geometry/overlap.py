@@ -47,13 +47,6 @@ def boxes_touch(
 ) -> Bool[np.ndarray, " p"]:
     """Return whether two boxes, each about the origin of its own frame, touch.
 
-    Parameters
-    ----------
-    half_a, half_b
-        (p, 3) half the boxes' sizes.
-    a_from_b
-        (p, 4, 4) rigid.
-
     References
     ----------
     Gottschalk, Lin, Manocha, OBBTree, SIGGRAPH 1996, section 5.
@@ -80,12 +73,7 @@ def triangles_touch_box(
 ) -> Bool[np.ndarray, " p"]:
     """Return whether each triangle touches its box about the origin.
 
-    Parameters
-    ----------
-    corners
-        x, y, z of the three corners in the frame of the box, each an array (p,) for speed.
-    half
-        (p,) half the boxes' sizes along x, y, z.
+    `corners`: x, y, z of the three corners in the frame of the box, each an array (p,) for speed.
 
     References
     ----------
@@ -121,15 +109,9 @@ def triangles_touch_box(
 class Obstacles:
     """A scenery's obstacles, for clearance tests. Immutable.
 
-    Parameters
-    ----------
-    scene
-        Everything but ground and vehicles.
-    solid
-        (k,) which instances count; by default all. Grass gives way.
-    extent
-        (2, 2) lowest and highest (x, y) of the ground. An instance around all of it, such as a sky dome, lets light in
-        unless it's nearer than `ROOM`; one around a part of it, such as a hollow hill, doesn't. None: all are around.
+    `solid`: which instances count; by default all. Grass gives way.
+    `extent`: lowest and highest (x, y) of the ground. An instance around all of it, such as a sky dome, lets light in
+    unless it's nearer than `ROOM`; one around a part of it, such as a hollow hill, doesn't. None: all are around.
     """
 
     def __init__(
@@ -177,10 +159,7 @@ class Obstacles:
     def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle.
 
-        Parameters
-        ----------
-        point
-            (n, 3) world. No ray leaves a closed house, a boulder, or a hall.
+        `point`: world. No ray leaves a closed house, a boulder, or a hall.
         """
         is_open = np.zeros(len(point), dtype=bool)
         free = np.zeros(len(point), dtype=int)

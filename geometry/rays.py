@@ -40,18 +40,10 @@ _LARGEST = 1e30  # coordinates whose squares stay inside float64, and that stay 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RayHits:
-    """What n rays met first.
+    """What n rays met first."""
 
-    Parameters
-    ----------
-    distance
-        (n,) meters from the origin; inf on a miss.
-    face
-        (n,) index of the face; -1 on a miss.
-    """
-
-    distance: Float[np.ndarray, " n"]
-    face: Int[np.ndarray, " n"]
+    distance: Float[np.ndarray, " n"]  # meters from the origin; inf on a miss
+    face: Int[np.ndarray, " n"]  # index of the face; -1 on a miss
 
     @classmethod
     def missed(cls, n: int) -> RayHits:
@@ -69,16 +61,6 @@ class RayCaster:
 
     Answers are those of float32 arithmetic about the mesh's own center. An origin on a surface may or may not hit
     that surface: start a little off it.
-
-    Parameters
-    ----------
-    mesh
-        What the rays meet; it is copied when the first ray is cast.
-
-    Raises
-    ------
-    ValueError
-        If the mesh has coordinates beyond 1e30.
     """
 
     def __init__(self, mesh: Mesh) -> None:
@@ -108,19 +90,8 @@ class RayCaster:
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
         """Return the first face along each ray.
 
-        Parameters
-        ----------
-        origins
-            (n, 3) meters, in the mesh's frame.
-        directions
-            (n, 3), of any length but zero.
-        max_distance
-            How far to look, in meters; a number or (n,).
-
-        Raises
-        ------
-        ValueError
-            If shapes do not match, a number is not finite or a direction is zero.
+        `origins`: meters, in the mesh's frame.
+        `max_distance`: how far to look, in meters; a number or (n,).
         """
         start, unit, limit = checked_rays(origins, directions, max_distance)
         hits = RayHits.missed(len(start))

@@ -41,10 +41,6 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     A cut-out face becomes up to `TILES` x `TILES` / 2 convex pieces. A piece reaches to the edge of what hides in its
     tile, within an eighth of a texel, or a 512th of the face where that is more. Holes inside a piece stay closed:
     they matter only to a box that is cut off inside that piece, by less than the tile's size.
-
-    Returns
-    -------
-    None if nothing hides.
     """
     cutouts = mesh.cutouts
     if cutouts is None:

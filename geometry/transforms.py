@@ -18,15 +18,7 @@ BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for 
 
 
 def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
-    """Return points of frame a in frame b.
-
-    Parameters
-    ----------
-    b_from_a
-        (..., 4, 4) affine transforms; the last row is taken to be (0, 0, 0, 1).
-    points_a
-        (..., n, 3) points; leading axes broadcast against those of `b_from_a`.
-    """
+    """Return points of frame a in frame b."""
     matrix = checked(b_from_a, "b_from_a", ("...", 4, 4))
     points = checked(points_a, "points_a", ("...", "n", 3), finite=False)
     moved = rotate(matrix[..., :3, :3], points)
@@ -168,12 +160,7 @@ def facing(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     (`tilt_to(up) @ rotation_z(yaw)`, the smallest tilt after the turn, lets the heading drift by up to about a
     quarter of the square of the tilt: 4 degrees at a tilt of 30.)
 
-    Parameters
-    ----------
-    yaw
-        (...) radians, counter-clockwise from +x.
-    up
-        (..., 3) unit direction with z > 0. The third column of the result is this very array.
+    `yaw`: radians, counter-clockwise from +x.
     """
     theta = checked(yaw, "yaw", ("...",))
     z_axis = checked(up, "up", ("...", 3))

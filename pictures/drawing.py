@@ -37,30 +37,14 @@ def lettering(size: int) -> ImageFont.FreeTypeFont:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Overlay:
-    """A box to draw over a picture, with its text, mask, and keypoints.
+    """A box to draw over a picture, with its text, mask, and keypoints."""
 
-    Parameters
-    ----------
-    bbox
-        (4,) x, y, width, and height in pixels.
-    category_id
-        Its class, which gives its color.
-    text
-        What is written next to it.
-    ignored
-        Whether training and evaluation ignore it: it's gray and has no text.
-    segmentation
-        COCO's; its mask is tinted.
-    keypoints
-        COCO's x, y, and v of each.
-    """
-
-    bbox: Float[np.ndarray, "4"]
-    category_id: int
-    text: str
-    ignored: bool = False
-    segmentation: object = None
-    keypoints: Sequence[float] = ()
+    bbox: Float[np.ndarray, "4"]  # x, y, width, and height in pixels
+    category_id: int  # its class, which gives its color
+    text: str  # what is written next to it
+    ignored: bool = False  # whether training and evaluation ignore it: it's gray and has no text
+    segmentation: object = None  # COCO's; its mask is tinted
+    keypoints: Sequence[float] = ()  # COCO's x, y, and v of each
 
     @property
     def color(self) -> tuple[int, int, int]:
@@ -72,11 +56,6 @@ def draw(image: Image.Image, boxes: Sequence[Overlay]) -> Image.Image:
     """Return a copy of a picture with boxes on it.
 
     Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.
-
-    Raises
-    ------
-    ValueError
-        If a mask is damaged or isn't of the picture's size.
     """
     picture = image.convert("RGB")
     for box in boxes:
@@ -111,14 +90,7 @@ def contact_sheet(
 ) -> Image.Image:
     """Pictures side by side, row after row, each as wide as a tile.
 
-    Parameters
-    ----------
-    pictures
-        At least one; rows are as high as the highest picture in them.
-    columns, tile_width
-        How many in a row, and how wide each is, in pixels.
-    captions
-        For below each, broken into lines as wide as a tile.
+    `columns`, `tile_width`: how many in a row, and how wide each is, in pixels.
     """
     if not pictures:
         raise ValueError("pictures: expected at least one, got none")

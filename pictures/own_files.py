@@ -16,13 +16,7 @@ _START = 4096  # bytes before the pixels that contain the mark
 
 
 def save_picture(picture: Image.Image, path: Path) -> None:
-    """Write a picture of ours, in one step.
-
-    Raises
-    ------
-    HulldownError
-        If something else has that name.
-    """
+    """Write a picture of ours, in one step."""
     refuse_foreign(path)
     notes = PngInfo()
     for key, text in SOFTWARE.items():
@@ -32,13 +26,7 @@ def save_picture(picture: Image.Image, path: Path) -> None:
 
 
 def refuse_foreign(path: Path, mark: bytes = _MARK) -> None:
-    """Refuse to replace a file without our mark, by default a picture's; also called before the work.
-
-    Raises
-    ------
-    HulldownError
-        If something else has that name.
-    """
+    """Refuse to replace a file without our mark, by default a picture's; also called before the work."""
     try:
         with open_regular(path) as file:
             ours = mark in file.read(_START)

@@ -18,21 +18,11 @@ def candidates(
     Row i depends on the generator's state and on i alone, not on `n`: the first rows of a longer draw from the same
     state are the rows of a shorter one.
 
-    Parameters
-    ----------
-    bounds
-        (2, 2) or (2, 3) lowest and highest corner in the world, meters; z is ignored.
-    n
-        How many candidates; 0 is legal.
-    rng
-        Source of random numbers.
-    margin
-        Share of the bounds that is kept along each axis, about the center; in (0, 1].
+    Returns: meters, and (n,) radians in [-pi, pi), counterclockwise from +x.
 
-    Returns
-    -------
-    xy, yaw
-        (n, 2) meters, and (n,) radians in [-pi, pi), counterclockwise from +x.
+    `bounds`: or (2, 3) lowest and highest corner in the world, meters; z is ignored.
+    `n`: how many candidates; 0 is legal.
+    `margin`: share of the bounds that is kept along each axis, about the center; in (0, 1].
 
     References
     ----------

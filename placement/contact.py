@@ -15,18 +15,10 @@ from hulldown.placement.terrain import Method, Terrain
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Footing:
-    """Points at which a vehicle's underside is compared with the ground.
+    """Points at which a vehicle's underside is compared with the ground."""
 
-    Parameters
-    ----------
-    samples
-        Points for the rest plane.
-    contact
-        Points at which gap and penetration are measured.
-    """
-
-    samples: Samples
-    contact: Samples
+    samples: Samples  # points for the rest plane
+    contact: Samples  # points at which gap and penetration are measured
 
     @classmethod
     def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, rules: SettleRules) -> Footing:
@@ -52,19 +44,7 @@ def stacked(samples: Sequence[Samples]) -> Samples:
 def gap_and_penetration(
     terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples, *, method: Method = "certified"
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Measure `settle.Settled.gap` and `penetration` of posed vehicles; points without ground don't count.
-
-    Parameters
-    ----------
-    terrain
-        The ground.
-    world_from_vehicle
-        (k, 4, 4) rigid poses.
-    contact
-        Points of the underside, as in `Footing.contact`: one set for all, or one for each.
-    method
-        Method of `Terrain.top_hits`.
-    """
+    """Measure `settle.Settled.gap` and `penetration` of posed vehicles; points without ground don't count."""
     points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
     hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
     above = points[..., 2] - hits.z.reshape(points.shape[:2])
@@ -77,15 +57,7 @@ def gap_and_penetration(
 def depth_below(
     surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
 ) -> Float[np.ndarray, " k"]:
-    """Largest depth in meters of posed vehicles' undersides below a surface such as water; 0 next to it.
-
-    Parameters
-    ----------
-    surface
-        The surface, of which the topmost height counts.
-    world_from_vehicle, contact
-        As of `gap_and_penetration`.
-    """
+    """Largest depth in meters of posed vehicles' undersides below a surface such as water; 0 next to it."""
     points = underside_points(world_from_vehicle, contact)
     hits = surface.top_hits(points[..., :2].reshape(-1, 2))
     return np.fmax.reduce(hits.z.reshape(points.shape[:2]) - points[..., 2], axis=1, initial=0.0)

@@ -57,12 +57,7 @@ class ExactGround:
     def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]) -> Hits:
         """Return the highest ground face at each point; ties go to the lowest face.
 
-        Parameters
-        ----------
-        x, y
-            The points.
-        proposal
-            A face that may contain each point, or -1: faces certainly below it aren't looked at.
+        `proposal`: a face that may contain each point, or -1: faces certainly below it aren't looked at.
         """
         n = len(x)
         tops = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))

@@ -29,15 +29,7 @@ def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
     A long barrel, a raised dozer blade, or an antenna widens the bounding box without touching the ground; wheels,
     tracks, and skids are low. The band begins at the lowest vertex and is doubled until it's wide enough to stand on.
 
-    Parameters
-    ----------
-    vertices
-        (v, 3) of the parts that stand on the ground, vehicle frame, z up.
-
-    Returns
-    -------
-    numpy.ndarray
-        (2, 2) corners for the `footprint` of `placement.settle.settle`.
+    `vertices`: of the parts that stand on the ground, vehicle frame, z up.
     """
     points = checked(vertices, "vertices", ("v", 3))
     if not len(points):
@@ -54,18 +46,12 @@ def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Underside:
-    """Heights of a vehicle's underside, seen from straight below.
+    """Heights of a vehicle's underside, seen from straight below."""
 
-    Parameters
-    ----------
-    box
-        (2, 2) lowest and highest (x, y) of what touches the ground, vehicle frame: its contact footprint.
-    heights
-        (a, b) meters above the vehicle's z = 0 in equal cells of that box, along x and along y; inf where nothing is
-        above the ground.
-    """
-
+    # lowest and highest (x, y) of what touches the ground, vehicle frame: its contact footprint
     box: Float[np.ndarray, "2 2"]
+    # meters above the vehicle's z = 0 in equal cells of that box, along x and along y; inf where nothing is above the
+    # ground
     heights: Float[np.ndarray, "a b"]
 
 
@@ -75,12 +61,7 @@ def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> U
     The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell,
     since no such ray meets an upright sheet.
 
-    Parameters
-    ----------
-    mesh
-        The vehicle at rest, in its own frame: z = 0 is what it stands on.
-    known
-        Heights that an earlier call found for the same mesh.
+    `mesh`: the vehicle at rest, in its own frame: z = 0 is what it stands on.
     """
     used = mesh.vertices[mesh.used]
     box = contact_footprint(used)
@@ -135,24 +116,13 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Samples:
-    """Points of a footprint, or of several, at which the ground is compared with the underside.
+    """Points of a footprint, or of several, at which the ground is compared with the underside."""
 
-    Parameters
-    ----------
-    xy
-        (m, 2) where, vehicle frame.
-    height
-        (m,) of the underside there above z = 0; inf where there is none.
-    foot
-        (m,) whether it's a foot: the underside there is near its lowest point.
-    center
-        (2,) where the center of gravity is taken to be: the middle of the footprint, or the centroid of what can touch
-        the ground if the middle is not above that.
-    """
-
-    xy: Float[np.ndarray, "... m 2"]
-    height: Float[np.ndarray, "... m"]
-    foot: Bool[np.ndarray, "... m"]
+    xy: Float[np.ndarray, "... m 2"]  # where, vehicle frame
+    height: Float[np.ndarray, "... m"]  # of the underside there above z = 0; inf where there is none
+    foot: Bool[np.ndarray, "... m"]  # whether it's a foot: the underside there is near its lowest point
+    # where the center of gravity is taken to be: the middle of the footprint, or the centroid of what can touch the
+    # ground if the middle is not above that
     center: Float[np.ndarray, "... 2"]
 
     def of(self, which: Int[np.ndarray, " k"]) -> Samples:

@@ -23,21 +23,11 @@ _SMALLEST = 1e-120
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Hits:
-    """The ground under n points.
+    """The ground under n points."""
 
-    Parameters
-    ----------
-    z
-        (n,) height in meters; nan where there is no ground.
-    normal
-        (n, 3) unit normal, pointing up; nan where there is no ground.
-    face
-        (n,) face index; -1 where there is no ground.
-    """
-
-    z: Float[np.ndarray, " n"]
-    normal: Float[np.ndarray, "n 3"]
-    face: Int[np.ndarray, " n"]
+    z: Float[np.ndarray, " n"]  # height in meters; nan where there is no ground
+    normal: Float[np.ndarray, "n 3"]  # unit normal, pointing up; nan where there is no ground
+    face: Int[np.ndarray, " n"]  # face index; -1 where there is no ground
 
     @property
     def hit(self) -> Bool[np.ndarray, " n"]:
@@ -47,31 +37,17 @@ class Hits:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Ground:
-    """The faces of a mesh with an XY area, in order; arrays by column, which NumPy gathers fastest.
+    """The faces of a mesh with an XY area, in order; arrays by column, which NumPy gathers fastest."""
 
-    Parameters
-    ----------
-    x, y, z
-        (v,) coordinates of the mesh's vertices.
-    corners
-        (3, f) vertices of each ground face, counterclockwise seen from above.
-    mesh_face
-        (f,) the mesh's number for each ground face.
-    slope
-        (f,) dz/dx + i dz/dy of each face.
-    well_conditioned
-        (f,) whether `heights` and `upward` are within their guaranteed errors on the face.
-    height_error
-        (f,) bound of the error of a height on each face, in meters; infinite where there is none.
-    """
-
-    x: Float[np.ndarray, " v"]
+    x: Float[np.ndarray, " v"]  # x, y, z: coordinates of the mesh's vertices
     y: Float[np.ndarray, " v"]
     z: Float[np.ndarray, " v"]
-    corners: Int[np.ndarray, "3 f"]
-    mesh_face: Int[np.ndarray, " f"]
-    slope: Complex[np.ndarray, " f"]
+    corners: Int[np.ndarray, "3 f"]  # vertices of each ground face, counterclockwise seen from above
+    mesh_face: Int[np.ndarray, " f"]  # the mesh's number for each ground face
+    slope: Complex[np.ndarray, " f"]  # dz/dx + i dz/dy of each face
+    # whether `heights` and `upward` are within their guaranteed errors on the face
     well_conditioned: Bool[np.ndarray, " f"]
+    # bound of the error of a height on each face, in meters; infinite where there is none
     height_error: Float[np.ndarray, " f"]
 
     @classmethod

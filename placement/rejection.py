@@ -72,15 +72,7 @@ def tally(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -
 def first_accepted(
     rejection: UInt8[np.ndarray, "n t"], limit: Int[np.ndarray, " n"] | None = None
 ) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " q"], Int[np.ndarray, "n kinds"]]:
-    """Find the first accepted of t tries in each row, of which the first `limit` count.
-
-    Returns
-    -------
-    taken, chosen
-        (n,) whether there is one, and the indices of the q accepted tries among all n * t.
-    counts
-        Rejections of each row before that try.
-    """
+    """Find the first accepted of t tries in each row, of which the first `limit` count."""
     n, t = rejection.shape
     number, limits = np.arange(t), np.full(n, t) if limit is None else np.minimum(limit, t)
     good = (rejection == Rejection.NONE) & (number < limits[:, None])

@@ -25,16 +25,7 @@ def averaged(
 ) -> Rest:
     """Return the plane through the mean of the hits, normal to the mean of their normals.
 
-    Parameters
-    ----------
-    samples
-        (m, 2) positions of the samples about the vehicle's origin.
-    heights
-        (k, m) heights of the ground.
-    normals
-        (k, m, 3) unit normals in the turned frames.
-    valid
-        (k, m) samples that met ground; the others are ignored.
+    `normals`: unit normals in the turned frames.
 
     References
     ----------

@@ -13,39 +13,20 @@ RULES = ("averaged", "least_squares", "support")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SettleRules:
-    """The rules of settling, and the limits of a resting pose.
+    """The rules of settling, and the limits of a resting pose."""
 
-    Parameters
-    ----------
-    rule
-        How the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
-        "least_squares" fits a plane to the heights, "support" finds the plane a rigid footprint comes to rest on.
-    n
-        The footprint is sampled by n x n vertical rays, border included. If it is an `Underside`, the support rule
-        sends each to the lowest spot near its place, and lets the ground reach the underside there.
-    contact_n
-        Gap and penetration are measured at contact_n x contact_n points of the tilted underside; 0 leaves them nan.
-    max_slope
-        Greatest inclination in radians, of the ground at (x, y) and of the rest plane.
-    min_share
-        Least share of the n x n rays that must meet ground.
-    max_gap, max_penetration
-        Largest `Settled.gap` and `Settled.penetration`, in meters.
-    method
-        Method of `Terrain.top_hits`.
-
-    Raises
-    ------
-    ValueError
-        Naming the parameter that is out of its range.
-    """
-
+    # how the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
+    # "least_squares" fits a plane to the heights, "support" finds the plane a rigid footprint comes to rest on
     rule: str = "support"
+    # the footprint is sampled by n x n vertical rays, border included. If it is an `Underside`, the support rule sends
+    # each to the lowest spot near its place, and lets the ground reach the underside there.
     n: int = 5
+    # gap and penetration are measured at contact_n x contact_n points of the tilted underside; 0 leaves them nan
     contact_n: int = 9
+    # greatest inclination in radians, of the ground at (x, y) and of the rest plane
     max_slope: float = math.radians(30.0)
-    min_share: float = 0.8
-    max_gap: float = math.inf
+    min_share: float = 0.8  # least share of the n x n rays that must meet ground
+    max_gap: float = math.inf  # max_gap, max_penetration: largest `Settled.gap` and `Settled.penetration`, in meters
     max_penetration: float = math.inf
     method: Method = "certified"
 

@@ -163,19 +163,7 @@ def settle_each(
     rules: SettleRules,
     threads: int = 1,
 ) -> Settled:
-    """`settle` for candidates of several vehicles at once, without checks.
-
-    Parameters
-    ----------
-    terrain, xy, yaw, threads
-        See `settle`.
-    footings
-        Those of the vehicles, all with as many samples.
-    which
-        (k,) the footing of each candidate.
-    rules
-        The same for all.
-    """
+    """`settle` for candidates of several vehicles at once, without checks."""
     k = len(xy)
     size = max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1))
     order = _by_neighborhood(xy, size)

@@ -66,19 +66,7 @@ Count = Callable[
 
 
 class SheetMap:
-    """For each cell of a raster over the ground: the number of sheets, or unknown.
-
-    Parameters
-    ----------
-    vertices
-        (v, 3) the vertices.
-    corners
-        (3, f) corners of the faces, all counter-clockwise, none without area.
-    bounds
-        (2, 2) lowest and highest corner of these faces.
-    count
-        The exact count of the faces that contain a point.
-    """
+    """For each cell of a raster over the ground: the number of sheets, or unknown."""
 
     def __init__(
         self,

@@ -35,19 +35,6 @@ def highest_triangles(
 ) -> Int[np.ndarray, "n 3"]:
     """Return the triangle of samples around the center that carries it highest; -1 where there is none.
 
-    Parameters
-    ----------
-    samples_xy
-        (m, 2) positions, the same for every row.
-    heights
-        (n, m) heights; -inf where there is no sample.
-    center
-        (2,) next to the origin, but on no line through two samples.
-
-    Returns
-    -------
-    (n, 3) samples, counterclockwise.
-
     References
     ----------
     Dantzig, Linear Programming and Extensions, 1963, chapter 5 (simplex method, largest-coefficient rule).

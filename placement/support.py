@@ -42,22 +42,7 @@ class Rest:
 def support_plane(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]
 ) -> Rest:
-    """Return the lowest plane above all valid samples, for each row of heights.
-
-    Parameters
-    ----------
-    samples_xy
-        (m, 2) positions about the center of gravity, the same for every row.
-    heights
-        (n, m) heights of the ground there; anything where not `valid`.
-    valid
-        (n, m) samples that have ground.
-
-    Returns
-    -------
-    The planes about the center, of which `found` is False if it's outside the hull of the valid samples, which then
-    don't support it.
-    """
+    """Return the lowest plane above all valid samples, for each row of heights."""
     n = len(heights)
     coefficients, margin = np.full((n, 3), np.nan), np.full(n, np.nan)
     if not valid.all():

@@ -52,18 +52,7 @@ Guess = Callable[
 class TopSheet:
     """Planes with one sheet above them and all others below, in cells of a raster.
 
-    Parameters
-    ----------
-    sheets
-        The sheet map. Squares of its cells are the cells here.
-    ground
-        The faces.
-    boxes
-        (2, 3, f) lowest and highest corner of each.
-    error
-        More than twice the error of a height in meters.
-    guess
-        What planes are made of.
+    `error`: more than twice the error of a height in meters.
     """
 
     def __init__(

@@ -31,18 +31,7 @@ LONGEST = 80  # characters of a value in a finding
 
 
 def check_plan(plan: Plan, assets: Assets) -> list[str]:
-    """Return a line for each difference of a plan from a new plan of its config, and of labels from poses.
-
-    Parameters
-    ----------
-    plan, assets
-        The plan, and the assets that it was made from.
-
-    Raises
-    ------
-    ConfigError
-        If a line of the plan is damaged, or no pose meets its config's limits.
-    """
+    """Return a line for each difference of a plan from a new plan of its config, and of labels from poses."""
     planner = Planner(plan.config, assets, poses=plan.header.poses)
     followed, photographs = plan.header.photographs, planner.assets.photographs
     if followed is not None and (photographs is None or photographs.sha256 != followed.sha256):

@@ -34,22 +34,7 @@ BLOCK = 2048  # positions planned together: large batches for each vehicle and s
 
 
 class Planner:
-    """Plans any run of positions; built once per process.
-
-    Parameters
-    ----------
-    strict
-        Whether a vehicle without a place on one of its sceneries is an error; if not, another scenery is used.
-    pairs
-        The pairs of vehicles and sceneries that another planner of the same config has found.
-    poses
-        Given poses, see `planning.inputs.poses`; they replace the config's numbers of images.
-
-    Raises
-    ------
-    ConfigError
-        If the config names unknown classes, sceneries, or HDRIs, or a vehicle has no scenery left.
-    """
+    """Plans any run of positions; built once per process."""
 
     def __init__(
         self,
@@ -81,13 +66,7 @@ class Planner:
         self.given = None if poses is None else given_of(poses, self.stage.sites, self.budget.positions.first_image)
 
     def rows(self, start: int, stop: int) -> list[Row]:
-        """Return all rows of the positions from `start` to before `stop`, in order.
-
-        Raises
-        ------
-        ConfigError
-            For the first of these positions that can't meet the config's limits.
-        """
+        """Return all rows of the positions from `start` to before `stop`, in order."""
         positions = take(self.budget.positions, np.arange(start, stop))
         number = positions.number
         weights = np.where(positions.background[:, None], self.pairs.sites, self.pairs.weights[positions.vehicle])

@@ -47,18 +47,10 @@ _BARS = " ▁▂▃▄▅▆▇█"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Histogram:
-    """Values of one quantity, and their counts in bins.
+    """Values of one quantity, and their counts in bins."""
 
-    Parameters
-    ----------
-    title
-        Name and unit.
-    edges
-        (b + 1,) edges of the bins; values outside count in the first or last bin.
-    """
-
-    title: str
-    edges: Float[np.ndarray, " b_plus_1"]
+    title: str  # name and unit
+    edges: Float[np.ndarray, " b_plus_1"]  # edges of the bins; values outside count in the first or last bin
     values: Float[np.ndarray, " n"]
 
     @property
@@ -89,36 +81,19 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Summary:
-    """Counts over a plan's images; classes, sizes, and histograms are of targets, without backgrounds.
-
-    Parameters
-    ----------
-    classes, sizes
-        Images of each class, by vehicle and by COCO size.
-    counts
-        Occurrences of each name, by the keys in `COUNTED`. A background counts as the distractor in its target's
-        place, or "". Paints are those of all vehicles, by color. Rejections are tries.
-    open_sky
-        Images of rain or snow while the config names no overcast HDRIs.
-    no_room
-        Companions left out for want of room, counted once per position.
-    left_out
-        Vehicles that aren't planned on a scenery.
-    histograms
-        By the keys of `QUANTITIES`.
-    shortcuts
-        Warnings of `planning.shortcuts`.
-    """
+    """Counts over a plan's images; classes, sizes, and histograms are of targets, without backgrounds."""
 
     images: int
     positions: int
-    classes: Mapping[str, Counter[str]]
+    classes: Mapping[str, Counter[str]]  # classes, sizes: images of each class, by vehicle and by COCO size
     sizes: Mapping[str, Counter[str]]
+    # occurrences of each name, by the keys in `COUNTED`. A background counts as the distractor in its target's place,
+    # or "". Paints are those of all vehicles, by color. Rejections are tries.
     counts: Mapping[str, Counter[str]]
-    open_sky: int
-    no_room: int
-    left_out: tuple[LeftOut, ...]
-    histograms: Mapping[str, Histogram]
+    open_sky: int  # images of rain or snow while the config names no overcast HDRIs
+    no_room: int  # companions left out for want of room, counted once per position
+    left_out: tuple[LeftOut, ...]  # vehicles that aren't planned on a scenery
+    histograms: Mapping[str, Histogram]  # by the keys of `QUANTITIES`
     shortcuts: tuple[str, ...]
 
     def to_json(self) -> dict[str, object]:

@@ -155,13 +155,7 @@ def write_plan(
     poses: GivenPoses | None = None,
     progress: Progress | None = None,
 ) -> Plan:
-    """Plan with assets in memory and write the plan, or continue it; parameters as of `plan` and `Planner`.
-
-    Raises
-    ------
-    ConfigError
-        If no pose meets the config's limits, or the file can't be written.
-    """
+    """Plan with assets in memory and write the plan, or continue it; parameters as of `plan` and `Planner`."""
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:

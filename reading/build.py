@@ -57,11 +57,6 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     """Return the vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
 
     What might not belong to it is proposed for `drop` if the vehicle without it has fewer doubts.
-
-    Raises
-    ------
-    AssetError
-        If nothing is left of it, or the config names a turret, gun, or pivot that doesn't exist.
     """
     built, strays = _build(name, upright, options)
 
@@ -174,11 +169,6 @@ def build_scenery(
 
     The origin is the middle of the ground (of everything, if there is no ground), rounded to whole kilometers: zero
     for what is modeled around zero, and near enough for float32 where the file is in map coordinates.
-
-    Raises
-    ------
-    AssetError
-        If the file draws nothing, or a pattern of the scenery matches nothing.
     """
     meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched(pieces, options):

@@ -73,25 +73,7 @@ def cached(
     An entry counts if this user sealed it, file, options and exporter are the same, and every texture and library that
     the file refers to is unchanged.
 
-    Parameters
-    ----------
-    path
-        The asset's file.
-    cache
-        Folder; made if missing.
-    kind
-        "vehicle" or "scenery"; None: by its contents.
-    options
-        How to read it.
-    limits
-        Limits of reading.
-    progress
-        Called with the path if it must be read.
-
-    Raises
-    ------
-    AssetError
-        If the file cannot be read.
+    `kind`: "vehicle" or "scenery"; None: by its contents.
     """
     path, cache = Path(path), Path(cache)
     format_of(path)  # before it is hashed: a folder or nothing at all has no content
@@ -129,13 +111,7 @@ def _entry(entry: Path, path: Path) -> Exported | None:
 
 
 def make_cache(cache: Path) -> None:
-    """Create the folder of a cache if it is missing.
-
-    Raises
-    ------
-    AssetError
-        If that is impossible.
-    """
+    """Create the folder of a cache if it is missing."""
     try:
         cache.mkdir(parents=True, exist_ok=True)
     except OSError as error:
@@ -143,13 +119,7 @@ def make_cache(cache: Path) -> None:
 
 
 def _locked(entry: Path) -> AbstractContextManager[object]:
-    """Return the lock of an entry, held to the end of a block.
-
-    Raises
-    ------
-    AssetError
-        If its file can't be opened, or is a link.
-    """
+    """Return the lock of an entry, held to the end of a block."""
     lock = FileLock(f"{entry}.lock")
     try:
         return lock.acquire()

@@ -45,29 +45,13 @@ class FoundSky:
 
 @dataclass(frozen=True, slots=True)
 class Hdri:
-    """A usable HDRI.
+    """A usable HDRI."""
 
-    Parameters
-    ----------
-    path
-        The rendered file: the original, or its repaired copy in the cache.
-    sha256
-        Digest of the file's bytes.
-    light
-        Its light on open land, and whether it shows open land.
-    map_file
-        A small map of it in the cache, see `sky_map`.
-    mended_sha256
-        Digest of the repaired pixels; empty if the file is rendered unchanged.
-    notes
-        Repairs, a sentence each.
-    """
-
-    path: Path
-    sha256: str
-    light: SkyLight
-    map_file: Path
-    mended_sha256: str = ""
+    path: Path  # the rendered file: the original, or its repaired copy in the cache
+    sha256: str  # digest of the file's bytes
+    light: SkyLight  # its light on open land, and whether it shows open land
+    map_file: Path  # a small map of it in the cache, see `sky_map`
+    mended_sha256: str = ""  # digest of the repaired pixels; empty if the file is rendered unchanged
     notes: tuple[str, ...] = ()
 
     @property
@@ -95,16 +79,7 @@ class Hdri:
 def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
     """Return a sky's usable radiance, and its repairs, a sentence each.
 
-    Parameters
-    ----------
-    pixels
-        Linear Rec. 709, equirectangular; the first row is the lowest or the highest.
-
-    Raises
-    ------
-    AssetError
-        If it isn't usable: not twice as wide as high, NaN anywhere, infinite or negative in more than a few
-        places, constant, or far too dark or bright.
+    `pixels`: linear Rec. 709, equirectangular; the first row is the lowest or the highest.
     """
     height, width = pixels.shape[:2]
     if width != 2 * height:
@@ -150,24 +125,7 @@ def read_hdris(
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
 ) -> list[Hdri]:
-    """Read and check pictures, from `cache` if possible.
-
-    Parameters
-    ----------
-    paths
-        .exr or .hdr files.
-    cache
-        Folder for results and repaired copies; made if missing.
-    limits
-        Limits of reading.
-    progress
-        Called with the path of each file that must be read.
-
-    Raises
-    ------
-    AssetError
-        Naming the first unusable one, and the reason.
-    """
+    """Read and check pictures, from `cache` if possible."""
     for path in paths:
         refuse_no_hdri(path)
     make_cache(cache)
@@ -199,13 +157,7 @@ def sky_map(hdri: Hdri) -> Float[np.ndarray, "_ _ 3"]:
 
 
 def refuse_no_hdri(path: Path) -> None:
-    """Raise if a file doesn't begin like an HDRI.
-
-    Raises
-    ------
-    AssetError
-        If it isn't a regular file, cannot be read, or is neither OpenEXR nor Radiance.
-    """
+    """Raise if a file doesn't begin like an HDRI."""
     if not first_bytes(path).startswith(MAGIC):
         raise AssetError("isn't an OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 

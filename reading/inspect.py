@@ -39,21 +39,11 @@ VIEWS = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Inspected:
-    """An inspected file.
+    """An inspected file."""
 
-    Parameters
-    ----------
-    name
-        Of the vehicle, scenery, or HDRI.
-    report
-        The report about its file.
-    picture
-        A picture of it (see `draw`); None if not requested, and of an HDRI.
-    """
-
-    name: str
-    report: FileReport | SkyReport
-    picture: Image.Image | None = None
+    name: str  # of the vehicle, scenery, or HDRI
+    report: FileReport | SkyReport  # the report about its file
+    picture: Image.Image | None = None  # a picture of it (see `draw`); None if not requested, and of an HDRI
 
 
 def sky_report(path: Path, hdri: Hdri) -> SkyReport:
@@ -77,13 +67,7 @@ def pages(path: Path, assets: int) -> list[Path]:
 
 
 def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
-    """Write the pictures as pages and return their names; several side by side, each under its name.
-
-    Raises
-    ------
-    AssetError
-        If one cannot be written.
-    """
+    """Write the pictures as pages and return their names; several side by side, each under its name."""
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
     written = pages(path, len(drawn))
     for number, page in enumerate(written):
@@ -102,14 +86,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
 def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:
     """Return a vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
 
-    Parameters
-    ----------
-    asset
-        The vehicle or scenery.
-    picture
-        Of the vehicle in its own colors, which takes the place of the view from its front left.
-    size
-        Width and height of each of the four views in pixels.
+    `size`: width and height of each of the four views in pixels.
     """
     if isinstance(asset, VehicleShape):
         world, bounds = (

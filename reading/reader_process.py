@@ -30,24 +30,13 @@ Found = TypeVar("Found")
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A job for the reading process.
+    """A job for the reading process."""
 
-    Parameters
-    ----------
-    path
-        The file, as the user names it.
-    folder
-        Exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer.
-    format
-        "blend", "gltf", "fbx", "obj", "geotiff", or "hdri".
-    kind, options
-        Of an asset; as of `export`.
-    """
-
-    path: str
+    path: str  # the file, as the user names it
+    # exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer
     folder: str
-    format: str
-    kind: str | None = None
+    format: str  # "blend", "gltf", "fbx", "obj", "geotiff", or "hdri"
+    kind: str | None = None  # kind, options: of an asset; as of `export`
     options: Options = field(default_factory=Options)
 
     def file(self, name: str) -> Path:
@@ -65,27 +54,13 @@ class FoundAsset:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """The files and the report of one export.
+    """The files and the report of one export."""
 
-    Parameters
-    ----------
-    report
-        The report about the file.
-    bundle
-        The geometry, for `assets.bundle.load_vehicle` or `load_scenery`.
-    tidy
-        A .blend with only the rendered objects; see `reading.blender.tidy`.
-    picture
-        Of a vehicle, see `reading.blender.vehicle_picture`; None for a scenery.
-    files
-        Absolute path of every file that the asset refers to: textures, libraries.
-    """
-
-    report: FileReport
-    bundle: Path
-    tidy: Path
-    picture: Path | None
-    files: tuple[str, ...]
+    report: FileReport  # the report about the file
+    bundle: Path  # the geometry, for `assets.bundle.load_vehicle` or `load_scenery`
+    tidy: Path  # a .blend with only the rendered objects; see `reading.blender.tidy`
+    picture: Path | None  # of a vehicle, see `reading.blender.vehicle_picture`; None for a scenery
+    files: tuple[str, ...]  # absolute path of every file that the asset refers to: textures, libraries
 
 
 def export(
@@ -98,23 +73,7 @@ def export(
 ) -> Exported:
     """Read the file `path` once and write bundle and tidy twin into `folder`.
 
-    Parameters
-    ----------
-    path
-        A .blend, .glb, .gltf, .fbx, .obj, or .tif file.
-    folder
-        Exists; files of an earlier export in it are overwritten.
-    kind
-        "vehicle", "scenery", or None to judge by the contents.
-    options
-        How to read it.
-    limits
-        When reading it is given up.
-
-    Raises
-    ------
-    AssetError
-        If the file can't be read, or contains another kind of asset.
+    `kind`: "vehicle", "scenery", or None to judge by the contents.
     """
     job = job_for(Path(path), Path(folder), kind=kind, options=options)
     ask_reader([job], limits=limits)
@@ -122,13 +81,7 @@ def export(
 
 
 def job_for(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULTS) -> Job:
-    """Return the reader's job; arguments as of `export`.
-
-    Raises
-    ------
-    AssetError
-        If the file's format isn't supported.
-    """
+    """Return the reader's job; arguments as of `export`."""
     kind_of_file = format_of(path)
     refuse_odd_references(path, kind_of_file)
     if kind_of_file == "geotiff":
@@ -137,13 +90,7 @@ def job_for(path: Path, folder: Path, *, kind: str | None, options: Options = DE
 
 
 def exported_by(job: Job) -> Exported:
-    """Return the export of a finished job.
-
-    Raises
-    ------
-    AssetError
-        If it failed.
-    """
+    """Return the export of a finished job."""
     found = found_by(job, FoundAsset)
     return export_in(Path(job.folder), found.report, found.files)
 
@@ -155,13 +102,7 @@ def export_in(folder: Path, report: FileReport, files: Iterable[str]) -> Exporte
 
 
 def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> None:
-    """Run jobs one after the other in one confined and watched process; `found_by` has their answers.
-
-    Raises
-    ------
-    AssetError
-        If the process ends without an answer; the file is named.
-    """
+    """Run jobs one after the other in one confined and watched process; `found_by` has their answers."""
     readable = [folder for job in jobs for folder in asset_folders(Path(job.path))]
     with tempfile.TemporaryDirectory(prefix="tmp-", dir=jobs[0].folder, ignore_cleanup_errors=True) as temporary:
         job_files = [Path(temporary, f"{number}.json") for number in range(len(jobs))]
@@ -190,13 +131,7 @@ class Refused(TypedDict):
 
 
 def found_by(job: Job, kind: type[Found]) -> Found:
-    """Return what the reading process found in a file, as the type that it tells.
-
-    Raises
-    ------
-    AssetError
-        If it refused the file.
-    """
+    """Return what the reading process found in a file, as the type that it tells."""
     # Its process had opened a file from outside.
     refuse = partial(AssetError, path=job.path, remedy="open it in Blender, save it again, or leave it out")
     answer = read_json(job.file(ANSWER), dict[str, object], refuse, what="readable: its process gave no answer")

@@ -32,15 +32,7 @@ def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
 
 
 def small_map(pixels: Float[np.ndarray, "h w 3"], *, rows: int = ROWS) -> Float[np.ndarray, "m n 3"]:
-    """Means over squares of an equirectangular picture, about `rows` high; the zenith is in the first row.
-
-    Parameters
-    ----------
-    pixels
-        The lowest row first.
-    rows
-        Height of the map at least, and less than twice that, unless the picture has fewer.
-    """
+    """Means over squares of an equirectangular picture, about `rows` high; the zenith is in the first row."""
     height, width = pixels.shape[:2]
     step = max(1, height // rows)
     cut = pixels[::-1][: height // step * step, : width // step * step]
@@ -50,10 +42,7 @@ def small_map(pixels: Float[np.ndarray, "h w 3"], *, rows: int = ROWS) -> Float[
 def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     """Elevation in degrees up to which it shows anything but sky, and signs that it isn't open land.
 
-    Parameters
-    ----------
-    sky
-        Radiance in linear Rec. 709, the zenith in the first row; see `small_map`.
+    `sky`: radiance in linear Rec. 709, the zenith in the first row; see `small_map`.
     """
     height = len(sky)
     if height < FEWEST:  # too coarse to tell

@@ -22,13 +22,6 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
 
     A scenery has ground, by name or by shape, and its other objects extend farther than a vehicle and aren't named
     like one; or it's flat and wide, or a single mesh that is level and open below, like land.
-
-    Parameters
-    ----------
-    pieces
-        Everything that is drawn.
-    options
-        How to read the file.
     """
     if not pieces:
         return "vehicle"
@@ -48,11 +41,6 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
 
     Options that describe the file (a scale, what to keep, what is ground) override names and sizes.
     Arguments are those of `likely_kind`.
-
-    Raises
-    ------
-    AssetError
-        If the entry is probably a mistake.
     """
     if not pieces:
         return None

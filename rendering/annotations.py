@@ -22,13 +22,7 @@ from hulldown.planning.plan_file import Plan
 
 
 def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[Record]:
-    """Return records of a plan's categories, without ids; with `keypoints` and `skeleton`, if its config labels any.
-
-    Raises
-    ------
-    ConfigError
-        If it lists keypoints that no vehicle has.
-    """
+    """Return records of a plan's categories, without ids; with `keypoints` and `skeleton`, if its config labels any."""
     header = plan.header
     annotate = plan.config.annotate
     labeled = [*header.vehicles, *(name for name, source in header.distractors.items() if source.category)]
@@ -38,15 +32,7 @@ def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[Record
 
 
 class Segmenter:
-    """Makes label records of a plan's rows, with masks of their vehicles.
-
-    Parameters
-    ----------
-    vehicles, sceneries
-        Vehicles, distractors included, and sceneries, by their names in the plan.
-    keypoints
-        Names of the labels' keypoints, in order; empty: no keypoints.
-    """
+    """Makes label records of a plan's rows, with masks of their vehicles."""
 
     def __init__(
         self, vehicles: Mapping[str, VehicleShape], sceneries: Mapping[str, Scenery], *, keypoints: Sequence[str] = ()

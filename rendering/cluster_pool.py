@@ -21,24 +21,7 @@ LOST = "its workers were lost, the last ones while they had nothing else to do"
 
 
 class ClusterPool(Cluster):
-    """The workers of a Dask cluster. Leaving it as a context cancels waiting tasks.
-
-    Parameters
-    ----------
-    scheduler
-        The cluster's scheduler.
-    engine
-        The Blenders' device and limits, and whether to refuse workers that can't confine Blender.
-    library
-        The plan's assets, whose files all workers must see.
-    say, stopping
-        As of `rendering.pool.Pool`.
-
-    Raises
-    ------
-    HulldownError
-        If no scheduler answers.
-    """
+    """The workers of a Dask cluster. Leaving it as a context cancels waiting tasks."""
 
     def __init__(
         self,

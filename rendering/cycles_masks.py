@@ -47,28 +47,17 @@ FEW_PIXELS = 2  # largest difference of masks so small that one pixel exceeds th
 
 @dataclass(frozen=True, slots=True)
 class MaskRow:
-    """An annotation compared with Cycles' masks.
+    """An annotation compared with Cycles' masks."""
 
-    Parameters
-    ----------
-    file_name, vehicle
-        The image and the vehicle.
-    pixels
-        Pixels of the rendered visible mask.
-    box_error
-        Largest distance of the annotated box's sides from those of the whole rendered vehicle, in pixels; inf if it has
-        no pixel.
-    outside
-        Pixels that the rendered vehicle reaches beyond the annotated box.
-    mask_iou, amodal_iou
-        Overlap of annotated and rendered masks, visible and whole; nan where the annotation has none.
-    """
-
-    file_name: str
+    file_name: str  # file_name, vehicle: the image and the vehicle
     vehicle: str
-    pixels: int
+    pixels: int  # pixels of the rendered visible mask
+    # largest distance of the annotated box's sides from those of the whole rendered vehicle, in pixels; inf if it has
+    # no pixel
     box_error: float
-    outside: float
+    outside: float  # pixels that the rendered vehicle reaches beyond the annotated box
+    # mask_iou, amodal_iou: overlap of annotated and rendered masks, visible and whole; nan where the annotation has
+    # none
     mask_iou: float
     amodal_iou: float
 
@@ -98,24 +87,7 @@ def verify_masks(
     *,
     count: int,
 ) -> MaskReport:
-    """Render the masks of some images of a dataset, and compare its annotations with them.
-
-    Parameters
-    ----------
-    dataset
-        Its folder.
-    plan_path
-        The plan it was rendered from.
-    library
-        The plan's assets.
-    count
-        Number of images, an even selection of the finished ones.
-
-    Raises
-    ------
-    HulldownError
-        If dataset or plan cannot be used, or the dataset is not of this plan.
-    """
+    """Render the masks of some images of a dataset, and compare its annotations with them."""
     plan = read_plan(plan_path)
     coco = read_coco(dataset)
     outline = Outline(plan)
@@ -183,13 +155,7 @@ def compared(
     alone: Bool[np.ndarray, "h w"],
     visible: Bool[np.ndarray, "h w"],
 ) -> MaskRow:
-    """Compare a label with masks of its vehicle, alone and with its occluders.
-
-    Raises
-    ------
-    ValueError
-        If a mask of it is damaged.
-    """
+    """Compare a label with masks of its vehicle, alone and with its occluders."""
     box_error, outside, rendered = math.inf, 0.0, mask_box(alone)
     if rendered is not None:
         box = label.bbox
@@ -222,22 +188,7 @@ def _judged(row: MaskRow, annotated: float) -> Finding | None:
 
 
 def cycles_masks(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt8[np.ndarray, "_ h w"]]:
-    """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.maps` for each row.
-
-    Parameters
-    ----------
-    plan
-        The plan.
-    rows
-        Indices of rows.
-    library
-        The plan's assets.
-
-    Raises
-    ------
-    HulldownError
-        If Blender fails.
-    """
+    """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.maps` for each row."""
     maps: dict[int, UInt8[np.ndarray, "_ h w"]] = {}
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)

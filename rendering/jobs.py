@@ -42,26 +42,7 @@ def readable(library: Library) -> tuple[Path, ...]:
 
 
 def render_job(row: Row, library: Library, settings: CyclesSettings, output: Path) -> RenderJob:
-    """Return the job of rendering a row.
-
-    Parameters
-    ----------
-    row
-        A row of the plan.
-    library
-        The plan's assets.
-    settings
-        Cycles' settings.
-    output
-        The output file.
-
-    Raises
-    ------
-    ConfigError
-        If the row names an asset that isn't in the plan's header.
-    ValueError
-        If it turns a part that its vehicle doesn't have.
-    """
+    """Return the job of rendering a row."""
     return RenderJob(
         scenery=_scenery(row, library),
         vehicles=[_vehicle(vehicle, library, row) for vehicle in row.vehicles],

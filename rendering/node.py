@@ -51,14 +51,7 @@ def shared_files(library: Library) -> dict[str, tuple[int, int]]:
 def refusal(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
     """Return the reason why this process can't render for a client; empty if it can.
 
-    Parameters
-    ----------
-    client
-        The client's versions of hulldown and bpy, which must equal this process's; the client may have no bpy.
-    require_confinement
-        Whether Blender must be confined.
-    files
-        The client's `shared_files`.
+    `files`: the client's `shared_files`.
     """
     if versions("bpy")["bpy"] == MISSING:
         return "has no bpy"
@@ -79,19 +72,9 @@ def refusal(client: Mapping[str, str], require_confinement: bool, files: Mapping
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The parameters of a plan's Blenders.
+    """The parameters of a plan's Blenders."""
 
-    Parameters
-    ----------
-    readable
-        Paths that they may read, by `rendering.jobs.readable`.
-    device
-        A device for `rendering.blender.cycles.choose_device`.
-    limits
-        Limits of Blender.
-    """
-
-    readable: tuple[Path, ...]
+    readable: tuple[Path, ...]  # paths that they may read, by `rendering.jobs.readable`
     device: str
     limits: Limits
 
@@ -99,17 +82,7 @@ class Setting:
 def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
     """Render an image on this Dask worker.
 
-    Parameters
-    ----------
-    setting
-        Blender's parameters.
-    job
-        Blender's job; its output is written to the worker's own folder instead.
-
-    Raises
-    ------
-    HulldownError, OSError
-        If this machine can't render at all.
+    `setting`: Blender's parameters.
     """
     is_wanted, opened = wanted(), _open_blender()
     with opened.busy(setting):

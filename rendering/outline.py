@@ -16,18 +16,7 @@ OutlineRow = tuple[tuple[str, str, str, str], int, int, str]  # sort key, index,
 
 
 class Outline:
-    """A plan's names, order, and numbers of labels, read completely before anything is written.
-
-    Parameters
-    ----------
-    plan
-        The plan.
-
-    Raises
-    ------
-    ConfigError
-        If a line is damaged.
-    """
+    """A plan's names, order, and numbers of labels, read completely before anything is written."""
 
     def __init__(self, plan: Plan) -> None:
         self.stamp = stamp_of(plan.path)
@@ -42,22 +31,10 @@ class Outline:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Images of a plan.
+    """Images of a plan."""
 
-    Parameters
-    ----------
-    limit
-        Number of images, from the first; None: all.
-    share
-        The k-th of n equal parts of these, (k, n), for machines that share a plan; see `dataset.join`.
-
-    Raises
-    ------
-    ValueError
-        If the part doesn't exist.
-    """
-
-    limit: int | None = None
+    limit: int | None = None  # number of images, from the first; None: all
+    # the k-th of n equal parts of these, (k, n), for machines that share a plan; see `dataset.join`
     share: tuple[int, int] = (1, 1)
 
     def __post_init__(self) -> None:

@@ -23,35 +23,14 @@ MOST_BLENDERS = 256  # Blenders
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """The renderer: Blender processes on this machine, or the workers of a Dask cluster.
+    """The renderer: Blender processes on this machine, or the workers of a Dask cluster."""
 
-    Parameters
-    ----------
-    workers
-        Processes of this machine; None for one a GPU, or one if there is none.
-    device
-        "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal".
-    blender
-        An installed Blender instead of the bpy module.
-    scheduler
-        Scheduler of a Dask cluster; None: processes on this machine.
-    require_confinement
-        Whether to use only workers of a cluster that can confine Blender.
-    limits
-        Limits of time and memory.
-
-    Raises
-    ------
-    HulldownError
-        If `blender` isn't a program.
-    """
-
-    workers: int | None = None
-    device: str = "auto"
-    blender: str | None = None
-    scheduler: Scheduler | None = None
-    require_confinement: bool = False
-    limits: Limits = field(default_factory=Limits)
+    workers: int | None = None  # processes of this machine; None for one a GPU, or one if there is none
+    device: str = "auto"  # "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal"
+    blender: str | None = None  # an installed Blender instead of the bpy module
+    scheduler: Scheduler | None = None  # scheduler of a Dask cluster; None: processes on this machine
+    require_confinement: bool = False  # whether to use only workers of a cluster that can confine Blender
+    limits: Limits = field(default_factory=Limits)  # limits of time and memory
 
     def __post_init__(self) -> None:
         if self.blender is not None and shutil.which(self.blender) is None:
@@ -64,18 +43,7 @@ DEFAULT_ENGINE = Engine()
 class Pool:
     """Several Blenders, each with its own thread. Leaving it as a context ends them.
 
-    Parameters
-    ----------
-    logs
-        Folder for their logs.
-    engine
-        Number and kind of the Blenders, and their limits.
-    say
-        Called with messages for the user.
-    stopping
-        Called several times a second; true: stop now.
-    confinement
-        Their confinement; None: unconfined.
+    `confinement`: their confinement; None: unconfined.
     """
 
     def __init__(
@@ -126,19 +94,7 @@ class Pool:
     ) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs, neighbors in one Blender; yields each with its outcome when it ends, while others continue.
 
-        Parameters
-        ----------
-        jobs
-            The caller's numbers of jobs, ordered so that neighbors share assets.
-        job_of
-            Function from a number to its job.
-
-        Raises
-        ------
-        Stopped
-            If `stopping` returned true.
-        HulldownError
-            If Blender can't be used.
+        `jobs`: the caller's numbers of jobs, ordered so that neighbors share assets.
         """
         n = self.working
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]

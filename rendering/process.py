@@ -44,18 +44,11 @@ DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_c
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of a Blender.
+    """Limits of a Blender."""
 
-    Parameters
-    ----------
-    job_s
-        Seconds for a job; None: `TIMES_LONGER` times what the longest of the first ones took.
-    memory_bytes
-        Resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
-        above four fifths of it is replaced.
-    """
-
-    job_s: float | None = None
+    job_s: float | None = None  # seconds for a job; None: `TIMES_LONGER` times what the longest of the first ones took
+    # resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
+    # above four fifths of it is replaced.
     memory_bytes: int | None = None
 
 
@@ -68,15 +61,7 @@ SHORTEST_S = 300.0  # least time limit, for loading another scenery
 
 
 class Allowance:
-    """The resources of each of several Blenders on a machine.
-
-    Parameters
-    ----------
-    limits
-        When one is given up.
-    blenders
-        Number of Blenders.
-    """
+    """The resources of each of several Blenders on a machine."""
 
     def __init__(self, limits: Limits, blenders: int = 1) -> None:
         self.limits, self.blenders = limits, blenders
@@ -111,43 +96,22 @@ class Lost(AttemptFailed):
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a job.
+    """The outcome of a job."""
 
-    Parameters
-    ----------
-    seconds
-        Duration of each part of a picture, as in `Reply`.
-    content
-        Contents of the job's output file.
-    reasons
-        Reason of each failed attempt, if all failed.
-    restarts
-        Number of Blender's restarts.
-    made_by
-        What did the job: `blender`, `devices`, `systems`, and `confinement`, as in a dataset's provenance.
-    """
-
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    content: bytes = b""
-    reasons: tuple[str, ...] = ()
+    seconds: Mapping[str, float] = field(default_factory=dict)  # duration of each part of a picture, as in `Reply`
+    content: bytes = b""  # contents of the job's output file
+    reasons: tuple[str, ...] = ()  # reason of each failed attempt, if all failed
     restarts: int = 0
+    # what did the job: `blender`, `devices`, `systems`, and `confinement`, as in a dataset's provenance
     made_by: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class Confinement:
-    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`.
+    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`."""
 
-    Parameters
-    ----------
-    write
-        Folder for output, which must exist at the start.
-    read
-        Files and folders of its jobs.
-    """
-
-    write: Path
-    read: tuple[Path, ...]
+    write: Path  # folder for output, which must exist at the start
+    read: tuple[Path, ...]  # files and folders of its jobs
 
     def of(self, command: Sequence[str], *, gpu: bool) -> list[str]:
         """Return a command that runs `command` confined; `gpu`: with graphics cards, and their kernel caches."""
@@ -160,27 +124,8 @@ class Confinement:
 class Blender:
     """A Blender that starts with its first job and stays open. Leaving it as a context ends it.
 
-    Parameters
-    ----------
-    log
-        File for its messages.
-    program
-        An installed Blender, or None for the bpy module of this Python.
-    device
-        What `rendering.blender.cycles.choose_device` takes.
-    number
-        Its index among this machine's Blenders, which selects a graphics card.
-    allowance
-        Its resources.
-    confinement
-        What it may read and write; None for everything.
-    say
-        Called with a line for the user, now and then.
-
-    Attributes
-    ----------
-    devices
-        Number of graphics cards; 1 if there are none.
+    `program`: an installed Blender, or None for the bpy module of this Python.
+    `confinement`: what it may read and write; None for everything.
     """
 
     def __init__(
@@ -211,22 +156,7 @@ class Blender:
         return self._child.pid if self._child else None
 
     def do(self, job: RenderJob | MaskJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
-        """Do a job, with several attempts; returns when it's done or has finally failed.
-
-        Parameters
-        ----------
-        job
-            The job.
-        stopping
-            Asked several times a second whether to give up now.
-
-        Raises
-        ------
-        Stopped
-            If `stopping` said so.
-        HulldownError
-            If Blender can't be used.
-        """
+        """Do a job, with several attempts; returns when it's done or has finally failed."""
         self._stopping, self._restarts = stopping, 0
         reasons: list[str] = []
         try:

@@ -16,11 +16,6 @@ def without_notes(data: bytes) -> bytes:
 
     A JPEG file has none, since the worker writes it, not Blender.
 
-    Raises
-    ------
-    ValueError
-        If `data` is neither a JPEG file nor a whole PNG file.
-
     References
     ----------
     W3C, Portable Network Graphics (PNG) Specification, 3rd edition, section 5.

@@ -57,35 +57,7 @@ class Progress:
 
 
 class Session:
-    """Sends rows to a pool and stores its results.
-
-    Parameters
-    ----------
-    plan, outline, dataset, library
-        The plan, its outline, its target, and its assets.
-    part
-        The part of the plan to render.
-    progress
-        Called after each image and with each message.
-
-    Attributes
-    ----------
-    images, already
-        Number of images of the part, and of those that were in the dataset before.
-    begun
-        Whether an image was placed, or the run has ended.
-    made_by
-        Blenders, devices, and systems that rendered, and their confinements.
-    restarts
-        How often Blender had to be started again.
-    unfinished
-        Folder for unfinished pictures during `render`.
-
-    Raises
-    ------
-    DatasetError
-        If another record in the dataset has an id reserved for an image or label of the part.
-    """
+    """Sends rows to a pool and stores its results."""
 
     def __init__(
         self,

@@ -36,32 +36,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RenderReport:
-    """The result of a run.
+    """The result of a run."""
 
-    Parameters
-    ----------
-    images
-        Number of wanted images of the plan.
-    already
-        Number of these that were in the dataset before.
-    rendered
-        Number of added images.
-    failed
-        File names of failed images; `failures.jsonl` has the reasons.
-    restarts
-        How often Blender had to be started again.
-    interrupted
-        Whether the run was stopped early.
-    seconds
-        Duration.
-    """
-
-    images: int
-    already: int
+    images: int  # number of wanted images of the plan
+    already: int  # number of these that were in the dataset before
     rendered: int
-    failed: tuple[str, ...]
-    restarts: int
-    interrupted: bool
+    failed: tuple[str, ...]  # file names of failed images; `failures.jsonl` has the reasons
+    restarts: int  # how often Blender had to be started again
+    interrupted: bool  # whether the run was stopped early
     seconds: float
 
     @property
@@ -169,28 +151,7 @@ def render_plan(
     part: Part = WHOLE,
     progress: Callable[[Progress], None] | None = None,
 ) -> RenderReport:
-    """Render a plan's missing images into a dataset.
-
-    Parameters
-    ----------
-    plan_path
-        The plan.
-    dataset_folder
-        The dataset.
-    library
-        The plan's assets; those that its header names if not given.
-    engine
-        The renderer.
-    part
-        The part of the plan to render.
-    progress
-        Called after each image and with each message.
-
-    Raises
-    ------
-    HulldownError
-        If plan, assets or dataset cannot be used, or Blender does not work at all.
-    """
+    """Render a plan's missing images into a dataset."""
     start = time.monotonic()
     plan = read_plan(plan_path)
     folder = Path(dataset_folder)

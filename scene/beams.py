@@ -33,16 +33,7 @@ def passed_in_beams(
 ) -> Float[np.ndarray, " k"]:
     """Return each ray's transmittance: 0 or 1 as by `scene.occluded`, or a share behind alpha textures.
 
-    Parameters
-    ----------
-    scene
-        The obstacles.
-    camera_rays
-        The rays of n cameras, r each.
-    world_from_camera
-        (n, 4, 4) their poses.
-    reach
-        (n * r,) how far each looks, in meters from the near plane; -inf: it isn't cast.
+    `reach`: how far each looks, in meters from the near plane; -inf: it isn't cast.
     """
     passed, far = np.ones(len(reach)), reach.copy()
     if not len(scene.bounds):
@@ -67,16 +58,7 @@ def nearest_in_beams(
 ) -> InstanceHits:
     """Return the first hit of all rays of n cameras: as `scene.cast`, faster for whole images of a wood.
 
-    Parameters
-    ----------
-    scene
-        The obstacles.
-    camera_rays
-        The rays of n cameras, r each.
-    world_from_camera
-        (n, 4, 4) their poses.
-    reach
-        (n * r,) how far each looks, in meters from the near plane.
+    `reach`: how far each looks, in meters from the near plane.
     """
     hits, far = InstanceHits.missed(len(reach)), reach.copy()
     if not len(scene.bounds):
@@ -91,14 +73,7 @@ def nearest_in_beams(
 def hidden_in_view(scene: InstancedScene, camera: Camera, along: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
     """Return whether anything lies along each ray from a camera, as by `scene.occluded`; faster for its whole picture.
 
-    Parameters
-    ----------
-    scene
-        The obstacles.
-    camera
-        The camera.
-    along
-        (n, 3) directions in the world, at most a right angle from the optical axis.
+    `along`: directions in the world, at most a right angle from the optical axis.
     """
     hidden = np.zeros(len(along), dtype=bool)
     x, y, z = rotate(camera.camera_from_world[:3, :3], along).T

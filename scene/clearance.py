@@ -20,21 +20,11 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CameraRoom:
-    """Checks positions of cameras in one scenery.
-
-    Parameters
-    ----------
-    terrain
-        The ground.
-    obstacles
-        Everything solid but ground and vehicles. A camera may look out of grass.
-    water
-        Surfaces that a camera may not be below.
-    """
+    """Checks positions of cameras in one scenery."""
 
     terrain: Terrain
-    obstacles: Obstacles
-    water: Terrain | None = None
+    obstacles: Obstacles  # everything solid but ground and vehicles. A camera may look out of grass.
+    water: Terrain | None = None  # surfaces that a camera may not be below
 
     def rejections(
         self,
@@ -46,20 +36,13 @@ class CameraRoom:
     ) -> UInt8[np.ndarray, " n"]:
         """Return a `Rejection` for each place: the first that applies of ground, height, water, obstacles, vehicles.
 
-        Parameters
-        ----------
-        position
-            (n, 3) world.
-        ground_clearance
-            Least height in meters above the topmost ground at that (x, y): under a bridge of ground is below it. Where
-            there's no ground, a camera may be above an obstacle, such as a roof or a lawn. The same above the topmost
-            water, and there at least twice the distance of the near plane, which then stays dry.
-        obstacle_clearance
-            Half the side in meters of the upright cube about the camera that no obstacle's surface may touch: no
-            surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside it.
-            Also the least distance to the bounding boxes of vehicles' parts; never inside one.
-        vehicles
-            Vehicles, in a pose for each place, in one for all, or in several with the place of each.
+        `position`: world.
+        `ground_clearance`: least height in meters above the topmost ground at that (x, y): under a bridge of ground is
+        below it. Where there's no ground, a camera may be above an obstacle, such as a roof or a lawn. The same above
+        the topmost water, and there at least twice the distance of the near plane, which then stays dry.
+        `obstacle_clearance`: half the side in meters of the upright cube about the camera that no obstacle's surface
+        may touch: no surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside
+        it. Also the least distance to the bounding boxes of vehicles' parts; never inside one.
         """
         place = checked(position, "position", ("n", 3))
         if not obstacle_clearance >= 0.0:

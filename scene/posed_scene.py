@@ -66,23 +66,13 @@ class Plane:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SceneHits(RayHits):
-    """First hits of n rays; faces are those of the mesh of the ground, of the instance, or of the vehicle's shape.
-
-    Parameters
-    ----------
-    kind
-        (n,) a code of `Kind`.
-    instance
-        (n,) index of the obstacle's instance or of the vehicle; 0 for the ground, -1 on a miss.
-    part
-        (n,) index of the part in the vehicle's shape; -1 for other surfaces and on a miss.
-    normal
-        (n, 3) unit, on the side of the face that the ray comes from; nan on a miss and for faces without area.
-    """
+    """First hits of n rays; faces are those of the mesh of the ground, of the instance, or of the vehicle's shape."""
 
     kind: UInt8[np.ndarray, " n"]
+    # index of the obstacle's instance or of the vehicle; 0 for the ground, -1 on a miss
     instance: Int[np.ndarray, " n"]
-    part: Int[np.ndarray, " n"]
+    part: Int[np.ndarray, " n"]  # index of the part in the vehicle's shape; -1 for other surfaces and on a miss
+    # unit, on the side of the face that the ray comes from; nan on a miss and for faces without area
     normal: Float[np.ndarray, "n 3"]
 
     @classmethod
@@ -100,15 +90,6 @@ NO_OBSTACLES = InstancedScene([], [], [])
 class Scene:
     """Ground, obstacles, and vehicles; each is optional.
 
-    Parameters
-    ----------
-    ground
-        A mesh, or the endless plane.
-    obstacles
-        Everything but ground and vehicles.
-    vehicles
-        Each in one pose, or in several for the rays of different cameras.
-
     Examples
     --------
     >>> import numpy as np
@@ -118,20 +99,15 @@ class Scene:
     (2.0, 'GROUND')
     """
 
-    ground: RayCaster | Plane | None = None
-    obstacles: InstancedScene = NO_OBSTACLES
-    vehicles: Sequence[PosedVehicle] = ()
+    ground: RayCaster | Plane | None = None  # a mesh, or the endless plane
+    obstacles: InstancedScene = NO_OBSTACLES  # everything but ground and vehicles
+    vehicles: Sequence[PosedVehicle] = ()  # each in one pose, or in several for the rays of different cameras
 
     @classmethod
     def of(cls, scenery: Scenery, *, fallback_z: float | None = None) -> Scene:
         """Return a scenery without vehicles.
 
-        Parameters
-        ----------
-        scenery
-            The scenery.
-        fallback_z
-            Height of the plane that replaces missing ground, in the file's coordinates. None: no plane.
+        `fallback_z`: height of the plane that replaces missing ground, in the file's coordinates. None: no plane.
         """
         ground: RayCaster | Plane | None = None
         if scenery.ground is not None:
@@ -159,12 +135,7 @@ class Scene:
         As `nearest` for rays from the near plane on, with distances from the camera's position; faster in a wood,
         since the pixels of a tile go down the tree of instances together.
 
-        Parameters
-        ----------
-        camera
-            The camera.
-        threads
-            How many threads share the work.
+        `threads`: how many threads share the work.
         """
         width, height = camera.intrinsics.width, camera.intrinsics.height
         hits = SceneHits.missed(width * height)
@@ -232,22 +203,9 @@ class Scene:
     ) -> Bool[np.ndarray, " n"]:
         """Return whether anything lies along each ray.
 
-        Parameters
-        ----------
-        origins
-            (n, 3) meters, in the world.
-        directions
-            (n, 3), of any length but zero.
-        row
-            (n,) ascending: the camera of each ray, which meets the vehicles of that camera. None: all are of camera 0.
-        max_distance
-            How far to look, in meters; a number or (n,).
-
-        Raises
-        ------
-        ValueError
-            If shapes do not match, a number is not finite, a direction is zero or a vehicle has several poses and
-            nothing tells whose they are.
+        `origins`: meters, in the world.
+        `row`: ascending: the camera of each ray, which meets the vehicles of that camera. None: all are of camera 0.
+        `max_distance`: how far to look, in meters; a number or (n,).
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach = np.broadcast_to(max_distance, len(start))
@@ -285,14 +243,7 @@ class Scene:
         It's 0 or 1 without alpha textures, like `occluded`, and faster among many obstacles.
         With them, the transmittances of faces are multiplied, as in Cycles.
 
-        Parameters
-        ----------
-        camera_rays
-            The rays of n cameras, r each.
-        world_from_camera
-            (n, 4, 4) their poses.
-        reach
-            (n * r,) how far each looks, in meters from the near plane; -inf: it isn't cast.
+        `reach`: how far each looks, in meters from the near plane; -inf: it isn't cast.
         """
         passed, cast = np.ones(len(reach)), np.flatnonzero(reach > -np.inf)
         if self.ground is not None:

@@ -28,37 +28,17 @@ FEW = 64  # hull vertices up to which the hull isn't simplified
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehiclePart:
-    """One rigid part of a vehicle.
+    """One rigid part of a vehicle."""
 
-    Parameters
-    ----------
-    index
-        Its index in the shape's parts.
-    caster
-        Its triangles, in the vehicle frame at rest.
-    face
-        (f,) which face of the shape's mesh each of its triangles is.
-    hull
-        (k, 3) vertices of its convex hull, vehicle frame at rest.
-    around
-        (c, 3) few points whose convex hull holds the part.
-    """
-
-    index: int
-    caster: RayCaster
-    face: Int[np.ndarray, " f"]
-    hull: Float[np.ndarray, "k 3"]
-    around: Float[np.ndarray, "c 3"]
+    index: int  # its index in the shape's parts
+    caster: RayCaster  # its triangles, in the vehicle frame at rest
+    face: Int[np.ndarray, " f"]  # which face of the shape's mesh each of its triangles is
+    hull: Float[np.ndarray, "k 3"]  # vertices of its convex hull, vehicle frame at rest
+    around: Float[np.ndarray, "c 3"]  # few points whose convex hull holds the part
 
 
 class VehicleCaster:
-    """Casts rays against a vehicle in any pose and articulation, part by part. Immutable.
-
-    Parameters
-    ----------
-    shape
-        The vehicle.
-    """
+    """Casts rays against a vehicle in any pose and articulation, part by part. Immutable."""
 
     def __init__(self, shape: VehicleShape) -> None:
         self.shape = shape
@@ -87,23 +67,13 @@ class VehicleCaster:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PosedVehicle:
-    """A vehicle in k poses, each for one camera: a companion that may hide a target, for example.
-
-    Parameters
-    ----------
-    caster
-        The vehicle.
-    world_from_vehicle
-        (k, 4, 4) rigid poses.
-    articulation
-        Part name to radians, one for all poses or a sequence of k; or (k, p) angles of all parts.
-    row
-        (k,) the camera each pose belongs to. None: pose i belongs to camera i, and a single pose to all cameras.
-    """
+    """A vehicle in k poses, each for one camera: a companion that may hide a target, for example."""
 
     caster: VehicleCaster
     world_from_vehicle: Float[np.ndarray, "k 4 4"]
+    # part name to radians, one for all poses or a sequence of k; or (k, p) angles of all parts
     articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "k p"]
+    # the camera each pose belongs to. None: pose i belongs to camera i, and a single pose to all cameras.
     row: Int[np.ndarray, " k"] | None = None
 
     def __post_init__(self) -> None:
@@ -146,10 +116,7 @@ class PosedVehicle:
     ) -> RayHits:
         """Return the first face of the shape's mesh along each ray in the world; arguments as for `RayCaster.cast`.
 
-        Parameters
-        ----------
-        row
-            (n,) ascending: the camera of each ray, which meets the poses of that camera. None: all are of camera 0.
+        `row`: ascending: the camera of each ray, which meets the poses of that camera. None: all are of camera 0.
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach, hits = np.broadcast_to(max_distance, len(start)), RayHits.missed(len(start))

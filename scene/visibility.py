@@ -27,22 +27,13 @@ NOTHING = Scene()
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Visibility:
-    """Visible shares of n cameras' subjects.
+    """Visible shares of n cameras' subjects."""
 
-    Parameters
-    ----------
-    fraction
-        (n,) visible share of the subject's silhouette in the frame, as it would be with nothing else in the world; nan
-        if no ray met the subject in the frame.
-    hits
-        (n,) rays that met the subject.
-    area
-        (n,) square pixels of the silhouette in the frame.
-    """
-
+    # visible share of the subject's silhouette in the frame, as it would be with nothing else in the world; nan if no
+    # ray met the subject in the frame
     fraction: Float[np.ndarray, " n"]
-    hits: Int[np.ndarray, " n"]
-    area: Float[np.ndarray, " n"]
+    hits: Int[np.ndarray, " n"]  # rays that met the subject
+    area: Float[np.ndarray, " n"]  # square pixels of the silhouette in the frame
 
 
 def visible_fraction(
@@ -60,25 +51,7 @@ def visible_fraction(
     grid over it. Those that meet the vehicle, moved into its own frame and part by part, are silhouette; what meets
     something else first is hidden. Subjects smaller than a pixel are sampled like any other.
 
-    Parameters
-    ----------
-    subjects
-        The vehicles that are looked at: each camera looks at one pose of one of them.
-    world_from_camera
-        (n, 4, 4) rigid poses. Nothing nearer than `camera.projection.NEAR` is seen.
-    intrinsics
-        One, or one for each camera.
-    world
-        Occluders: ground, obstacles, and other vehicles, each in one pose or in n.
-    rays
-        Rays into the subject's box for each camera; `benchmarks.visibility.error_bound` has their error.
-    seed
-        Seed of the jitter, which is the same for all cameras, so a result doesn't depend on the other cameras.
-
-    Returns
-    -------
-    Visibility
-        nan for subjects out of the frame.
+    Returns: nan for subjects out of the frame.
     """
     poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     n = len(poses)

@@ -48,45 +48,19 @@ _OURS: Mapping[str, bool | int | str] = {
 
 @dataclass(frozen=True, eq=False)
 class Training:
-    """The parameters of a training.
-
-    Parameters
-    ----------
-    settings
-        Its settings.
-    classes
-        Names of the classes, in order.
-    examples
-        The draws.
-    folder
-        The run's folder.
-    weights
-        The file to start from; None: random weights.
-    device
-        The device.
-    workers
-        Processes that read and augment pictures.
-    checkpoint_every
-        Steps between checkpoints; None: one a minute.
-    valid
-        The labels of the validation set, if there is one.
-    progress
-        Called with (title, steps done, all).
-    say
-        Called with messages for the user.
-    """
+    """The parameters of a training."""
 
     settings: Settings
-    classes: tuple[str, ...]
+    classes: tuple[str, ...]  # names of the classes, in order
     examples: DrawnExamples
     folder: RunFolder
-    weights: Path | None
+    weights: Path | None  # the file to start from; None: random weights
     device: torch.device
-    workers: int
-    checkpoint_every: int | None
-    valid: Labels | None
-    progress: Callable[[str, int, int], None]
-    say: Callable[[str], None]
+    workers: int  # processes that read and augment pictures
+    checkpoint_every: int | None  # steps between checkpoints; None: one a minute
+    valid: Labels | None  # the labels of the validation set, if there is one
+    progress: Callable[[str, int, int], None]  # called with (title, steps done, all)
+    say: Callable[[str], None]  # called with messages for the user
 
     @cached_property
     def batches(self) -> Batches:
@@ -105,32 +79,7 @@ class Training:
         detector: Callable[[Any], Detector],
         saved: Callable[[Any], Mapping[str, object]],
     ) -> RunFigures:
-        """Train a module, or continue from the checkpoint; write weights and metrics.
-
-        Parameters
-        ----------
-        module
-            A module with the network as `model`.
-        average
-            The callback that averages its weights: RF-DETR's or `AveragedWeights`.
-        trainer
-            Makes the trainer from the common arguments.
-        collate
-            Makes the module's batch of some examples.
-        detector
-            Makes the detector of a network.
-        saved
-            Returns the contents of a network's weights file.
-
-        Returns
-        -------
-        Figures of run.json.
-
-        Raises
-        ------
-        HulldownError
-            If a loss isn't finite: no weights are written.
-        """
+        """Train a module, or continue from the checkpoint; write weights and metrics."""
         started, valid, keep_best = time.monotonic(), self.valid, self.settings.keep == "best"
 
         def judged() -> Mapping[str, float]:
@@ -189,13 +138,7 @@ class Training:
             torch.use_deterministic_algorithms(before[0], warn_only=before[1])
 
     def _checkpoint(self) -> dict[str, Any]:
-        """Return the contents of the checkpoint.
-
-        Raises
-        ------
-        HulldownError
-            If it's damaged, or another training's.
-        """
+        """Return the contents of the checkpoint."""
         try:
             with open_regular(self.folder.checkpoint) as file:
                 found = load_tensors(file)
@@ -242,20 +185,8 @@ class Recorder(pl.Callback):
     PyTorch is seeded in each step by the run's seed and the step. So a killed run continues identically, without a
     generator's state in its checkpoints.
 
-    Parameters
-    ----------
-    training
-        The training.
-    measure
-        Returns AP, AP50, and AP75 of the averaged weights, without effect on the training; None: there is no
-        validation set.
-
-    Attributes
-    ----------
-    rows
-        Step, loss, learning rate, seconds, and seconds waited for data of each step, also of those before a stop.
-    validated
-        Step, AP, AP50, and AP75 of each validation.
+    `measure`: returns AP, AP50, and AP75 of the averaged weights, without effect on the training; None: there is no
+    validation set.
     """
 
     def __init__(self, training: Training, measure: Callable[[], Mapping[str, float]] | None) -> None:
@@ -327,21 +258,7 @@ class Recorder(pl.Callback):
 
 
 def logger_of(kind: str, folder: Path) -> pl_loggers.Logger:
-    """Return a logger of a run, which continues its log after a stop.
-
-    Parameters
-    ----------
-    kind
-        ``"tensorboard"``, ``"csv"``: files in the run's folder; ``"wandb"``, ``"mlflow"``: by their own environment
-        variables, with the folder's name.
-    folder
-        The run's.
-
-    Raises
-    ------
-    HulldownError
-        If the package isn't installed.
-    """
+    """Return a logger of a run, which continues its log after a stop."""
     key = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
     made: dict[str, Callable[[], pl_loggers.Logger]] = {
         "tensorboard": partial(pl_loggers.TensorBoardLogger, save_dir=folder, name="tensorboard", version=""),

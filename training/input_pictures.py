@@ -28,27 +28,13 @@ Picture = UInt8[np.ndarray, "h w 3"]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pictures:
-    """Pictures in a fixed order.
+    """Pictures in a fixed order."""
 
-    Parameters
-    ----------
-    path
-        The user's path, for errors.
-    folder
-        Folder that file names are relative to.
-    images
-        The pictures; records of a video's have ``frame``, from 0.
-    category_ids
-        Id of each class's name, of a dataset; empty otherwise.
-    video
-        The video at `path` whose frames they are, if there is one.
-    """
-
-    path: Path
-    folder: Path
-    images: Sequence[Image]
-    category_ids: Mapping[str, int]
-    video: Video | None = None
+    path: Path  # the user's path, for errors
+    folder: Path  # folder that file names are relative to
+    images: Sequence[Image]  # the pictures; records of a video's have ``frame``, from 0
+    category_ids: Mapping[str, int]  # id of each class's name, of a dataset; empty otherwise
+    video: Video | None = None  # the video at `path` whose frames they are, if there is one
 
     @classmethod
     def of(cls, labels: Labels) -> Pictures:
@@ -57,13 +43,7 @@ class Pictures:
         return cls(labels.path, labels.folder, labels.images, ids)
 
     def read(self, indices: Sequence[int]) -> Iterator[Picture]:
-        """Yield RGB pictures, (h, w, 3), at ascending indices.
-
-        Raises
-        ------
-        DatasetError
-            If a picture is missing, damaged, or has another size than its record.
-        """
+        """Yield RGB pictures, (h, w, 3), at ascending indices."""
         yield from frames_of(self.path, indices) if self.video else self._files(indices)
 
     def _files(self, indices: Sequence[int]) -> Iterator[Picture]:
@@ -82,17 +62,6 @@ class Pictures:
 
 def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     """Find the pictures at the user's paths.
-
-    Parameters
-    ----------
-    paths
-        A dataset (its folder, or a COCO file next to its pictures); a video; or any number of pictures, folders of
-        pictures, searched recursively, and patterns such as ``"photographs/*.jpg"``.
-
-    Raises
-    ------
-    DatasetError
-        If a path is missing, a file isn't a picture, or nothing is found.
 
     Examples
     --------

@@ -27,22 +27,6 @@ DETR_OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels:
 def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) -> dict[str, object]:
     """Write a detector as ONNX: RF-DETR with its own exporter, `small` with PyTorch's.
 
-    Parameters
-    ----------
-    run
-        See `training.predict.load_detector`.
-    output
-        The .onnx file.
-
-    Returns
-    -------
-    The file's metadata: ``classes``, in the order of labels, and the meaning of ``input`` and ``output``.
-
-    Raises
-    ------
-    HulldownError
-        If the detector can't be loaded, or the output isn't an .onnx file.
-
     Examples
     --------
     >>> export_model("run", "model.onnx")["classes"]  # doctest: +SKIP

@@ -53,42 +53,17 @@ Found = list[Result]  # of an image
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """The result of `predict`.
+    """The result of `predict`."""
 
-    Parameters
-    ----------
-    images, detections
-        Number of images and detections in the results.
-    already
-        Number of images that were done before.
-    unknown
-        Classes of the detector that the dataset lacks; they get new ids.
-    counts
-        Class -> detections with a score of at least the threshold.
-    """
-
-    images: int
+    images: int  # images, detections: number of images and detections in the results
     detections: int
-    already: int
-    unknown: tuple[str, ...]
-    counts: Mapping[str, int]
+    already: int  # number of images that were done before
+    unknown: tuple[str, ...]  # classes of the detector that the dataset lacks; they get new ids
+    counts: Mapping[str, int]  # class -> detections with a score of at least the threshold
 
 
 def load_detector(path: Path | str, device: str = "auto") -> Detector:
-    """Return the detector of a run folder or of a weights file.
-
-    Parameters
-    ----------
-    path
-        A finished run's folder, its weights.pt, or a checkpoint of RF-DETR.
-    device
-        ``"auto"``: a GPU if there is one; or a device of PyTorch, such as ``"cpu"`` or ``"cuda:1"``.
-
-    Raises
-    ------
-    HulldownError
-        If it's none of these, the run isn't finished, or the device doesn't exist.
-    """
+    """Return the detector of a run folder or of a weights file."""
     require_extra()
     path = weights_of(Path(path))
     chosen = chosen_device(device)

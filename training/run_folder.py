@@ -107,11 +107,6 @@ def extension(path: Path, draws: int) -> int:
     """Prepare a finished run for more draws, and return its number of draws; its files move to `RunFolder.before`.
 
     A stopped extension is continued. `draws` is the number of further draws.
-
-    Raises
-    ------
-    ConfigError
-        If there is no finished run.
     """
     folder = RunFolder(path)
     refuse = partial(ConfigError, path=folder.config, remedy="name the folder of a finished run")
@@ -144,13 +139,7 @@ def extension(path: Path, draws: int) -> int:
 
 @contextmanager
 def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
-    """Lock a folder that is new, empty, or has the file `marker`.
-
-    Raises
-    ------
-    HulldownError
-        If it contains something other than a `what`, or another process uses it.
-    """
+    """Lock a folder that is new, empty, or has the file `marker`."""
     if folder.exists() and not (folder / marker).exists():
         held = [one.name for one in folder.iterdir()] if folder.is_dir() else [folder.name]
         if strangers := [name for name in held if name != LOCK_NAME]:
@@ -166,22 +155,7 @@ def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
 
 @contextmanager
 def opened(path: Path, config: RunConfig) -> Iterator[RunFolder]:
-    """Open and lock a run's folder, made if missing.
-
-    Parameters
-    ----------
-    path
-        A folder that is new, empty, or a run's with the same config.
-    config
-        The run's config.
-
-    Raises
-    ------
-    HulldownError
-        As `alone_in`.
-    ConfigError
-        If it has a run with another config, naming the first different key.
-    """
+    """Open and lock a run's folder, made if missing."""
     folder = RunFolder(path)
     if folder.config.exists():
         _check_same(folder.config, config)

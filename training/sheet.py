@@ -31,21 +31,7 @@ def augmentation_sheet(
 ) -> Image.Image:
     """Make a sheet; each row has a picture, and eight augmentations of it.
 
-    Parameters
-    ----------
-    dataset
-        The folder of a COCO dataset.
-    rows
-        Number of pictures, an even selection.
-    seed
-        Seed of the augmentations.
-    config
-        Config of a training for its augmentation; None: the paper's.
-
-    Raises
-    ------
-    DatasetError, ConfigError
-        If dataset or config is unusable.
+    `config`: config of a training for its augmentation; None: the paper's.
     """
     table = changed_table(load_settings(config, {}).augmentation)
     classes, (source,) = read_sources({"dataset": dataset})

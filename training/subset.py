@@ -45,16 +45,7 @@ def nested_subsets(
     The order depends on the seed and the file names alone. Shots of one position follow each other, since they show
     one vehicle on the same ground.
 
-    Parameters
-    ----------
-    images
-        The images with their labels.
-    fractions
-        Shares of the images, above 0 and at most 1.
-    seed
-        Seed of the order.
-    stratified
-        Whether every prefix keeps the proportion of classes, as far as whole positions allow.
+    `fractions`: shares of the images, above 0 and at most 1.
     """
     groups = positions(images)
     for members in groups.values():
@@ -82,26 +73,7 @@ def write_subsets(
     Pictures are hard links if the disk allows, else copies. A subset has as many images as its share, or fewer
     if the last position doesn't fit completely; at least one position.
 
-    Parameters
-    ----------
-    dataset
-        The folder of a COCO dataset.
-    out
-        A folder that doesn't exist or is empty.
-    fractions
-        Shares of the images, above 0 and at most 1.
-    seed, stratified
-        See `nested_subsets`.
-
-    Returns
-    -------
-    Number of images in each subset, by its folder's name.
-
-    Raises
-    ------
-    DatasetError
-        If the dataset can't be read or has no images, a fraction is out of range, a picture is missing, or `out`
-        isn't empty or can't be written. `out` is empty then.
+    `fractions`: shares of the images, above 0 and at most 1.
     """
     dataset, out = Path(dataset), Path(out)
     for fraction in fractions:

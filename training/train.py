@@ -190,13 +190,7 @@ def _draws(
 
 
 def usable_weights(settings: Settings) -> Path | None:
-    """Return the file that training starts from; None: random weights.
-
-    Raises
-    ------
-    HulldownError
-        If it doesn't exist or can't be downloaded, or the network can't be built.
-    """
+    """Return the file that training starts from; None: random weights."""
     if settings.model == "small":
         from hulldown.training.detectors import small
 

@@ -48,13 +48,7 @@ class Video(NamedTuple):
 
 
 def read_video(path: Path) -> Video:
-    """Decode a video to count its frames; a warning names those that are lost.
-
-    Raises
-    ------
-    DatasetError
-        If it isn't a video of a listed container and codec, or no frame can be decoded.
-    """
+    """Decode a video to count its frames; a warning names those that are lost."""
     import cv2
 
     with _opened(path) as video:
@@ -73,13 +67,7 @@ def read_video(path: Path) -> Video:
 
 
 def frames_of(path: Path, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-    """Yield a video's RGB frames at ascending indices.
-
-    Raises
-    ------
-    DatasetError
-        If one can't be decoded.
-    """
+    """Yield a video's RGB frames at ascending indices."""
     import cv2
 
     wanted = set(indices)

@@ -31,21 +31,7 @@ def add_verb(
     resumes: bool = False,
     json: bool = True,
 ) -> argparse.ArgumentParser:
-    """Add a verb, or a step of one, and return its parser.
-
-    Parameters
-    ----------
-    verbs
-        The verbs.
-    name, run
-        The verb and its function, which returns the exit code if it isn't 0.
-    does, more
-        Its help, and what follows that in its description.
-    resumes
-        Whether the same command continues after a stop.
-    json
-        Whether it has ``--json``.
-    """
+    """Add a verb, or a step of one, and return its parser."""
     sub = verbs.add_parser(name, help=does, description=f"{does[0].upper()}{does[1:]}. {more}")
     sub.set_defaults(run=run, resumes=resumes)
     if json:
@@ -54,13 +40,7 @@ def add_verb(
 
 
 class Choices:
-    """Names that an argument allows, found when they're needed, so that other verbs don't import the stage.
-
-    Parameters
-    ----------
-    find
-        Function that imports and returns them.
-    """
+    """Names that an argument allows, found when they're needed, so that other verbs don't import the stage."""
 
     def __init__(self, find: Callable[[], Iterable[str]]) -> None:
         self._find = find
@@ -134,13 +114,7 @@ def threshold_or_best(text: str) -> float | str:
 
 
 def read_limits(arguments: argparse.Namespace) -> ReadLimits:
-    """Limits of memory and time for reading an asset; warns if Blender can't be confined.
-
-    Raises
-    ------
-    HulldownError
-        If the command requires confinement and there is none.
-    """
+    """Limits of memory and time for reading an asset; warns if Blender can't be confined."""
     from hulldown.reading.confinement.landlock import OFF, unconfined
     from hulldown.reading.confinement.watch import GIB, ReadLimits
 

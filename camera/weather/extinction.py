@@ -62,16 +62,8 @@ def wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.ndarray, "..."]:
     """Return the share of an object's contrast left after haze at a distance: exp(-3.912 distance / visibility).
 
-    Parameters
-    ----------
-    visibility_m
-        Meteorological visibility; nan where the air is clear.
-    distance_m
-        From the camera, meters.
-
-    Returns
-    -------
-    Above 0, 1 in clear air.
+    `visibility_m`: meteorological visibility; nan where the air is clear.
+    `distance_m`: from the camera, meters.
 
     References
     ----------

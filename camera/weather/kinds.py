@@ -50,34 +50,14 @@ def extinction(visibility_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """Weather of an image: visibility, precipitation, wind, and covers.
+    """Weather of an image: visibility, precipitation, wind, and covers."""
 
-    Parameters
-    ----------
-    visibility_m
-        Meteorological visibility in meters.
-    kind
-        A name among `KINDS`.
-    rain_mm_h
-        Rate of the rain; 0 of other kinds.
-    wind_m_s
-        Wind velocity along the scenery's x and y, which slants rain and snow.
-    exposure_s
-        Shutter time in seconds, which sets the length of streaks.
-    ground_cover, vehicle_cover
-        Wetness or cover by snow or dust of scenery and vehicles, 0 to 1.
-
-    Raises
-    ------
-    ValueError
-        If a number is out of range, or the kind is unknown.
-    """
-
-    visibility_m: float
+    visibility_m: float  # meteorological visibility in meters
     kind: str
-    rain_mm_h: float = 0.0
-    wind_m_s: tuple[float, float] = (0.0, 0.0)
-    exposure_s: float = 0.004
+    rain_mm_h: float = 0.0  # rate of the rain; 0 of other kinds
+    wind_m_s: tuple[float, float] = (0.0, 0.0)  # wind velocity along the scenery's x and y, which slants rain and snow
+    exposure_s: float = 0.004  # shutter time in seconds, which sets the length of streaks
+    # ground_cover, vehicle_cover: wetness or cover by snow or dust of scenery and vehicles, 0 to 1
     ground_cover: float = 0.0
     vehicle_cover: float = 0.0
 
@@ -103,53 +83,29 @@ class WeatherKind:
     """A kind of weather: its keys in `[weather]` and its effect on air, light, surfaces, and previews.
 
     The key with the share of images is the kind's name.
-
-    Parameters
-    ----------
-    share
-        Meaning of that key.
-    visibility, rate
-        Keys of the range of visibilities, or of the rates of rain that visibility and wetness follow from.
-    covers
-        Keys of the covers of ground and vehicles; empty if there are none, or the rate decides.
-    surfaces
-        Name in `rendering.blender.surfaces.COVERS` of what covers them; empty: nothing does.
-    windy
-        Whether wind and shutter time matter.
-    overcast
-        Whether it comes with clouds that hide the sun.
-    layers
-        Layers of air, of equal extinction; more than one thin out with height.
-    tint
-        Color of endless air under a gray sky; None: gray too, but for the color of light that isn't
-        daylight's.
-    sizes
-        Drops or flakes that fall in a weather; None: nothing falls.
-    share_of_sky
-        Their radiance over that of the air: a drop shows most of the sky behind and above it (Garg and Nayar), less
-        what its surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright.
-    preview
-        Albedo of what covers surfaces in previews; None: they are wet, which darkens them.
-    settles_above
-        Whether it covers level surfaces more than steep ones in previews.
-    preview_air
-        Color of endless air in previews.
     """
 
     share: str
+    # visibility, rate: keys of the range of visibilities, or of the rates of rain that visibility and wetness follow
+    # from
     visibility: RangeKey | None = None
     rate: RangeKey | None = None
+    # keys of the covers of ground and vehicles; empty if there are none, or the rate decides
     covers: tuple[RangeKey, ...] = ()
-    surfaces: str = ""
-    windy: bool = True
-    overcast: bool = False
-    layers: int = 1
+    surfaces: str = ""  # name in `rendering.blender.surfaces.COVERS` of what covers them; empty: nothing does
+    windy: bool = True  # whether wind and shutter time matter
+    overcast: bool = False  # whether it comes with clouds that hide the sun
+    layers: int = 1  # layers of air, of equal extinction; more than one thin out with height
+    # color of endless air under a gray sky; None: gray too, but for the color of light that isn't daylight's
     tint: tuple[float, float, float] | None = (1.0, 1.0, 1.0)
-    sizes: Callable[[Weather], Sizes] | None = None
+    sizes: Callable[[Weather], Sizes] | None = None  # drops or flakes that fall in a weather; None: nothing falls
+    # their radiance over that of the air: a drop shows most of the sky behind and above it (Garg and Nayar), less what
+    # its surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright
     share_of_sky: float = 0.0
+    # albedo of what covers surfaces in previews; None: they are wet, which darkens them
     preview: tuple[float, float, float] | None = None
-    settles_above: bool = False
-    preview_air: tuple[float, float, float] = (0.78, 0.84, 0.92)
+    settles_above: bool = False  # whether it covers level surfaces more than steep ones in previews
+    preview_air: tuple[float, float, float] = (0.78, 0.84, 0.92)  # color of endless air in previews
 
 
 ANY_SHARE, VISIBILITIES = (0.0, 1.0), (1.0, 1e6)
@@ -208,18 +164,10 @@ KINDS: Mapping[str, WeatherKind] = MappingProxyType(
 
 
 class AirLayer(NamedTuple):
-    """Air in a box around the camera.
-
-    Parameters
-    ----------
-    extinction
-        In 1/m.
-    above, reach
-        Meters from the camera to its top, and to its sides and bottom.
-    """
+    """Air in a box around the camera."""
 
     extinction: float
-    above: float
+    above: float  # above, reach: meters from the camera to its top, and to its sides and bottom
     reach: float
 
 
@@ -229,13 +177,6 @@ def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
     Most kinds are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a layer of
     fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the camera
     down it is whole, so that targets lose contrast as `extinction` says.
-
-    Parameters
-    ----------
-    kind
-        Name of the kind of weather.
-    visibility_m
-        Visibility near the ground.
     """
     top, reach = min(FOG_ABOVE * visibility_m, FOG_TOP), min(FOG_REACH * visibility_m, FOG_SIDE)
     tops, layers = [top], KINDS[kind].layers
@@ -269,10 +210,7 @@ def airlight(kind: str, sky: np.ndarray) -> np.ndarray:
 def even_sky(sky: np.ndarray) -> np.ndarray:
     """Radiance (3,) of an even sky that lights level ground as brightly as this one.
 
-    Parameters
-    ----------
-    sky
-        (m, k, 3) equirectangular map of radiance, the zenith in the first row.
+    `sky`: equirectangular map of radiance, the zenith in the first row.
     """
     elevation = math.pi / 2 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)

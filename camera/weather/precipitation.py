@@ -39,85 +39,42 @@ OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sizes:
-    """Size classes of drops or flakes: number density and motion.
+    """Size classes of drops or flakes: number density and motion."""
 
-    Parameters
-    ----------
-    edges
-        (k + 1,) the classes' bounds: diameters in meters.
-    number
-        (k,) in a cubic meter of air.
-    fall
-        (k,) speed downwards, m/s.
-    flutter
-        Standard deviation of their own motion in each direction, m/s.
-    """
-
-    edges: np.ndarray
-    number: np.ndarray
+    edges: np.ndarray  # the classes' bounds: diameters in meters
+    number: np.ndarray  # in a cubic meter of air
     fall: np.ndarray
-    flutter: float
+    flutter: float  # standard deviation of their own motion in each direction, m/s
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class View:
-    """A camera's view and shutter time.
+    """A camera's view and shutter time."""
 
-    Parameters
-    ----------
-    axes
-        (3, 3) scenery from camera; x right, y down, z forward.
-    half
-        Tangents of half the horizontal and half the vertical field of view.
-    pixel
-        Width of a pixel at a distance of 1.
-    exposure_s
-        Shutter time in seconds.
-    """
-
-    axes: np.ndarray
-    half: tuple[float, float]
-    pixel: float
-    exposure_s: float
+    axes: np.ndarray  # scenery from camera; x right, y down, z forward
+    half: tuple[float, float]  # tangents of half the horizontal and half the vertical field of view
+    pixel: float  # width of a pixel at a distance of 1
+    exposure_s: float  # shutter time in seconds
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Drops:
-    """Drops or flakes at the middle of the exposure.
+    """Drops or flakes at the middle of the exposure."""
 
-    Parameters
-    ----------
-    centers
-        (n, 3) relative to the eye, along the scenery's axes, meters.
-    diameters
-        (n,) meters.
-    velocities
-        (n, 3) m/s.
-    """
-
-    centers: np.ndarray
-    diameters: np.ndarray
+    centers: np.ndarray  # relative to the eye, along the scenery's axes, meters
+    diameters: np.ndarray  # meters
     velocities: np.ndarray
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Streaks:
-    """Quads that face the eye, each with a disc that moves along it while the shutter is open.
+    """Quads that face the eye, each with a disc that moves along it while the shutter is open."""
 
-    Parameters
-    ----------
-    vertices
-        (n, 4, 3) corners in turn, relative to the eye, meters.
-    profile
-        (n, 4, 3) at each corner, in radii of the disc: the place across the motion and along it from the quad's center,
-        and half of the way that the disc goes.
-    gain
-        (n,) factor on the opacity, of discs that are drawn wider than they are.
-    """
-
-    vertices: np.ndarray
+    vertices: np.ndarray  # corners in turn, relative to the eye, meters
+    # at each corner, in radii of the disc: the place across the motion and along it from the quad's center, and half of
+    # the way that the disc goes
     profile: np.ndarray
-    gain: np.ndarray
+    gain: np.ndarray  # factor on the opacity, of discs that are drawn wider than they are
 
 
 def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
@@ -128,13 +85,7 @@ def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: f
 
 
 def rain_sizes(rate_mm_h: float) -> Sizes:
-    """Return drops of rain: N(D) = 8000 exp(-4.1 R^-0.21 D) (Marshall and Palmer), falling as Gunn and Kinzer measured.
-
-    Parameters
-    ----------
-    rate_mm_h
-        R; none fall at 0.
-    """
+    """Return drops: N(D) = 8000 exp(-4.1 R^-0.21 D) (Marshall and Palmer), falling as Gunn and Kinzer measured."""
     edges = np.linspace(*RAIN_MM, CLASSES + 1)
     slope = 4.1 * max(rate_mm_h, 1e-9) ** -0.21
     number = -8000.0 / slope * np.diff(np.exp(-slope * edges))
@@ -143,13 +94,7 @@ def rain_sizes(rate_mm_h: float) -> Sizes:
 
 
 def snow_sizes(extinction: float) -> Sizes:
-    """Flakes of snow: as many as give the extinction, falling as Locatelli and Hobbs' aggregates.
-
-    Parameters
-    ----------
-    extinction
-        In 1/m.
-    """
+    """Flakes of snow: as many as give the extinction, falling as Locatelli and Hobbs' aggregates."""
     edges = np.linspace(*SNOW_MM, CLASSES + 1)
     middle = (edges[1:] + edges[:-1]) / 2.0
     share = -np.diff(np.exp(-edges / FLAKE_MM))
@@ -159,19 +104,7 @@ def snow_sizes(extinction: float) -> Sizes:
 
 
 def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
-    """Draw drops that are large enough in the image to be seen, uniform in the air in front of the camera.
-
-    Parameters
-    ----------
-    sizes
-        Size classes in the air.
-    view
-        The camera's view.
-    wind_m_s
-        Wind velocity along the scenery's x and y.
-    seed
-        The image's.
-    """
+    """Draw drops that are large enough in the image to be seen, uniform in the air in front of the camera."""
     rng = np.random.default_rng([seed, OF_DROPS])
     speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
     behind = float(speed.max()) * view.exposure_s / 2.0 / min(view.half)  # streaks reach into the image from outside

@@ -25,14 +25,7 @@ def share_out(
 ) -> dict[int, str]:
     """Return a split for every image id: whole groups at a time, with classes and objects per image in proportion.
 
-    Parameters
-    ----------
-    images
-        The images with their labels.
-    fractions
-        Shares of train, valid, and test; they add up to 1.
-    seed
-        Seed of the split.
+    `fractions`: shares of train, valid, and test; they add up to 1.
 
     References
     ----------

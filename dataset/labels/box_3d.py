@@ -38,22 +38,7 @@ class Fields(Struct):
 
 
 def space_of(vehicle: PlannedVehicle, row: Row) -> Fields:
-    """Return a label's fields about the vehicle's position in the camera's frame.
-
-    Parameters
-    ----------
-    vehicle
-        A vehicle of the row.
-    row
-        Its image.
-
-    Returns
-    -------
-    ``distance``: meters from the camera to the center of the box. ``azimuth_seen``: radians from straight ahead of the
-    vehicle to the camera, counterclockwise from above; for a camera straight above, to the image's lower
-    edge. ``bbox_3d``: ``center`` (x right, y down, z ahead of the camera, meters), ``size`` (length, width, height) and
-    ``rotation`` (3, 3), whose columns are the vehicle's forward, left and up in the camera's frame.
-    """
+    """Return a label's fields about the vehicle's position in the camera's frame."""
     low, high = np.array(vehicle.bounds.low), np.array(vehicle.bounds.high)
     world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, row.world_from_camera
     camera_from_world = world_from_camera[:3, :3].T

@@ -36,12 +36,7 @@ class Fields(Struct):
 
 
 def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
-    """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane.
-
-    Returns
-    -------
-    (8, 2) front left, front right, rear right, rear left of the lower side, then of the upper side.
-    """
+    """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane."""
     from_center = product(np.array(box.rotation), (_CORNERS * box.size).T).T
     pixels, depth = project_camera(intrinsics, np.array(box.center) + from_center)
     return np.where((depth >= NEAR)[:, None], np.clip(pixels, -FAR, FAR), np.nan)
@@ -66,13 +61,7 @@ def _problems(label: Label, image: Image, category: Category | None) -> Iterator
 
 
 def ground_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
-    """Return pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left.
-
-    Raises
-    ------
-    DatasetError
-        If box or camera aren't known, or a corner isn't in front of the camera.
-    """
+    """Return pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left."""
     where, path = f"annotation {label.id}", Path(image.file_name)
     remedy = "export boxes of what is visible, or delete the label"
     space, intrinsics = BOX_3D.read(label), image.intrinsics

@@ -51,13 +51,7 @@ def _problems(label: Label, image: Image, category: Category | None) -> Iterator
 
 
 def visible_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
-    """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box.
-
-    Raises
-    ------
-    DatasetError
-        If the mask is damaged.
-    """
+    """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box."""
     if (given := rectangle_of(label)) is not None:
         return rectangle_corners(given)
     if mask := MASK.read(label).segmentation:

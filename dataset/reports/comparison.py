@@ -30,22 +30,12 @@ COARSEST = 4  # cycles per picture from which the spectrum's slope is fitted: be
 
 @dataclass(frozen=True, slots=True)
 class Feature:
-    """A feature of pictures or boxes.
+    """A feature of pictures or boxes."""
 
-    Parameters
-    ----------
-    name, title
-        Its name for programs, and for readers.
-    keys
-        The config keys that change it.
-    log
-        Whether ratios matter instead of differences.
-    """
-
-    name: str
+    name: str  # name, title: its name for programs, and for readers
     title: str
-    keys: str
-    log: bool = False
+    keys: str  # the config keys that change it
+    log: bool = False  # whether ratios matter instead of differences
 
 
 BOXES = (
@@ -74,26 +64,14 @@ Values = dict[str, tuple[Float[np.ndarray, " n"], Int[np.ndarray, " n"]]]  # of 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Compared:
-    """A feature of dataset and photographs.
-
-    Parameters
-    ----------
-    feature
-        The feature.
-    distance
-        Kolmogorov-Smirnov: the largest difference of the two cumulative distributions, 0 to 1.
-    floor
-        95th percentile of that distance between random halves of the photographs; nan of fewer than four.
-    edges
-        (b + 1,) edges of the common bins: nearly all values of both, with one bin per value if they're few.
-    own, photographs
-        (b,) the share of each side's values in each bin; outliers are in the first or last.
-    """
+    """A feature of dataset and photographs."""
 
     feature: Feature
-    distance: float
-    floor: float
+    distance: float  # kolmogorov-Smirnov: the largest difference of the two cumulative distributions, 0 to 1
+    floor: float  # 95th percentile of that distance between random halves of the photographs; nan of fewer than four
+    # edges of the common bins: nearly all values of both, with one bin per value if they're few
     edges: Float[np.ndarray, " b_plus_1"]
+    # own, photographs: the share of each side's values in each bin; outliers are in the first or last
     own: Float[np.ndarray, " b"]
     photographs: Float[np.ndarray, " b"]
 
@@ -128,23 +106,12 @@ class Compared:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Comparison:
-    """The comparison in all common features.
-
-    Parameters
-    ----------
-    source
-        The photographs' COCO file.
-    features
-        One for each feature, boxes first.
-    notes
-        Features that weren't compared, with reasons.
-    coverage
-        Of whole images in an encoder's features; None without an encoder, or with too few photographs.
-    """
+    """The comparison in all common features."""
 
     source: Path
-    features: tuple[Compared, ...]
-    notes: tuple[str, ...]
+    features: tuple[Compared, ...]  # one for each feature, boxes first
+    notes: tuple[str, ...]  # features that weren't compared, with reasons
+    # of whole images in an encoder's features; None without an encoder, or with too few photographs
     coverage: Coverage | None = None
 
     @property
@@ -191,24 +158,7 @@ def compare(
     pixels: bool,
     encode: Encoder | None = None,
 ) -> Comparison:
-    """Compare a dataset or a plan with photographs, feature by feature.
-
-    Parameters
-    ----------
-    dataset
-        The dataset or plan.
-    photographs
-        Their boxes; their pictures are read from the paths in their COCO file.
-    pixels
-        Whether to compare pictures; not for a plan, which has only previews.
-    encode
-        Features (n, d) of RGB pictures for `coverage`, such as `training.detectors.detr.load_encoder` returns.
-
-    Raises
-    ------
-    DatasetError
-        If the photographs or the dataset have no boxes.
-    """
+    """Compare a dataset or a plan with photographs, feature by feature."""
     for boxes, named in ((len(photographs.image), photographs.path), (len(dataset.labels["id"]), Path(dataset.name))):
         if not boxes:
             raise DatasetError("has no boxes to compare", path=named, remedy="label some pictures")

@@ -20,20 +20,13 @@ FEWEST = 4 * NEIGHBORS  # photographs: half of them must have more than NEIGHBOR
 
 @dataclass(frozen=True, slots=True)
 class Coverage:
-    """Density and coverage of images next to photographs, and of photographs next to each other.
+    """Density and coverage of images next to photographs, and of photographs next to each other."""
 
-    Parameters
-    ----------
-    coverage
-        Share of the photographs that have an image among them: nearer than their fifth nearest photograph.
-    density
-        Density of images around photographs; 1 for samples of the same distribution.
-    coverage_floor, density_floor
-        Both for one half of the photographs in place of the images and the other as photographs: mean of 20 splits.
-    """
-
+    # share of the photographs that have an image among them: nearer than their fifth nearest photograph
     coverage: float
-    density: float
+    density: float  # density of images around photographs; 1 for samples of the same distribution
+    # coverage_floor, density_floor: both for one half of the photographs in place of the images and the other as
+    # photographs: mean of 20 splits
     coverage_floor: float
     density_floor: float
 
@@ -47,13 +40,6 @@ class Coverage:
 
 def coverage_of(images: Float[np.ndarray, "n d"], photographs: Float[np.ndarray, "m d"]) -> Coverage:
     """Compare the features of images with those of photographs.
-
-    Parameters
-    ----------
-    images
-        (n, d), at least one.
-    photographs
-        (m, d), at least `FEWEST`.
 
     Examples
     --------

@@ -55,26 +55,6 @@ def report(
     """Write a self-contained page about a dataset or a plan, and compare it with photographs if given.
 
     The page has tables, charts, maps, and thumbnails that filter by every field.
-
-    Parameters
-    ----------
-    source
-        A dataset's folder or a plan's file.
-    out
-        The page's file; a page by hulldown is replaced.
-    photographs
-        A COCO folder or file. The comparison is shown first.
-    encode
-        See `compare`; pictures of plans are previews, which aren't compared.
-    most
-        Most thumbnails; of more images an even selection is shown.
-    library
-        A plan's assets; those in its header if not given.
-
-    Raises
-    ------
-    HulldownError
-        If the source, a picture or asset of it, or the photographs are unusable, or `out` is somebody else's file.
     """
     source, out = Path(source), Path(out)
     if source.is_dir():

@@ -34,42 +34,19 @@ class Shape(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A thumbnail.
-
-    Parameters
-    ----------
-    picture
-        JPEG or PNG.
-    caption
-        Lines below it; the first is emphasized.
-    values
-        The thumbnail's values for each facet by key; unknown facets are left out.
-    numbers
-        Sort values by key; unknown ones come last.
-    size, shapes
-        Width and height of the picture in pixels, and the labels drawn over it, which can be hidden.
-    """
+    """A thumbnail."""
 
     picture: bytes
-    caption: Sequence[str]
-    values: Mapping[str, list[str]]
-    numbers: Mapping[str, float] = field(default_factory=dict)
+    caption: Sequence[str]  # lines below it; the first is emphasized
+    values: Mapping[str, list[str]]  # the thumbnail's values for each facet by key; unknown facets are left out
+    numbers: Mapping[str, float] = field(default_factory=dict)  # sort values by key; unknown ones come last
+    # size, shapes: width and height of the picture in pixels, and the labels drawn over it, which can be hidden
     size: tuple[int, int] = (1, 1)
     shapes: Sequence[Shape] = ()
 
 
 def render(template: str, data: Mapping[str, object], *, layout: str = "page.html") -> str:
-    """Return a page.
-
-    Parameters
-    ----------
-    template
-        Its file, relative to the package.
-    data
-        The template's variables.
-    layout
-        ``page.html`` or ``page.md``.
-    """
+    """Return a page."""
     return _environment(layout).get_template(template).render(data, layout=f"{FOLDER}/{layout}")
 
 

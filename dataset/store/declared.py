@@ -82,11 +82,6 @@ class CategoryRecord(Keypoints, kw_only=True):
 def fields_of(record: Record, kind: type[Declared]) -> Declared:
     """Return the declared fields of a record; optional ones that don't have their type and range are left out.
 
-    Raises
-    ------
-    ValueError
-        If a required one is missing or doesn't fit.
-
     Examples
     --------
     >>> fields_of({"scenery": "hills", "fov_x_deg": "wide"}, View).scenery

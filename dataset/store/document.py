@@ -36,21 +36,11 @@ LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all keys 
 
 @dataclass(slots=True)
 class Records:
-    """Records of a kind as JSON in the order of the file, each with its id.
-
-    Parameters
-    ----------
-    rows
-        Ids and records.
-    ids
-        All ids.
-    highest
-        The highest id that is used or reserved; at least 0, as pycocotools takes 0 for unmatched.
-    """
+    """Records of a kind as JSON in the order of the file, each with its id."""
 
     rows: list[tuple[int, bytes]] = field(default_factory=list)
     ids: set[int] = field(default_factory=set)
-    highest: int = 0
+    highest: int = 0  # the highest id that is used or reserved; at least 0, as pycocotools takes 0 for unmatched
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -75,21 +65,7 @@ class Records:
 
 
 class Document:
-    """A COCO document that grows line by line; empty at first.
-
-    Attributes
-    ----------
-    head
-        The COCO dictionary without the records.
-    categories, images, annotations
-        The records.
-    file_names
-        The images' names in normal form.
-    reservations
-        The reservation of each plan by its key.
-    pending
-        Number of lines that the file lacks.
-    """
+    """A COCO document that grows line by line; empty at first."""
 
     def __init__(self) -> None:
         self.head: Record = {}
@@ -115,13 +91,7 @@ class Document:
         return [{**record, "id": i} for i, record in enumerate(new.values(), start=max(following, 0) + 1)]
 
     def apply(self, line: Record) -> None:
-        """Apply a line of the journal.
-
-        Raises
-        ------
-        KeyError, TypeError, ValueError
-            If it isn't a line of this document's journal.
-        """
+        """Apply a line of the journal."""
         for category in line.get("categories", ()):
             name, number = category["name"], category["id"]
             if self.category_ids.get(name) == number:
@@ -160,13 +130,7 @@ class Document:
         return cast(Coco, {**head, "images": images, "annotations": annotations})
 
     def write(self, path: Path) -> None:
-        """Replace the file at `path` in one step, one record a line.
-
-        Raises
-        ------
-        DatasetError
-            If it cannot be written; the file is then as it was.
-        """
+        """Replace the file at `path` in one step, one record a line."""
         with replaced(path) as file:
             write_coco(file, *self._parts())
 
@@ -184,17 +148,7 @@ class Document:
 
 
 def write_coco(file: BinaryIO, head: Record, images: Iterable[bytes], annotations: Iterable[bytes]) -> None:
-    """Write a COCO document, one record per line.
-
-    Parameters
-    ----------
-    file
-        Open for writing.
-    head
-        The document without images and annotations; not empty.
-    images, annotations
-        Records as JSON.
-    """
+    """Write a COCO document, one record per line."""
     file.write(orjson.dumps(head)[:-1])
     for key, records in ((b"images", images), (b"annotations", annotations)):
         file.write(b',\n"%b":[' % key)
@@ -208,13 +162,7 @@ def write_coco(file: BinaryIO, head: Record, images: Iterable[bytes], annotation
 
 
 def read_document(folder: Path) -> Document:
-    """Read the dataset in `folder`: its ``annotations.json`` and the later journal lines.
-
-    Raises
-    ------
-    DatasetError
-        If one of the two is damaged.
-    """
+    """Read the dataset in `folder`: its ``annotations.json`` and the later journal lines."""
     path, journal = folder / ANNOTATIONS_NAME, folder / JOURNAL_NAME
     # First, since another process may merge meanwhile: its lines are then read from the journal.
     merged = last_merged(journal)
@@ -262,13 +210,7 @@ def is_own(folder: Path) -> bool:
 
 
 def check_is_dataset(folder: Path) -> None:
-    """Refuse a folder without a dataset.
-
-    Raises
-    ------
-    DatasetError
-        If neither file is there.
-    """
+    """Refuse a folder without a dataset."""
     if not is_own(folder):
         raise DatasetError(
             f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here", path=folder, remedy="name the folder of a dataset"
@@ -280,11 +222,6 @@ def read_coco(folder: Path | str) -> Coco:
 
     It may also be a split by `hulldown export` or Roboflow (``_annotations.coco.json`` with pictures), a COCO
     file, or a folder of YOLO or VOC.
-
-    Raises
-    ------
-    DatasetError
-        If there is none, or it is damaged.
     """
     folder = Path(folder)
     if folder.is_file():

@@ -26,21 +26,6 @@ class Journal:
     """An append-only file of JSON objects, one a line, each flushed to the disk before `append` returns.
 
     A process killed while it writes leaves at most one line without its newline; opening drops that line.
-
-    Parameters
-    ----------
-    path
-        The file; made if it does not exist.
-
-    Attributes
-    ----------
-    length
-        Its length in bytes, complete lines only.
-
-    Raises
-    ------
-    DatasetError
-        If it can't be written, or is a link, which may lead anywhere.
     """
 
     def __init__(self, path: Path) -> None:
@@ -61,13 +46,7 @@ class Journal:
         self.append_bytes(seal_line(orjson.dumps(record, option=JOURNAL_OPTIONS)))
 
     def append_bytes(self, line: bytes) -> None:
-        """Write one line, JSON with its newline, that the caller has serialized.
-
-        Raises
-        ------
-        DatasetError
-            If the disk is full or the file can't be written; a partial line is removed.
-        """
+        """Write one line, JSON with its newline, that the caller has serialized."""
         if self._file.closed:
             raise ValueError(f"{self.path}: expected an open journal, got a closed one")
         problem, remedy = "the finished image could not be recorded", "free some space and run the same command again"
@@ -97,11 +76,6 @@ def read_journal(path: Path) -> Iterator[Record]:
     """Yield the records of a journal in order; empty without a file.
 
     A last line without its newline was never acknowledged and is left out.
-
-    Raises
-    ------
-    DatasetError
-        If any other line isn't a JSON object, or was changed.
     """
     if not path.exists():
         return
@@ -130,13 +104,7 @@ def last_merged(path: Path) -> int:
 
 @contextmanager
 def replaced(path: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file that replaces the one at `path` in one step when it's complete.
-
-    Raises
-    ------
-    DatasetError
-        If it can't be written; the file at `path` is unchanged.
-    """
+    """Open a temporary file that replaces the one at `path` in one step when it's complete."""
     remedy = "free some space and run the same command again, which goes on from here"
     with DatasetError.explaining("cannot be written", path=path, remedy=remedy), replacing(path) as file:
         yield file

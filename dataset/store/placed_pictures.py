@@ -21,13 +21,7 @@ PLACING_SUFFIX = ".joining"  # of a picture before it's renamed
 
 
 def confined(folder: Path, name: str) -> Path:
-    """Return `folder / name` if it's in the folder.
-
-    Raises
-    ------
-    DatasetError
-        If the name leads out of the folder, also through a symbolic link.
-    """
+    """Return `folder / name` if it's in the folder."""
     path = folder / name
     real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
     if not stays_inside(name) or not real.is_relative_to(folder.resolve()):
@@ -40,20 +34,7 @@ def confined(folder: Path, name: str) -> Path:
 
 
 def publish(picture: Path, folder: Path, name: str) -> None:
-    """Move a finished picture to its name in the dataset, in one step and never outside the folder.
-
-    Parameters
-    ----------
-    picture
-        The picture, on the same disk.
-    folder, name
-        The dataset, and the name in it; an existing file is replaced.
-
-    Raises
-    ------
-    DatasetError
-        If the name leads out of the folder, or cannot be given.
-    """
+    """Move a finished picture to its name in the dataset, in one step and never outside the folder."""
     final = confined(folder, name)
     with writing(folder, name):
         final.parent.mkdir(parents=True, exist_ok=True)
@@ -64,13 +45,7 @@ def publish(picture: Path, folder: Path, name: str) -> None:
 
 
 def place(picture: Path, folder: Path, name: str) -> None:
-    """Link or copy a picture from elsewhere into the dataset, in one step as `publish`.
-
-    Raises
-    ------
-    DatasetError
-        If the name leads out of the folder, or cannot be given.
-    """
+    """Link or copy a picture from elsewhere into the dataset, in one step as `publish`."""
     final = confined(folder, name)
     temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
     with writing(folder, name):
@@ -85,20 +60,7 @@ def place(picture: Path, folder: Path, name: str) -> None:
 
 
 def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
-    """Return the file of a dataset's picture with links resolved, which must be in an allowed folder.
-
-    Parameters
-    ----------
-    folder, name
-        The dataset, and the picture's name in it.
-    allowed
-        Folders that links may lead to besides the dataset itself.
-
-    Raises
-    ------
-    DatasetError
-        If there is no such file; `LinkError` if a link leads elsewhere.
-    """
+    """Return the file of a dataset's picture with links resolved, which must be in an allowed folder."""
     path, remedy = folder / name, "put it there or delete its record"
     try:
         real = path.resolve(strict=True)
@@ -119,20 +81,7 @@ def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
 
 
 def link_or_copy(source: Path, target: Path) -> None:
-    """Give a file another, new name, as a hard link, or as a copy if the disk has none.
-
-    Parameters
-    ----------
-    source
-        The file itself, see `own_picture`; a symbolic link would be linked as such.
-    target
-        The other name.
-
-    Raises
-    ------
-    OSError
-        If there is no such file, the name exists, or it can't be written.
-    """
+    """Give a file another, new name, as a hard link, or as a copy if the disk has none."""
     try:
         os.link(source, target)
     except (FileNotFoundError, FileExistsError):

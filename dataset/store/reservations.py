@@ -14,23 +14,12 @@ _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 
 
 class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Ids and file names reserved for a plan's images, the same whenever the plan is resumed.
+    """Ids and file names reserved for a plan's images, the same whenever the plan is resumed."""
 
-    Parameters
-    ----------
-    key
-        The plan's key, the SHA-256 of its file.
-    image_offset, annotation_offset
-        Offsets of ids, which count from 1 within the plan.
-    prefix
-        Prefix of the plan's file names; empty in a dataset that was empty before.
-    images, annotations
-        Number of reserved ids.
-    """
-
-    key: Annotated[str, msgspec.Meta(pattern=r"^[^/]+\Z")]
-    image_offset: _Count
+    key: Annotated[str, msgspec.Meta(pattern=r"^[^/]+\Z")]  # the plan's key, the SHA-256 of its file
+    image_offset: _Count  # image_offset, annotation_offset: offsets of ids, which count from 1 within the plan
     annotation_offset: _Count
+    # prefix of the plan's file names; empty in a dataset that was empty before
     prefix: Annotated[str, msgspec.Meta(pattern=r"^[^/]*\Z")]
     images: _Count
     annotations: _Count

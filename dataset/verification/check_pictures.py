@@ -36,21 +36,7 @@ def check_pictures(
     look: Look | None,
     progress: Callable[[int, int], None],
 ) -> Iterator[Finding]:
-    """Find problems with a dataset's picture files.
-
-    Parameters
-    ----------
-    folder
-        The dataset's.
-    coco
-        The dataset.
-    fast
-        Whether to check only that files exist.
-    look
-        Further checks of each rendered picture.
-    progress
-        Called with (done, all) after each image.
-    """
+    """Find problems with a dataset's picture files."""
     images = coco["images"]
     sound = sound_images(coco)
     contents: dict[str, str] = {}

@@ -55,21 +55,11 @@ class _Shot(Struct):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SkyCheck:
-    """Compares the sky of a plan's pictures with a small render of the recorded HDRI.
+    """Compares the sky of a plan's pictures with a small render of the recorded HDRI."""
 
-    Parameters
-    ----------
-    worlds
-        Ground and obstacles of each scenery, by its name.
-    skies
-        Equirectangular map of each HDRI, by its name; see `radiance`.
-    reservation
-        The plan's images in the dataset.
-    """
-
-    worlds: Mapping[str, Scene]
-    skies: Mapping[str, Float[np.ndarray, "_ _ 3"]]
-    reservation: Reservation
+    worlds: Mapping[str, Scene]  # ground and obstacles of each scenery, by its name
+    skies: Mapping[str, Float[np.ndarray, "_ _ 3"]]  # equirectangular map of each HDRI, by its name; see `radiance`
+    reservation: Reservation  # the plan's images in the dataset
 
     def __call__(self, image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
         """Find a problem with the sky of a picture."""
@@ -128,22 +118,7 @@ class SkyCheck:
 
 
 def sky_check(plan: Plan, coco: Coco, read: Callable[[], Library]) -> SkyCheck | None:
-    """Return a check of a plan's images in a dataset; None if there are none.
-
-    Parameters
-    ----------
-    plan
-        The plan.
-    coco
-        The dataset.
-    read
-        Reads the plan's assets.
-
-    Raises
-    ------
-    HulldownError
-        If its assets can't be read.
-    """
+    """Return a check of a plan's images in a dataset; None if there are none."""
     reservation = find_reservation(coco, plan_key(plan.path))
     if reservation is None:
         return None
@@ -176,20 +151,12 @@ def radiance(
 ) -> Float[np.ndarray, "*n 3"]:
     """Radiance of a sky along rays.
 
-    Parameters
-    ----------
-    sky
-        Equirectangular map of radiance, the zenith in the first row, +x in the middle.
-    along
-        Unit directions in the scenery's frame.
-    yaw
-        Yaw of the sky in radians, counterclockwise seen from above.
-    strength
-        Factor on its radiance.
-    weather
-        None: clear air.
-    horizon_deg
-        Elevation whose color continues below; None: the sky is unchanged. See `camera.backdrop`.
+    `sky`: equirectangular map of radiance, the zenith in the first row, +x in the middle.
+    `along`: unit directions in the scenery's frame.
+    `yaw`: yaw of the sky in radians, counterclockwise seen from above.
+    `strength`: factor on its radiance.
+    `weather`: None: clear air.
+    `horizon_deg`: elevation whose color continues below; None: the sky is unchanged. See `camera.backdrop`.
     """
     height, width = sky.shape[:2]
     x, y, z = np.moveaxis(along, -1, 0)

@@ -45,15 +45,7 @@ def is_rendered(image: Record) -> bool:
 
 
 def check_looks(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
-    """Find problems with the look of targets in a rendered picture.
-
-    Parameters
-    ----------
-    image
-        The image, of the picture's size; labels without a mask, and ignored ones, aren't checked.
-    pixels
-        The picture.
-    """
+    """Find problems with the look of targets in a rendered picture."""
     height, width = pixels.shape[:2]
     masked = []
     for label in image.labels:
@@ -88,21 +80,12 @@ def _label_problems(where: str, look: Appearance) -> Iterator[Finding]:
 
 @dataclass(frozen=True, slots=True)
 class Appearance:
-    """A target's look in a picture; levels from 0 to 255.
+    """A target's look in a picture; levels from 0 to 255."""
 
-    Parameters
-    ----------
-    contrast
-        Its contrast: the difference of its mean color from its surroundings', in the channel where it's largest, or
-        the range of its own luminance, 10th to 90th percentile, if that is larger.
-    darkest, brightest
-        Its luminance, 5th and 95th percentile.
-    outline
-        See `outline_strength`.
-    """
-
+    # its contrast: the difference of its mean color from its surroundings', in the channel where it's largest, or the
+    # range of its own luminance, 10th to 90th percentile, if that is larger
     contrast: float
-    darkest: float
+    darkest: float  # darkest, brightest: its luminance, 5th and 95th percentile
     brightest: float
     outline: float
 
@@ -112,14 +95,8 @@ def appearance(
 ) -> Appearance | None:
     """Measure a target's look; None if its mask is empty.
 
-    Parameters
-    ----------
-    picture
-        The picture's colors.
-    mask
-        The target's pixels.
-    others
-        Pixels of other targets, which don't count as surroundings.
+    `mask`: the target's pixels.
+    `others`: pixels of other targets, which don't count as surroundings.
     """
     if not mask.any():
         return None
@@ -214,14 +191,6 @@ def _gradient(channel: Float[np.ndarray, "h w"]) -> tuple[Float[np.ndarray, "h w
 def _strengths(
     sums: Float[np.ndarray, "3 copies*sectors"], points: Int[np.ndarray, " copies"]
 ) -> Float[np.ndarray, " copies"]:
-    """Return the mean step across each copy of an outline; within a sector, steps up and down (noise, snow) cancel out.
-
-    Parameters
-    ----------
-    sums
-        (3, copies * SECTORS) sum of steps in each sector of each copy, by channel; channels are mixed.
-    points
-        Number of points of each copy.
-    """
+    """Mean step across each copy of an outline; within a sector, steps up and down (noise, snow) cancel out."""
     largest = np.abs(_MIXED @ sums).max(axis=0).reshape(-1, SECTORS)
     return largest.sum(axis=1) / np.maximum(points, 1)

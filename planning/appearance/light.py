@@ -26,11 +26,6 @@ def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarra
 
     An HDRI has the weight of the first entry of `light.hdris` that matches. In rain and snow, only HDRIs of
     `light.overcast` are used if it names any, with the weight 1 for those that `light.hdris` doesn't name.
-
-    Raises
-    ------
-    ConfigError
-        If an entry matches no HDRI, or all weights are 0.
     """
     for key, patterns in (("hdris", [choice.name for choice in light.hdris]), ("overcast", light.overcast)):
         for pattern in patterns:

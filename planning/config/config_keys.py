@@ -30,21 +30,13 @@ _SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "ma
 
 @dataclass(frozen=True, slots=True)
 class Key:
-    """A key of a section, with its meaning.
-
-    Parameters
-    ----------
-    default, example
-        Its default as TOML, None for a key without, and the example of such a key.
-    allowed
-        Its range or choices; empty if the meaning describes them.
-    """
+    """A key of a section, with its meaning."""
 
     name: str
-    default: str | None
+    default: str | None  # default, example: its default as TOML, None for a key without, and the example of such a key
     example: str | None
     required: bool
-    allowed: str
+    allowed: str  # its range or choices; empty if the meaning describes them
     meaning: str
 
 

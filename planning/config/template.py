@@ -32,21 +32,7 @@ def config_text(
     notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
     remarks: Sequence[str] = (),
 ) -> str:
-    """Return a complete config for these assets, with a comment on every key.
-
-    Parameters
-    ----------
-    vehicles, sceneries, distractors
-        Keys and values of each `[[assets.vehicles]]`, `[[assets.sceneries]]` and `[[assets.distractors]]`.
-    hdris
-        Patterns of HDRI files.
-    values
-        "section.key", or "seed" -> the value that replaces the default: numbers, strings, or lists and tables of them.
-    notes
-        Name of an entry, or its path if it has none, or pattern of HDRIs -> lines of comments on it.
-    remarks
-        Lines of comments below the entries.
-    """
+    """Return a complete config for these assets, with a comment on every key."""
     given = {**_GIVEN, **values}
     blocks = [
         "# hulldown config. Every key has its default here; delete what you don't want to change.\n"

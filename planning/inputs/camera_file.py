@@ -37,11 +37,6 @@ def read_camera(path: Path) -> dict[str, object]:
 
     OpenCV's pixel coordinates start at the center of the first pixel, a config's at its corner, so cx and cy grow by
     half a pixel.
-
-    Raises
-    ------
-    ConfigError
-        If the file can't be read, is incomplete, or has another lens model.
     """
     table = _table(path)
     for inner in ("camera_info", "cam0"):

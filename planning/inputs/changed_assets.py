@@ -11,13 +11,7 @@ from hulldown.planning.plan.lines import PlanFile
 
 
 def refuse_changed(plan: PlanFile, assets: Assets) -> None:
-    """Refuse assets whose files have changed since planning, or whose geometry is read differently here.
-
-    Raises
-    ------
-    ConfigError
-        Naming the first of them.
-    """
+    """Refuse assets whose files have changed since planning, or whose geometry is read differently here."""
     for kind in ("vehicles", "distractors", "sceneries", "hdris"):
         planned: Mapping[str, Source] = getattr(plan.header, kind)
         files = assets.files.get(kind, {})

@@ -55,13 +55,7 @@ class FoundFile:
 
 
 def asset_files(folder: Path) -> list[Path]:
-    """Return the paths of files with suffixes of assets, relative to `folder`, without hidden files and folders.
-
-    Raises
-    ------
-    AssetError
-        If there are none.
-    """
+    """Return the paths of files with suffixes of assets, relative to `folder`, without hidden files and folders."""
     files = []
     for inside, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
@@ -80,22 +74,7 @@ def read_found(
     *,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
-    """Tell the kind of each file: by the name of a folder that it's in, else by its contents.
-
-    Parameters
-    ----------
-    folder, files
-        See `asset_files`.
-    cache
-        Folder for what is read, which a plan finds there.
-    limits
-        Time and memory for reading a file.
-
-    Raises
-    ------
-    AssetError
-        If none of the files can be used.
-    """
+    """Tell the kind of each file: by the name of a folder that it's in, else by its contents."""
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
     taken: dict[Path, Path] = {}  # the preferred format of files with the same name

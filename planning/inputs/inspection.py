@@ -21,13 +21,7 @@ from hulldown.reading.reader_process import Exported, export
 
 
 def drawn_assets(path: Path) -> int:
-    """Return the number of vehicles and sceneries that `inspect_file` draws.
-
-    Raises
-    ------
-    ConfigError
-        If the file is a config with a mistake.
-    """
+    """Return the number of vehicles and sceneries that `inspect_file` draws."""
     return len(Config.read(path).assets.entries) if _is_config(path) else int(path.suffix.lower() not in HDRI_SUFFIXES)
 
 
@@ -42,27 +36,7 @@ def inspect_file(
 ) -> list[Inspected]:
     """Inspect an asset or an HDRI, read without a cache, or the vehicles and sceneries of a config, in its order.
 
-    Parameters
-    ----------
-    path
-        An asset, an HDRI, or a config (.toml).
-    kind
-        "vehicle" or "scenery"; None: by the asset's contents. A config's entries have their own kind.
-    strict
-        Refuse a file whose textures or libraries are missing.
-    pictures
-        Whether to draw vehicles and sceneries.
-    progress
-        Called with a file's path before it is read.
-    limits
-        Limits of reading.
-
-    Raises
-    ------
-    ConfigError
-        If the config has a mistake.
-    AssetError
-        If a file can't be read.
+    `kind`: "vehicle" or "scenery"; None: by the asset's contents. A config's entries have their own kind.
     """
     if _is_config(path):
         library = load_library(Config.read(path), strict=strict, progress=progress, limits=limits)

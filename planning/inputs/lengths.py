@@ -20,13 +20,7 @@ ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 
 def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
-    """Refuse vehicles of unusual length for their class, unless the config gives their scale.
-
-    Raises
-    ------
-    AssetError
-        Naming the first one's length, the usual lengths, the key, and the other vehicles.
-    """
+    """Refuse vehicles of unusual length for their class, unless the config gives their scale."""
     refused = [(e, odd, r) for e, r in vehicles if e.scale is None and (odd := odd_length(e, r)) is not None]
     if refused:
         others = [f"{entry.name} ({length_said(max(report.size))})" for entry, _, report in refused[1:]]

@@ -37,22 +37,13 @@ from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Library:
-    """A config's assets, and the results of reading their files, by the assets' names.
-
-    Parameters
-    ----------
-    assets
-        Arrays for the planner.
-    models, sceneries
-        Report, bundle, and tidy twin of the file of each vehicle or distractor, and of each scenery.
-    hdris
-        The rendered copy of each HDRI, and its light.
-    """
+    """A config's assets, and the results of reading their files, by the assets' names."""
 
     assets: Assets
+    # models, sceneries: report, bundle, and tidy twin of the file of each vehicle or distractor, and of each scenery
     models: Mapping[str, Exported]
     sceneries: Mapping[str, Exported]
-    hdris: Mapping[str, Hdri]
+    hdris: Mapping[str, Hdri]  # the rendered copy of each HDRI, and its light
 
     @property
     def shapes(self) -> dict[str, VehicleShape]:
@@ -72,13 +63,7 @@ class Library:
 
 
 def hdri_paths(config: Config) -> dict[str, Path]:
-    """Return name and path of every HDRI that `assets.hdris` matches, in the order of the patterns, then by name.
-
-    Raises
-    ------
-    ConfigError
-        If a pattern matches no file, or two files have the same name.
-    """
+    """Return name and path of every HDRI that `assets.hdris` matches, in the order of the patterns, then by name."""
     paths: dict[str, Path] = {}
     for pattern in config.assets.hdris:
         folder = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else config.folder
@@ -119,21 +104,7 @@ def load_library(
 ) -> Library:
     """Return the assets of a config with reports and tidy twins.
 
-    Parameters
-    ----------
-    strict
-        Refuse files with missing textures or libraries.
-    cache
-        Folder for data read from files; the config's if None.
-    progress
-        Called with a file's path before it is exported.
-    limits
-        Time and memory for reading a file.
-
-    Raises
-    ------
-    AssetError
-        Naming the file, what is wrong, and what to do.
+    `cache`: folder for data read from files; the config's if None.
     """
     cache = config.folder / config.assets.cache if cache is None else Path(cache)
     hdris = hdri_paths(config)
@@ -214,13 +185,6 @@ def load_planned_library(
     """Return the assets that a plan was made from; parameters as of `load_library`.
 
     The default for `cache` is beside the plan. The one in its header isn't used, since plans come from anybody.
-
-    Raises
-    ------
-    ConfigError
-        If a file has changed since planning, or the default cache is a link, which may have come with the plan.
-    AssetError
-        If a file can't be read.
     """
     own_cache = plan.path.parent / CACHE_NAME
     if not cache and own_cache.is_symlink():

@@ -25,13 +25,7 @@ CAMERA, LOOK_AT = NUMBERS[4:7], NUMBERS[7:]
 
 
 def read_poses(path: Path) -> GivenPoses:
-    """Read the poses in a CSV file with commas or semicolons between its columns.
-
-    Raises
-    ------
-    ConfigError
-        If it can't be read, or for its first invalid line, with the line's number and its column.
-    """
+    """Read the poses in a CSV file with commas or semicolons between its columns."""
     text = read_text(path, partial(ConfigError, path=path, remedy="name a CSV file"), most=DOCUMENT)
     header = text.partition("\n")[0]
     table = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in header else ",", strict=True)

@@ -108,27 +108,15 @@ class Written(Struct, frozen=True):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pixels:
-    """The surfaces at the pixel centers of an image.
+    """The surfaces at the pixel centers of an image."""
 
-    Parameters
-    ----------
-    axis, ray
-        (h, w) meters along the optical axis, and along the ray from the pinhole; inf for the sky.
-    normal
-        (h, w, 3) of the face, in the world, toward the camera; nan for the sky.
-    instance
-        (h, w) 0 for the sky; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
-    part
-        (h, w) number in `part_table`; 0 for other surfaces than vehicles.
-    table
-        The instances.
-    """
-
+    # axis, ray: meters along the optical axis, and along the ray from the pinhole; inf for the sky
     axis: Float32[np.ndarray, "h w"]
     ray: Float32[np.ndarray, "h w"]
-    normal: Float32[np.ndarray, "h w 3"]
+    normal: Float32[np.ndarray, "h w 3"]  # of the face, in the world, toward the camera; nan for the sky
+    # 0 for the sky; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
     instance: UInt16[np.ndarray, "h w"]
-    part: UInt16[np.ndarray, "h w"]
+    part: UInt16[np.ndarray, "h w"]  # number in `part_table`; 0 for other surfaces than vehicles
     table: list[Instance]
 
 
@@ -214,17 +202,7 @@ def write_passes(
 ) -> int:
     """Write passes of a plan's images into the folder `output` unless they're there, and return the number of images.
 
-    Parameters
-    ----------
-    passes
-        Some of `PASSES`.
-    count
-        Number of images, evenly spread over the plan; None for all.
-
-    Raises
-    ------
-    HulldownError
-        If the plan names unknown assets, or the folder can't be written.
+    `count`: number of images, evenly spread over the plan; None for all.
     """
     artist = Artist(plan, assets)
     chosen = spread(len(plan), len(plan) if count is None else count).tolist()

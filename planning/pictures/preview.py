@@ -57,15 +57,7 @@ def _weather(weather: Weather | None) -> str:
 
 
 class Artist:
-    """Draws rows of a plan with the assets that it was made from.
-
-    Attributes
-    ----------
-    shapes
-        Vehicles and distractors by name.
-    class_ids
-        The number of each class in datasets.
-    """
+    """Draws rows of a plan with the assets that it was made from."""
 
     def __init__(self, plan: PlanFile, assets: Assets) -> None:
         self._plan, self._assets = plan, assets
@@ -103,13 +95,7 @@ class Artist:
         return draw(image, boxes)
 
     def scene(self, row: Row) -> Scene:
-        """Return a row's scenery with its vehicles.
-
-        Raises
-        ------
-        ConfigError
-            If an edited row names something that its plan doesn't have.
-        """
+        """Return a row's scenery with its vehicles."""
         named: list[tuple[str, str, Container[str]]] = [("scenery", row.scenery, self._assets.sceneries)]
         named += [("vehicle", vehicle.vehicle, self.shapes) for vehicle in row.vehicles]
         named += [("class", vehicle.category, self.class_ids) for vehicle in row.vehicles if vehicle.category]

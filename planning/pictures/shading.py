@@ -35,16 +35,7 @@ def look(
 ) -> Float[np.ndarray, "n 3"]:
     """Return colors from 0 to 1 of a camera's n pixels, row by row.
 
-    Parameters
-    ----------
-    paints
-        (3,) color of each vehicle of the world.
-    sun
-        (3,) unit direction to the sun.
-    strength
-        Factor on all light.
-    weather
-        Its haze and covers are shown, but no streaks and flakes.
+    `paints`: color of each vehicle of the world.
     """
     along = camera.ray_directions(camera.intrinsics.pixel_centers)
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]

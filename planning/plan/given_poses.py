@@ -10,31 +10,20 @@ Vector = tuple[float, float, float]
 
 
 class PoseLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The given values of one image; None is planned.
+    """The given values of one image; None is planned."""
 
-    Parameters
-    ----------
-    line
-        Its number in the file.
-    x, y, z
-        The vehicle's origin, the center of its underside, in the coordinates of the scenery's file, meters.
-    yaw_deg
-        Heading in degrees, counterclockwise from +x.
-    camera, look_at
-        The camera's place, and a point on its optical axis, in the same coordinates.
-    sequence
-        Name of a sequence: successive lines with the same vehicle in the same place, and moving cameras.
-    """
-
-    line: int
+    line: int  # its number in the file
     scenery: str | None = None
     vehicle: str | None = None
+    # x, y, z: the vehicle's origin, the center of its underside, in the coordinates of the scenery's file, meters
     x: float | None = None
     y: float | None = None
     z: float | None = None
-    yaw_deg: float | None = None
+    yaw_deg: float | None = None  # heading in degrees, counterclockwise from +x
+    # camera, look_at: the camera's place, and a point on its optical axis, in the same coordinates
     camera: Vector | None = None
     look_at: Vector | None = None
+    # name of a sequence: successive lines with the same vehicle in the same place, and moving cameras
     sequence: str | None = None
 
 

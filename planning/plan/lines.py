@@ -32,15 +32,7 @@ _BEGINNING = b'{"hulldown_plan":'
 
 
 class PlanFile(os.PathLike[str]):
-    """The rows of a plan file: `len(plan)`, `plan[i]`, `plan[:10]`, `for row in plan`; also a path.
-
-    Parameters
-    ----------
-    path
-        The file.
-    header
-        Its first line: config, seed, assets, versions.
-    """
+    """The rows of a plan file: `len(plan)`, `plan[i]`, `plan[:10]`, `for row in plan`; also a path."""
 
     def __init__(self, path: Path, header: Header) -> None:
         self.path, self.header = path, header
@@ -48,13 +40,7 @@ class PlanFile(os.PathLike[str]):
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Self:
-        """Open a plan; rows are read on access.
-
-        Raises
-        ------
-        ConfigError
-            If the file is missing, isn't a plan, or has another format.
-        """
+        """Open a plan; rows are read on access."""
         path = Path(path)
         try:
             with open_regular(path) as file:
@@ -81,13 +67,7 @@ class PlanFile(os.PathLike[str]):
         return self.header.images
 
     def __iter__(self) -> Iterator[Row]:
-        """Yield rows one at a time.
-
-        Raises
-        ------
-        ConfigError
-            With the line's number, at the first line that isn't a row of this plan, or if lines are missing.
-        """
+        """Yield rows one at a time."""
         i, names = -1, _Names()
         with open_regular(self.path) as file:
             file.readline()
@@ -199,26 +179,7 @@ class _Names:
 
 
 class PlanWriter:
-    """Writes a plan to a partial file, or continues it, and renames it when it's complete.
-
-    Parameters
-    ----------
-    path
-        Final name of the plan.
-    header
-        Its first line.
-
-    Attributes
-    ----------
-    rows
-        Number of complete rows in the file, which at first are those of an earlier attempt.
-
-    Raises
-    ------
-    ConfigError
-        If another process is writing the same plan, the path is a folder or another file, or the folder can't be
-        written.
-    """
+    """Writes a plan to a partial file, or continues it, and renames it when it's complete."""
 
     def __init__(self, path: str | Path, header: Header) -> None:
         self.path = Path(path)

@@ -307,28 +307,14 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """The declaration of one field.
-
-    Parameters
-    ----------
-    expected
-        Its values in words.
-    to, rounding
-        Its rounding in words, empty if there is none, and as a function of arrays.
-    meaning
-        Its description.
-    recorded
-        Whether datasets record it.
-    optional
-        Whether it's left out of a line if it's None.
-    """
+    """The declaration of one field."""
 
     expected: str
-    to: str
+    to: str  # to, rounding: its rounding in words, empty if there is none, and as a function of arrays
     rounding: Callable[[np.ndarray], np.ndarray] | None
     meaning: str
     recorded: bool
-    optional: bool
+    optional: bool  # whether it's left out of a line if it's None
 
 
 @cache

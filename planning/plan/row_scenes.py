@@ -14,12 +14,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 class RowScenes:
     """Makes scenes of rows; models are prepared once, and sceneries while successive rows have them.
 
-    Parameters
-    ----------
-    vehicles, sceneries
-        Vehicles, distractors included, and sceneries, by their names in the plan.
-    fallback_z
-        Height of the plane in place of missing ground, see `Scene.of`. None: no plane, as in pictures.
+    `fallback_z`: height of the plane in place of missing ground, see `Scene.of`. None: no plane, as in pictures.
     """
 
     def __init__(

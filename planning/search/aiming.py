@@ -29,29 +29,15 @@ NEAREST = 1e-6  # least meters from a target's center to a given camera, which k
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Tries:
-    """n tries of cameras; row i of every field is try i.
+    """n tries of cameras; row i of every field is try i."""
 
-    Parameters
-    ----------
-    targets, others
-        The targets, and the vehicles beside them, by `Instances.row`.
-    given
-        Poses given by the user.
-    image, attempt
-        (n,) index of each image, and number of its try.
-    quarter
-        (n,) 0 to 3: how many quarters of an image's tries are used up; see `Likeness.wishes`.
-    visibility_m
-        (n,) meters; nan in clear air.
-    """
-
-    targets: Instances
+    targets: Instances  # targets, others: the targets, and the vehicles beside them, by `Instances.row`
     others: Instances
-    given: Given
-    image: Int[np.ndarray, " n"]
+    given: Given  # poses given by the user
+    image: Int[np.ndarray, " n"]  # image, attempt: index of each image, and number of its try
     attempt: Int[np.ndarray, " n"]
-    quarter: Int[np.ndarray, " n"]
-    visibility_m: Float[np.ndarray, " n"]
+    quarter: Int[np.ndarray, " n"]  # 0 to 3: how many quarters of an image's tries are used up; see `Likeness.wishes`
+    visibility_m: Float[np.ndarray, " n"]  # meters; nan in clear air
 
     @property
     def free(self) -> Bool[np.ndarray, " n"]:
@@ -66,34 +52,19 @@ class Tries:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Aims:
-    """Cameras of n tries before they're checked: sampled lenses and directions, and solved distances.
+    """Cameras of n tries before they're checked: sampled lenses and directions, and solved distances."""
 
-    Parameters
-    ----------
-    intrinsics
-        One camera's or n intrinsics.
-    roll
-        (n,) about the optical axis, radians.
-    distance, azimuth, elevation
-        (n,) place around the target's center in meters and radians; nan: no distance gives the size.
-    fraction
-        (n,) share of the image that the target should fill.
-    wishes
-        The boxes of photographs; None without photographs.
-    follows
-        (n,) whether the camera follows such a box.
-    sized
-        (n, 4, 4) framed poses with the wanted sizes; nan for given cameras, and for distances by the paper's rule.
-    """
-
-    intrinsics: Intrinsics
-    roll: Float[np.ndarray, " n"]
+    intrinsics: Intrinsics  # one camera's or n intrinsics
+    roll: Float[np.ndarray, " n"]  # about the optical axis, radians
+    # distance, azimuth, elevation: place around the target's center in meters and radians; nan: no distance gives the
+    # size
     distance: Float[np.ndarray, " n"]
     azimuth: Float[np.ndarray, " n"]
     elevation: Float[np.ndarray, " n"]
-    fraction: Float[np.ndarray, " n"]
-    wishes: Wishes | None
-    follows: Bool[np.ndarray, " n"]
+    fraction: Float[np.ndarray, " n"]  # share of the image that the target should fill
+    wishes: Wishes | None  # the boxes of photographs; None without photographs
+    follows: Bool[np.ndarray, " n"]  # whether the camera follows such a box
+    # framed poses with the wanted sizes; nan for given cameras, and for distances by the paper's rule
     sized: Float[np.ndarray, "n 4 4"]
 
 
@@ -170,17 +141,7 @@ def framed(
     intrinsics: Intrinsics,
     roll: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "k 4 4"]:
-    """Turn cameras so that their targets are in frame, or to the given points.
-
-    Parameters
-    ----------
-    block, tries
-        The tries.
-    poses, rows
-        Poses of k of the cameras, and their tries.
-    intrinsics, roll
-        Those of all n tries.
-    """
+    """Turn cameras so that their targets are in frame, or to the given points."""
     limits = block.config.camera
     intrinsics, roll = intrinsics.rows(rows), roll[rows]
     aimed = frame_target(

@@ -37,20 +37,6 @@ def poses_beside(
 
     A companion is on the ray through its box's center. Its distance follows from the box's height, or in steep views,
     where a box shows length and width, from where the ray meets the ground.
-
-    Parameters
-    ----------
-    targets, others
-        n pairs of a target and a companion without a pose.
-    wishes, intrinsics, rng
-        Of the first try of each target's camera; see `matching_cameras`.
-    number
-        (n,) number of each companion among those of its target.
-
-    Returns
-    -------
-    (n, 3) meters from targets to companions in x and y, within `placement.companion_distance`, and yaw in radians; nan
-    for a companion without a box.
     """
     photographs, limits = likeness.photographs, likeness.config
     poses = np.full((len(number), 3), np.nan)

@@ -23,37 +23,18 @@ from hulldown.planning.search.stage import PlanStage, Site
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Block:
-    """n positions on one scenery, with m images in all.
+    """n positions on one scenery, with m images in all."""
 
-    Parameters
-    ----------
-    stage, draws
-        The plan's config, vehicles, and distractors, and its random numbers.
-    site
-        The scenery.
-    extras
-        Companions and distractors that may occur, by whether the position is of backgrounds.
-    positions
-        The n positions, ascending by number.
-    model
-        (n,) index in the fleet of the vehicle that the cameras are framed on.
-    movable
-        (n,) whether another scenery may be tried if this one has no place.
-    likeness
-        The photographs that cameras follow.
-    given
-        The poses that users give of all images of the plan.
-    """
-
-    stage: PlanStage
+    stage: PlanStage  # stage, draws: the plan's config, vehicles, and distractors, and its random numbers
     draws: RandomStreams
     site: Site
+    # companions and distractors that may occur, by whether the position is of backgrounds
     extras: Mapping[bool, Sequence[Extras]]
-    positions: Positions
-    model: Int[np.ndarray, " n"]
-    movable: Bool[np.ndarray, " n"]
-    likeness: Likeness | None = None
-    given: Given | None = None
+    positions: Positions  # the n positions, ascending by number
+    model: Int[np.ndarray, " n"]  # index in the fleet of the vehicle that the cameras are framed on
+    movable: Bool[np.ndarray, " n"]  # whether another scenery may be tried if this one has no place
+    likeness: Likeness | None = None  # the photographs that cameras follow
+    given: Given | None = None  # the poses that users give of all images of the plan
 
     @property
     def config(self) -> Config:
@@ -93,25 +74,13 @@ class Block:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class InstanceTable(Instances):
-    """The k instances of a block's positions, ordered by position, role, and number; their rows are the positions'.
+    """The k instances of a block's positions, ordered by position, role, and number; their rows are the positions'."""
 
-    Parameters
-    ----------
-    role, number
-        (k,) role of each instance, and its number among those of this role.
-    settled
-        (k,) resting poses, which share the array `world_from_vehicle`.
-    tries
-        (k,) places tried so far; an instance with a place has the last one.
-    found
-        (k,) whether it has a place.
-    """
-
-    role: Int[np.ndarray, " k"]
+    role: Int[np.ndarray, " k"]  # role, number: role of each instance, and its number among those of this role
     number: Int[np.ndarray, " k"]
-    settled: Settled
-    tries: Int[np.ndarray, " k"]
-    found: Bool[np.ndarray, " k"]
+    settled: Settled  # resting poses, which share the array `world_from_vehicle`
+    tries: Int[np.ndarray, " k"]  # places tried so far; an instance with a place has the last one
+    found: Bool[np.ndarray, " k"]  # whether it has a place
 
 
 def instances_of(block: Block) -> InstanceTable:

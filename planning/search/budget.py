@@ -27,24 +27,12 @@ ROUNDING = 1e-9  # of shares of a class's images
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Positions:
-    """The vehicles and images of n positions.
-
-    Parameters
-    ----------
-    number
-        (n,) place in the plan.
-    vehicle
-        (n,) index into `Budget.vehicles`; -1 for backgrounds.
-    ordinal
-        (n,) number of earlier positions of this vehicle, or of backgrounds.
-    shots, first_image
-        (n,) number of images, at least 1, and the index of the first of them.
-    """
+    """The vehicles and images of n positions."""
 
     number: Int[np.ndarray, " n"]
-    vehicle: Int[np.ndarray, " n"]
-    ordinal: Int[np.ndarray, " n"]
-    shots: Int[np.ndarray, " n"]
+    vehicle: Int[np.ndarray, " n"]  # index into `Budget.vehicles`; -1 for backgrounds
+    ordinal: Int[np.ndarray, " n"]  # number of earlier positions of this vehicle, or of backgrounds
+    shots: Int[np.ndarray, " n"]  # shots, first_image: number of images, at least 1, and the index of the first of them
     first_image: Int[np.ndarray, " n"]
 
     @property
@@ -55,24 +43,13 @@ class Positions:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Budget:
-    """Counts of images of every vehicle, and the positions of a plan.
+    """Counts of images of every vehicle, and the positions of a plan."""
 
-    Parameters
-    ----------
-    vehicles
-        Names, grouped by class, in the order of the config.
-    class_starts
-        (c + 1,) index in `vehicles` of each class's first, and their number.
-    images
-        (v,) images of each vehicle; within a class of equal weights they don't increase, and differ by at most 1.
-    positions
-        All positions, in the order of the plan.
-    """
-
-    vehicles: tuple[str, ...]
-    class_starts: Int[np.ndarray, " c_plus_1"]
+    vehicles: tuple[str, ...]  # names, grouped by class, in the order of the config
+    class_starts: Int[np.ndarray, " c_plus_1"]  # index in `vehicles` of each class's first, and their number
+    # images of each vehicle; within a class of equal weights they don't increase, and differ by at most 1
     images: Int[np.ndarray, " v"]
-    positions: Positions
+    positions: Positions  # all positions, in the order of the plan
 
     @property
     def n_images(self) -> int:
@@ -88,21 +65,7 @@ class Budget:
 def make_budget(
     section: BudgetSection, categories: Mapping[str, str], weights: Mapping[str, float] = MappingProxyType({})
 ) -> Budget:
-    """Return the budget of a config, given the class of each vehicle in the order of the config.
-
-    Parameters
-    ----------
-    section, categories
-        The config's section, and the vehicles.
-    weights
-        How often vehicles have images, relative to others of their class; 1 for those that aren't named.
-
-    Raises
-    ------
-    ConfigError
-        If the table of classes doesn't name each class exactly once, a class with images has no weight, or there are no
-        images.
-    """
+    """Return the budget of a config, given the class of each vehicle in the order of the config."""
     classes = tuple(dict.fromkeys(categories.values()))
     members = {c: [v for v, category in categories.items() if category == c] for c in classes}
     wanted = section.images_per_class

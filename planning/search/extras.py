@@ -29,20 +29,12 @@ class Role(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Extras:
-    """The companions or distractors that may occur at a position.
-
-    Parameters
-    ----------
-    models, weights
-        (m,) candidates as indices in the fleet, and their weights.
-    count
-        Least and largest number in an image.
-    """
+    """The companions or distractors that may occur at a position."""
 
     role: Role
-    models: Int[np.ndarray, " m"]
+    models: Int[np.ndarray, " m"]  # models, weights: candidates as indices in the fleet, and their weights
     weights: Float[np.ndarray, " m"]
-    count: tuple[int, int]
+    count: tuple[int, int]  # least and largest number in an image
 
     def drawn(
         self, draws: RandomStreams, position: Int[np.ndarray, " n"], wanted: Int[np.ndarray, " n"]
@@ -109,11 +101,6 @@ def framed_on(
     At a position of backgrounds, it's a vehicle drawn from the budget, which is left out of the picture. The share
     `budget.background_distractors` of these positions shows a distractor without a class instead, if the scenery has
     one.
-
-    Parameters
-    ----------
-    positions, site
-        n positions, and their scenery.
     """
     index = np.array([stage.fleet.index[name] for name in budget.vehicles])
     model, rows = index[positions.vehicle], np.flatnonzero(positions.background)

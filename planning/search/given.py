@@ -17,22 +17,14 @@ from hulldown.planning.search.stage import Site
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Given:
-    """Given poses of n images, in the worlds of their sceneries; nan for values to plan.
+    """Given poses of n images, in the worlds of their sceneries; nan for values to plan."""
 
-    Parameters
-    ----------
-    xyz, yaw
-        (n, 3) meters and (n,) radians of the vehicles.
-    camera, look_at
-        (n, 3) meters.
-    sequence, name
-        (n,) index of the first image of each image's sequence, and the sequence's name; -1 and None without one.
-    """
-
-    xyz: Float[np.ndarray, "n 3"]
+    xyz: Float[np.ndarray, "n 3"]  # xyz, yaw: meters and (n,) radians of the vehicles
     yaw: Float[np.ndarray, " n"]
-    camera: Float[np.ndarray, "n 3"]
+    camera: Float[np.ndarray, "n 3"]  # camera, look_at: meters
     look_at: Float[np.ndarray, "n 3"]
+    # sequence, name: index of the first image of each image's sequence, and the sequence's name; -1 and None without
+    # one
     sequence: Int[np.ndarray, " n"]
     name: np.ndarray
 
@@ -49,13 +41,7 @@ def nothing_given(n: int) -> Given:
 
 
 def given_of(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, " p"]) -> Given:
-    """Return the arrays of a file's lines, given the index of each position's first line.
-
-    Raises
-    ------
-    ConfigError
-        If a line names an unknown scenery, or gives coordinates but no scenery where there are several.
-    """
+    """Return the arrays of a file's lines, given the index of each position's first line."""
     given, origins = nothing_given(len(poses.lines)), {site.name: site.origin for site in sites}
     path = Path(poses.path)
     for i, line in enumerate(poses.lines):
@@ -81,11 +67,6 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
 
     Lines without a vehicle take the vehicles of `budget` in turn. `images` counts images without a given scenery: their
     vehicles need a place on some scenery.
-
-    Raises
-    ------
-    ConfigError
-        If a line names an unknown vehicle.
     """
     names = [line.sequence for line in poses.lines]
     starts = np.array([i for i, name in enumerate(names) if not i or name is None or name != names[i - 1]])

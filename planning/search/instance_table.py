@@ -17,29 +17,14 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Instances:
-    """k vehicles or distractors.
+    """k vehicles or distractors."""
 
-    Parameters
-    ----------
-    fleet
-        All vehicles and distractors of the plan.
-    row
-        (k,) ascending: the position, image, or view of each instance.
-    model
-        (k,) index in the fleet.
-    world_from_vehicle
-        (k, 4, 4) rigid poses.
-    angles
-        (k, p) rotations of its parts, radians; 0 for parts that a model lacks.
-    center
-        (k, 3) center of its box with these angles, in its own frame: the mean of the row's ``bounds``.
-    """
-
-    fleet: Fleet
-    row: Int[np.ndarray, " k"]
+    fleet: Fleet  # all vehicles and distractors of the plan
+    row: Int[np.ndarray, " k"]  # ascending: the position, image, or view of each instance
     model: Int[np.ndarray, " k"]
     world_from_vehicle: Float[np.ndarray, "k 4 4"]
-    angles: Float[np.ndarray, "k p"]
+    angles: Float[np.ndarray, "k p"]  # rotations of its parts, radians; 0 for parts that a model lacks
+    # center of its box with these angles, in its own frame: the mean of the row's ``bounds``
     center: Float[np.ndarray, "k 3"]
 
     @classmethod

@@ -31,32 +31,22 @@ PATIENCE = 10  # places without a camera that count as a quarter of an image's t
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Wishes:
-    """Boxes that n tries of cameras should reproduce.
+    """Boxes that n tries of cameras should reproduce."""
 
-    Parameters
-    ----------
-    sampled, box
-        (n,) box of the photographs that was sampled for the image, and the one that this try follows; -1: none.
-    corners, cut
-        (n, 4) left, top, right, and bottom side of the box in pixels, and whether the frame cuts it off there.
-    pixels, wide
-        (n,) height of the target's box, or its width if `wide`, where the frame cuts off the height.
-    aspect, kept
-        (n,) width over height of the box without a cut of the height, and the share of the height that such a cut at a
-        corner leaves.
-    choice
-        (n,) uniform numbers in [0, 1) that choose directions.
-    """
-
+    # sampled, box: box of the photographs that was sampled for the image, and the one that this try follows; -1: none
     sampled: Int[np.ndarray, " n"]
     box: Int[np.ndarray, " n"]
+    # corners, cut: left, top, right, and bottom side of the box in pixels, and whether the frame cuts it off there
     corners: Float[np.ndarray, "n 4"]
     cut: Bool[np.ndarray, "n 4"]
+    # pixels, wide: height of the target's box, or its width if `wide`, where the frame cuts off the height
     pixels: Float[np.ndarray, " n"]
     wide: Bool[np.ndarray, " n"]
+    # aspect, kept: width over height of the box without a cut of the height, and the share of the height that such a
+    # cut at a corner leaves
     aspect: Float[np.ndarray, " n"]
     kept: Float[np.ndarray, " n"]
-    choice: Float[np.ndarray, " n"]
+    choice: Float[np.ndarray, " n"]  # uniform numbers in [0, 1) that choose directions
 
     def least_kept(self, config: Config) -> Float[np.ndarray, "n 2"]:
         """Least shares of targets' widths and heights in the frame, by `truncated_fraction`."""
@@ -66,13 +56,7 @@ class Wishes:
 
 
 class Likeness:
-    """Boxes of photographs to sample from, within the limits of a config.
-
-    Raises
-    ------
-    ConfigError
-        If no box is within the limits.
-    """
+    """Boxes of photographs to sample from, within the limits of a config."""
 
     def __init__(self, photographs: Photographs, config: Config) -> None:
         self.photographs, self.config = photographs, config
@@ -137,15 +121,7 @@ class Likeness:
         attempt: Int[np.ndarray, " n"],
         quarter: Int[np.ndarray, " n"],
     ) -> Wishes:
-        """Return the boxes that n tries follow.
-
-        Parameters
-        ----------
-        targets, image, attempt
-            Of each try.
-        quarter
-            (n,) 0 to 3: the quarter of the image's tries that this one is in.
-        """
+        """Return the boxes that n tries follow."""
         camera, render, photographs = self.config.camera, self.config.render, self.photographs
         again = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
         sampled = self.sampled(draws, targets.fleet, model=targets.model, image=image)

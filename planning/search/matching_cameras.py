@@ -39,15 +39,7 @@ def matching_cameras(
     roll: Float[np.ndarray, " n"],
     rng: RowStreams,
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
-    """Return n cameras that reproduce size and place of the photographs' boxes, and their distances; nan without one.
-
-    Parameters
-    ----------
-    targets, wishes, intrinsics, roll
-        n each; every wish has a box.
-    rng
-        See `directions_of`.
-    """
+    """Cameras that reproduce size and place of the photographs' boxes, and their distances; nan without one."""
     n = len(targets)
     azimuth, elevation, distance = chosen_directions(targets, wishes, config, intrinsics=intrinsics, rng=rng)
     poses = np.full((n, 4, 4), np.nan)

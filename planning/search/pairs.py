@@ -31,31 +31,16 @@ _FIRST_TRIAL = 2**40
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pairs:
-    """Weights of sceneries.
+    """Weights of sceneries."""
 
-    Parameters
-    ----------
-    weights
-        (v, s) weight of each scenery for each vehicle of the budget; 0 for a pair that isn't planned.
-    sites
-        (s,) weight of each scenery for backgrounds.
-    left_out
-        Allowed pairs whose trials failed.
-    """
-
+    # weight of each scenery for each vehicle of the budget; 0 for a pair that isn't planned
     weights: Float[np.ndarray, "v s"]
-    sites: Float[np.ndarray, " s"]
-    left_out: tuple[LeftOut, ...]
+    sites: Float[np.ndarray, " s"]  # weight of each scenery for backgrounds
+    left_out: tuple[LeftOut, ...]  # allowed pairs whose trials failed
 
 
 def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict: bool) -> Pairs:
-    """Try every pair that the config allows.
-
-    Raises
-    ------
-    ConfigError
-        If a vehicle with images has no scenery left, or, if `strict`, lacks one of its sceneries.
-    """
+    """Try every pair that the config allows."""
     config, weights, left_out = stage.config, np.zeros((len(budget.vehicles), len(stage.sites))), []
     listed = {entry.name: entry.weight for entry in config.assets.sceneries}
     of_sites = {site.name: listed.get(site.name, 1.0) for site in stage.sites}
@@ -86,13 +71,7 @@ def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict
 
 
 def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]) -> Float[np.ndarray, " s"]:
-    """Return the weights of sceneries for a vehicle, 0 for those that it may not use.
-
-    Raises
-    ------
-    ConfigError
-        If a pattern of the vehicle matches no scenery, or all its sceneries have weight 0.
-    """
+    """Return the weights of sceneries for a vehicle, 0 for those that it may not use."""
     names = list(of_sites)
     entry = next((entry for entry in config.assets.vehicles if entry.name == vehicle), None)
     weights = np.array([weight if entry is None or entry.is_for(name) else 0.0 for name, weight in of_sites.items()])

@@ -32,12 +32,8 @@ def settle_clear(
 ) -> Settled:
     """Settle n vehicles, or reject those that don't meet the config's limits; poses of `instances` aren't used.
 
-    Parameters
-    ----------
-    xy, yaw
-        (n, 2) meters and (n,) radians.
-    z
-        (n,) heights of vehicles that are placed upright instead of settling; nan: they settle.
+    `xy`, `yaw`: meters and (n,) radians.
+    `z`: heights of vehicles that are placed upright instead of settling; nan: they settle.
     """
     limits, fleet, rules = config.placement, instances.fleet, settle_rules(config.placement)
     settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)

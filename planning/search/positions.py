@@ -58,38 +58,19 @@ class HopelessPosition(ConfigError):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Planned:
-    """Poses and cameras of a block.
-
-    Parameters
-    ----------
-    block
-        The positions.
-    given_up
-        (n,) whether the position has no place; the other attributes hold values for the other positions only.
-    table
-        Targets and extras.
-    views
-        Views of the m images' targets.
-    seen
-        Views of extras.
-    rejected
-        (m, kinds) counts of rejections; those of places are with the first image of the position.
-    weathers
-        Weather of the images; None where it is clear.
-    problems
-        Row of a position without a place -> the error that names its rejections.
-    hopeless
-        The error of the first position that isn't movable; None without one. With one, other values are incomplete.
-    """
+    """Poses and cameras of a block."""
 
     block: Block
+    # whether the position has no place; the other attributes hold values for the other positions only
     given_up: Bool[np.ndarray, " n"]
     table: InstanceTable
-    views: Views
+    views: Views  # views of the m images' targets
     seen: Seen
+    # counts of rejections; those of places are with the first image of the position
     rejected: Int[np.ndarray, "m kinds"]
-    weathers: list[Weather | None]
-    problems: Mapping[int, HopelessPosition]
+    weathers: list[Weather | None]  # weather of the images; None where it is clear
+    problems: Mapping[int, HopelessPosition]  # row of a position without a place -> the error that names its rejections
+    # the error of the first position that isn't movable; None without one. With one, other values are incomplete.
     hopeless: HopelessPosition | None
 
 

@@ -46,13 +46,7 @@ class Purpose(IntEnum):
 
 
 class RandomStreams:
-    """All random numbers of one plan.
-
-    Parameters
-    ----------
-    seed
-        Any integer from 0 on.
-    """
+    """All random numbers of one plan."""
 
     __slots__ = ("_key",)
 
@@ -62,13 +56,7 @@ class RandomStreams:
     def uniform(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> Float[np.ndarray, "*n {count}"]:
-        """Return `count` numbers for each item, uniform in [0, 1), multiples of 2**-53.
-
-        Parameters
-        ----------
-        purpose, item, attempt
-            Counters from 0 on, of any shapes that broadcast; purposes are those of `Purpose`.
-        """
+        """Return `count` numbers for each item, uniform in [0, 1), multiples of 2**-53."""
         return _unit(self.bits(purpose, item, attempt, count=count))
 
     def bits(

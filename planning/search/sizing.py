@@ -70,23 +70,10 @@ def sized_cameras(
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return cameras in these directions from n targets of one model, framed, at distances with the wanted box sizes.
 
-    Parameters
-    ----------
-    hull
-        (n, h, 3) points with the same projected boxes as the targets.
-    pixels, measure
-        (n,) wanted sizes, and what they measure; see `camera.size.solve_distance`.
-    azimuth, elevation
-        (n,) directions of the camera from the target's center, radians.
-    roll
-        (n,) radians; see `camera.framing.turned`.
-    framed
-        Turns cameras toward their targets, always by the same rule.
+    Returns: nan if no distance with the whole vehicle in front of the camera gives that size.
 
-    Returns
-    -------
-    world_from_camera, distance
-        nan if no distance with the whole vehicle in front of the camera gives that size.
+    `azimuth`, `elevation`: directions of the camera from the target's center, radians.
+    `roll`: radians; see `camera.framing.turned`.
     """
     centers = targets.centers
     level = camera_pose(centers, 1.0, azimuth, elevation)

@@ -33,54 +33,29 @@ _BOUNDS = (np.min, np.max)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Site:
-    """A scenery with its query objects.
-
-    Parameters
-    ----------
-    terrain
-        Top hits on its ground, or on the fallback plane.
-    world
-        Ground, with vertical walls, and obstacles for rays in any direction.
-    water
-        Top hits on its water; None without any.
-    obstacles, camera_room
-        Clearance from obstacles, and of cameras from ground, water, and obstacles.
-    bounds
-        (2, 2) lowest and highest (x, y) for vehicles, before the margin.
-    origin, crs
-        The scenery's coordinates on a map.
-    """
+    """A scenery with its query objects."""
 
     name: str
-    terrain: Terrain
-    world: Scene
-    water: Terrain | None
+    terrain: Terrain  # top hits on its ground, or on the fallback plane
+    world: Scene  # ground, with vertical walls, and obstacles for rays in any direction
+    water: Terrain | None  # top hits on its water; None without any
+    # obstacles, camera_room: clearance from obstacles, and of cameras from ground, water, and obstacles
     obstacles: Obstacles
     camera_room: CameraRoom
-    bounds: Float[np.ndarray, "2 2"]
-    origin: Float[np.ndarray, "3"]
+    bounds: Float[np.ndarray, "2 2"]  # lowest and highest (x, y) for vehicles, before the margin
+    origin: Float[np.ndarray, "3"]  # origin, crs: the scenery's coordinates on a map
     crs: str
 
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A vehicle with its query objects.
+    """A vehicle with its query objects."""
 
-    Parameters
-    ----------
-    shape, category
-        The vehicle and its class; None for a distractor without one.
-    boxes, caster
-        Its bounding boxes in cameras, and its surface for rays.
-    footing
-        The points where it meets the ground: of its underside, or of a plate as large as its box.
-    """
-
-    shape: VehicleShape
+    shape: VehicleShape  # shape, category: the vehicle and its class; None for a distractor without one
     category: str | None
-    boxes: VehicleBoxes
+    boxes: VehicleBoxes  # boxes, caster: its bounding boxes in cameras, and its surface for rays
     caster: VehicleCaster
-    footing: Footing
+    footing: Footing  # the points where it meets the ground: of its underside, or of a plate as large as its box
 
     @cached_property
     def hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
@@ -96,25 +71,6 @@ class Fleet:
 
     A part with faces has a box, in the vehicle's frame at rest; where a model has fewer boxes than another, the tables
     repeat its first.
-
-    Attributes
-    ----------
-    index
-        Name -> index in `models`.
-    classed
-        (m,) whether it has a class.
-    size, center
-        (m, 3) of the bounding boxes at rest.
-    parts
-        Largest number of parts of a model.
-    boxes
-        (m,) number of boxes.
-    footings, contacts
-        The footing of each, and their contact points as one table.
-    reach
-        (m,) radius about the origin that no part exceeds in any articulation, meters.
-    half, box_center, box_part, corners
-        (m, b, 3) half sizes and centers, (m, b) parts, and (m, b, 8, 3) corners of the boxes.
     """
 
     def __init__(self, models: tuple[Model, ...]) -> None:
@@ -158,19 +114,11 @@ def _reach(shape: VehicleShape) -> float:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlanStage:
-    """A plan's config, and its sites and models in the order of the config.
-
-    Parameters
-    ----------
-    fleet
-        The models: vehicles, then distractors.
-    vehicles
-        Number of vehicles.
-    """
+    """A plan's config, and its sites and models in the order of the config."""
 
     config: Config
     sites: tuple[Site, ...]
-    fleet: Fleet
+    fleet: Fleet  # the models: vehicles, then distractors
     vehicles: int
 
 

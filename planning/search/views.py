@@ -30,52 +30,28 @@ PLENTY = 1000.0  # visible square pixels of a box above which some pixel center 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Views:
-    """n cameras and what each sees of one vehicle; nan for values after a rejection.
+    """n cameras and what each sees of one vehicle; nan for values after a rejection."""
 
-    Parameters
-    ----------
-    world_from_camera, fov_x_deg
-        (n, 4, 4) poses, and (n,) horizontal fields of view.
-    boxes
-        n boxes; nan for a vehicle outside the frame, or behind the camera.
-    visible_fraction
-        (n,) shares; 0 for a vehicle outside the frame.
-    air_contrast
-        (n,) share of the vehicle's contrast after haze; see `camera.weather.extinction`.
-    rejection
-        (n,) codes of `Rejection`.
-    sampled, followed
-        (n,) boxes of photographs; see `planning.search.likeness.Wishes`. -1: none.
-    """
-
+    # world_from_camera, fov_x_deg: poses, and (n,) horizontal fields of view
     world_from_camera: Float[np.ndarray, "n 4 4"]
     fov_x_deg: Float[np.ndarray, " n"]
-    boxes: Boxes
-    visible_fraction: Float[np.ndarray, " n"]
-    air_contrast: Float[np.ndarray, " n"]
+    boxes: Boxes  # n boxes; nan for a vehicle outside the frame, or behind the camera
+    visible_fraction: Float[np.ndarray, " n"]  # shares; 0 for a vehicle outside the frame
+    air_contrast: Float[np.ndarray, " n"]  # share of the vehicle's contrast after haze; see `camera.weather.extinction`
     rejection: UInt8[np.ndarray, " n"]
+    # sampled, followed: boxes of photographs; see `planning.search.likeness.Wishes`. -1: none.
     sampled: Int[np.ndarray, " n"]
     followed: Int[np.ndarray, " n"]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Seen:
-    """Views of p pairs of an image and an extra in it, ordered by image and then by instance.
+    """Views of p pairs of an image and an extra in it, ordered by image and then by instance."""
 
-    Parameters
-    ----------
-    image, instance
-        (p,) rows of the block's images and of its table.
-    views
-        Views of the p pairs.
-    pixels
-        (p,) whether an extra that has a class covers the center of any pixel.
-    """
-
-    image: Int[np.ndarray, " p"]
+    image: Int[np.ndarray, " p"]  # image, instance: rows of the block's images and of its table
     instance: Int[np.ndarray, " p"]
-    views: Views
-    pixels: Bool[np.ndarray, " p"]
+    views: Views  # views of the p pairs
+    pixels: Bool[np.ndarray, " p"]  # whether an extra that has a class covers the center of any pixel
 
 
 def no_views(n: int) -> Views:

@@ -52,24 +52,7 @@ def evaluate(
     duplicates: Mapping[str, Sequence[Duplicate]],
     texture_size: int,
 ) -> Evaluated:
-    """Everything that `scene` draws.
-
-    Parameters
-    ----------
-    scene
-        A Blender scene.
-    meters_from_file
-        The file's scale and up axis, for the bounds of the pieces.
-    duplicates
-        The duplicates taken out of the scene; each follows the object that it equals.
-    texture_size
-        Texels on the longer side of stored alpha textures.
-
-    Raises
-    ------
-    AssetError
-        If a mesh or an object has NaN or impossibly large coordinates.
-    """
+    """Everything that `scene` draws."""
     cutouts = CutoutReader(texture_size)
     cutouts.bake([material for material in bpy.data.materials if material.users])
     inputs = ObjectInputs([material for material in bpy.data.materials if material.users])

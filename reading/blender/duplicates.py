@@ -29,21 +29,11 @@ HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # us
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Duplicate:
-    """An object that was taken out of the scene.
-
-    Parameters
-    ----------
-    name
-        Its name.
-    data
-        That of its mesh.
-    pose
-        (4, 4) world_from_object.
-    """
+    """An object that was taken out of the scene."""
 
     name: str
     data: str
-    pose: Float[np.ndarray, "4 4"]
+    pose: Float[np.ndarray, "4 4"]  # world_from_object
 
 
 def take_duplicates() -> dict[str, list[Duplicate]]:

@@ -30,13 +30,7 @@ WALL = (0.36, 0.31, 0.25, 1.0)
 
 
 def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
-    """Fill Blender's scene with a GeoTIFF's terrain; return its elevations, and the files it refers to.
-
-    Raises
-    ------
-    AssetError
-        If a file can't be read or is elsewhere than asset files may be.
-    """
+    """Fill Blender's scene with a GeoTIFF's terrain; return its elevations, and the files it refers to."""
     terrain = read_elevations(path, area=options.area, scale=options.scale)
     mesh = bpy.data.meshes.new(NAME)
     vertices, faces = terrain.mesh.vertices, terrain.mesh.faces

@@ -19,13 +19,7 @@ from hulldown.reading.surroundings import backdrop, shows_land, small_map
 
 
 def read_picture(job: Job) -> FoundSky:
-    """Check a picture; write its small map, and a repaired copy if needed.
-
-    Raises
-    ------
-    AssetError
-        If it cannot be used.
-    """
+    """Check a picture; write its small map, and a repaired copy if needed."""
     image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:
         radiance, notes = mend(_radiance(image))

@@ -31,52 +31,20 @@ AGAIN = "open it in Blender and save it again"
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """Properties of the file that is open in Blender.
+    """Properties of the file that is open in Blender."""
 
-    Parameters
-    ----------
-    unit
-        Meters to one unit.
-    up
-        The axis that points up, "z" or "y".
-    written_by
-        The Blender that wrote it, or its format.
-    doubts
-        Sentences for the user.
-    duplicates
-        Duplicates taken out of the scene, by the name of the object that they equal.
-    terrain
-        Of a GeoTIFF: the elevations, in float64.
-    files
-        Files that it refers to besides those that Blender lists.
-    """
-
-    unit: float
-    up: str
-    written_by: str
+    unit: float  # meters to one unit
+    up: str  # the axis that points up, "z" or "y"
+    written_by: str  # the Blender that wrote it, or its format
     doubts: tuple[Doubt, ...] = ()
+    # duplicates taken out of the scene, by the name of the object that they equal
     duplicates: Mapping[str, Sequence[Duplicate]] = field(default_factory=dict)
-    terrain: Elevations | None = None
-    files: Sequence[str] = ()
+    terrain: Elevations | None = None  # of a GeoTIFF: the elevations, in float64
+    files: Sequence[str] = ()  # files that it refers to besides those that Blender lists
 
 
 def open_file(path: Path, kind: str, options: Options) -> Opened:
-    """Make `path` the file that is open in Blender.
-
-    Parameters
-    ----------
-    path
-        The file.
-    kind
-        Its format, as `reading.pieces.formats.format_of` tells it.
-    options
-        How to read it.
-
-    Raises
-    ------
-    AssetError
-        If Blender cannot read it, or it is of a newer Blender.
-    """
+    """Make `path` the file that is open in Blender."""
     if kind == "blend":
         return _open_blend(path)
     bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -39,23 +39,11 @@ CLOSE = 1e-4  # between a pose that Blender draws an instance at and that of its
 
 @dataclass(eq=False)
 class ObjectInputs:
-    """Values that materials read of the objects of a depsgraph.
-
-    Parameters
-    ----------
-    materials
-        The file's.
-
-    Attributes
-    ----------
-    keys
-        Names of the values, from `reads`.
-    places
-        world_from_object in the file of the objects whose coordinates materials read, by name.
-    """
+    """Values that materials read of the objects of a depsgraph."""
 
     materials: Sequence[Any]
-    keys: tuple[Key, ...] = ()
+    keys: tuple[Key, ...] = ()  # names of the values, from `reads`
+    # world_from_object in the file of the objects whose coordinates materials read, by name
     places: dict[str, np.ndarray] = field(default_factory=dict)
     _instances: dict[int, tuple[KDTree, dict[str, np.ndarray]] | None] = field(default_factory=dict)
 

@@ -24,11 +24,6 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
 
     Blender evaluates a file while it opens it, caches and fluids included. So the file is disarmed by a handler, which
     Blender calls when all is read and nothing is evaluated; right after it, `then` is called.
-
-    Raises
-    ------
-    RuntimeError
-        If Blender cannot read it.
     """
     left_out: list[str] = []
     errors: list[Exception] = []

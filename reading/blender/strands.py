@@ -19,13 +19,7 @@ BARE_RADIUS = 0.005  # of curves that have none of their own, as Cycles draws th
 
 
 def curves_mesh(curves: Any, name: str) -> Mesh | None:
-    """Return a mesh that hides as much as hair curves, in their frame; None if there are none.
-
-    Raises
-    ------
-    ValueError
-        If a coordinate is no number.
-    """
+    """Return a mesh that hides as much as hair curves, in their frame; None if there are none."""
     points = read(curves.points, "position", np.float32, 3).reshape(-1, 3)
     first = read(curves.curves, "first_point_index", np.int32)
     radii, kind = np.full(len(points), BARE_RADIUS, np.float32), np.full(len(first), CATMULL_ROM)
@@ -41,11 +35,6 @@ def points_mesh(cloud: Any, name: str) -> Mesh | None:
 
     The mean outline of a convex body has a quarter of its surface (Cauchy): an octahedron as wide as a sphere of radius
     ``r`` in that sense has corners at ``r * sqrt(pi / sqrt(3))``.
-
-    Raises
-    ------
-    ValueError
-        If a coordinate is no number.
     """
     points = read(cloud.points, "co", np.float32, 3).reshape(-1, 1, 3).astype(float)
     radii = read(cloud.points, "radius", np.float32).astype(float)
@@ -65,13 +54,7 @@ def strand_systems(drawn: Any) -> list[Any]:
 
 
 def strand_curves(drawn: Any, system: Any) -> Any:
-    """Make a datablock of hair curves, in the object's frame, from a particle system's strands.
-
-    Raises
-    ------
-    ValueError
-        If positions of the object or its strands aren't numbers.
-    """
+    """Make a datablock of hair curves, in the object's frame, from a particle system's strands."""
     settings, curves = system.settings, bpy.data.hair_curves.new(system.name)
     parents, children = len(system.particles), len(system.child_particles)
     # As Cycles takes them: where there are children, their parents only guide them.

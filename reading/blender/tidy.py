@@ -74,12 +74,7 @@ def write_vehicle(
     *,
     unpainted: Sequence[bool],
 ) -> Any:
-    """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file.
-
-    Returns
-    -------
-    The written collection.
-    """
+    """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file."""
     collection = bpy.data.collections.new("hulldown vehicle")
     placed = reads_places(bpy.data.materials)
     keep_inputs(bpy.data.materials, drawn.keys, drawn.places, None)

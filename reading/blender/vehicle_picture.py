@@ -27,12 +27,7 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
 
     The world is white, so that a matt surface in the open shows the color of its paint.
 
-    Parameters
-    ----------
-    collection
-        Of a tidy twin; its objects get a parent and their pose.
-    bounds
-        (2, 3) lowest and highest corner in the vehicle's frame, in meters.
+    `bounds`: lowest and highest corner in the vehicle's frame, in meters.
     """
     scene = bpy.data.scenes.new("picture")
     scene.collection.children.link(collection)

@@ -27,13 +27,7 @@ MOST_LIBRARIES = 1000  # that refer to each other
 
 
 def refuse_special_files(path: Path) -> None:
-    """Raise if a .blend or one of its libraries refers to something that exists and isn't a regular file.
-
-    Raises
-    ------
-    AssetError
-        Naming the first FIFO, device or socket.
-    """
+    """Raise if a .blend or one of its libraries refers to something that exists and isn't a regular file."""
     ring, seen = [path], {path}
     while ring and len(seen) < MOST_LIBRARIES:
         blend = ring.pop()
@@ -82,13 +76,7 @@ def _unpacked(raw: BinaryIO) -> BinaryIO:
 
 
 def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
-    """Code and data of each block of the kinds in `OPENED`, of an uncompressed file.
-
-    Raises
-    ------
-    EOFError
-        If it ends too early.
-    """
+    """Code and data of each block of the kinds in `OPENED`, of an uncompressed file."""
     header = _exactly(file, 12)
     if not header.startswith(b"BLENDER"):
         return

@@ -71,18 +71,7 @@ def confinement() -> str:
 def confined(
     command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
 ) -> list[str]:
-    """Return a command that runs `command` confined; `command` itself if that's impossible or switched off.
-
-    Parameters
-    ----------
-    command
-        A program by its path, and its arguments.
-    read, write
-        Files and folders; missing ones are left out. The system's libraries, this Python, installed packages, and the
-        folders that the user names in ``HULLDOWN_READ`` can be read besides.
-    devices
-        Paths of devices that it may use.
-    """
+    """Return a command that runs `command` confined; `command` itself if that's impossible or switched off."""
     if unconfined():
         return list(command)
     more = [path for path in os.environ.get(MORE, "").split(os.pathsep) if path]
@@ -136,18 +125,7 @@ def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
 
 
 def restrict(policy: dict[str, list[str]]) -> None:
-    """Confine this process and its children permanently. Existing threads aren't confined.
-
-    Parameters
-    ----------
-    policy
-        Paths under "execute" (and read), "list" (names in folders), "read" and "write" (and read).
-
-    Raises
-    ------
-    OSError
-        If the kernel refuses.
-    """
+    """Confine this process and its children permanently. Existing threads aren't confined."""
     version = abi()
     handled = FIRST_ABI | sum(right for since, right in SINCE.items() if version >= since)
     # A kernel takes a larger description than it knows only if the rest is zero.

@@ -21,13 +21,7 @@ LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as
 
 
 def refuse_odd_references(path: Path, kind: str) -> None:
-    """Raise if a file of the format `kind` refers to something other than a file, or to a missing part of itself.
-
-    Raises
-    ------
-    AssetError
-        Naming it.
-    """
+    """Raise if a file of the format `kind` refers to something other than a file, or to a missing part of itself."""
     if kind == "obj":
         for material in material_libraries(path):
             for _, picture in directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
@@ -43,13 +37,7 @@ def _refuse(path: Path, named: str) -> None:
 
 
 def material_libraries(path: Path) -> Iterator[Path]:
-    """Yield the .mtl files of an OBJ file that exist and may be read.
-
-    Raises
-    ------
-    AssetError
-        If one isn't a regular file.
-    """
+    """Yield the .mtl files of an OBJ file that exist and may be read."""
     for _, named in directives(path, b"mtllib"):
         _refuse(path, named)
         material = path.parent / named

@@ -17,21 +17,11 @@ LONGEST_LINE = 4096  # bytes
 
 @dataclass(frozen=True, slots=True)
 class ReadLimits:
-    """Limits of reading a file.
+    """Limits of reading a file."""
 
-    Parameters
-    ----------
-    silence_s
-        Seconds since its last sign of life.
-    memory_bytes
-        Resident memory; None for nine tenths of the machine's.
-    share
-        How many files are read at a time, which share the machine's memory.
-    """
-
-    silence_s: float = 900.0
-    memory_bytes: int | None = None
-    share: int = 1
+    silence_s: float = 900.0  # seconds since its last sign of life
+    memory_bytes: int | None = None  # resident memory; None for nine tenths of the machine's
+    share: int = 1  # how many files are read at a time, which share the machine's memory
 
     @property
     def memory(self) -> float:
@@ -45,13 +35,7 @@ DEFAULT_LIMITS = ReadLimits()
 def watched(
     command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS
 ) -> tuple[int, str, str]:
-    """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life.
-
-    Returns
-    -------
-    Its exit code, negative for a signal; the end of its output; and the limit that it exceeded, with both figures, if
-    it was ended.
-    """
+    """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life."""
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()
 

@@ -35,35 +35,15 @@ class By(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ObjectRow:
-    """One object of the file, or all instances of it.
-
-    Parameters
-    ----------
-    name
-        Object name.
-    kind
-        Blender's object type.
-    use
-        A part's name ("hull", "turret", "gun"), "ground", "obstacle", "backdrop" or "dropped".
-    why
-        The reason.
-    count
-        Number of times it's drawn.
-    triangles
-        Triangles of one of them, as rendered.
-    size
-        Extents in meters of the largest of them along x, y, z.
-    by
-        What decided its use.
-    """
+    """One object of the file, or all instances of it."""
 
     name: str
     kind: str
-    use: str
+    use: str  # a part's name ("hull", "turret", "gun"), "ground", "obstacle", "backdrop" or "dropped"
     why: str
-    count: int = 1
-    triangles: int = 0
-    size: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    count: int = 1  # number of times it's drawn
+    triangles: int = 0  # triangles of one of them, as rendered
+    size: tuple[float, float, float] = (0.0, 0.0, 0.0)  # extents in meters of the largest of them along x, y, z
     by: By = By.FILE
 
 
@@ -138,80 +118,35 @@ class Missing:
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """A vehicle among several things in a file, as an entry of a config.
+    """A vehicle among several things in a file, as an entry of a config."""
 
-    Parameters
-    ----------
-    name
-        Name of the entry; "" for the file's own.
-    keep, drop
-        Patterns that leave nothing else.
-    size
-        Extents in meters.
-    """
-
-    name: str
-    size: tuple[float, float, float]
-    keep: tuple[str, ...] = ()
+    name: str  # name of the entry; "" for the file's own
+    size: tuple[float, float, float]  # extents in meters
+    keep: tuple[str, ...] = ()  # keep, drop: patterns that leave nothing else
     drop: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """The report about a file.
-
-    Parameters
-    ----------
-    kind
-        "vehicle" or "scenery".
-    path
-        The file.
-    size
-        Extents in meters: of the vehicle, or of the ground (of everything if there is none).
-    triangles
-        Drawn triangles of used objects, each instance counted.
-    unit
-        Meters to one unit of the file.
-    up
-        The axis of the file that points up: "z", "y", "-y", ...
-    origin
-        Meters subtracted from a scenery's coordinates.
-    rows
-        Every object and its use.
-    parts
-        Moving parts of a vehicle.
-    missing
-        Missing textures and libraries.
-    doubts
-        Things that look unintended.
-    written_by
-        The version of Blender that wrote the file, or the format.
-    axes
-        Directions of a vehicle's up and nose in the file, with reasons.
-    materials
-        Materials of a vehicle's surface, largest share first.
-    painted
-        Parts that the config paints, one line each.
-    things
-        Entries to list a vehicle's file by, if several things are in it.
-    """
+    """The report about a file."""
 
     kind: str
     path: str
+    # extents in meters: of the vehicle, or of the ground (of everything if there is none)
     size: tuple[float, float, float]
-    triangles: int
-    unit: float
-    up: str
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rows: tuple[ObjectRow, ...] = ()
-    parts: tuple[PartRow, ...] = ()
+    triangles: int  # drawn triangles of used objects, each instance counted
+    unit: float  # meters to one unit of the file
+    up: str  # the axis of the file that points up: "z", "y", "-y", .
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)  # meters subtracted from a scenery's coordinates
+    rows: tuple[ObjectRow, ...] = ()  # every object and its use
+    parts: tuple[PartRow, ...] = ()  # moving parts of a vehicle
     missing: tuple[Missing, ...] = ()
     doubts: tuple[Doubt, ...] = ()
-    written_by: str = ""
-    axes: str = ""
-    materials: tuple[MaterialRow, ...] = ()
-    painted: tuple[str, ...] = ()
-    things: tuple[Thing, ...] = ()
+    written_by: str = ""  # the version of Blender that wrote the file, or the format
+    axes: str = ""  # directions of a vehicle's up and nose in the file, with reasons
+    materials: tuple[MaterialRow, ...] = ()  # materials of a vehicle's surface, largest share first
+    painted: tuple[str, ...] = ()  # parts that the config paints, one line each
+    things: tuple[Thing, ...] = ()  # entries to list a vehicle's file by, if several things are in it
 
     def table(self) -> Table:
         """Return a table of every object and its use, for a terminal."""
@@ -242,33 +177,15 @@ class FileReport:
 
 @dataclass(frozen=True, slots=True)
 class SkyReport:
-    """The report about an HDRI.
-
-    Parameters
-    ----------
-    path
-        The file.
-    irradiance
-        Of level ground, linear Rec. 709.
-    exposure_ev
-        Exposure at which a gray card on open land is mid-gray, at a strength of 1.
-    horizon_deg
-        Elevation up to which it shows something other than sky.
-    notes
-        Repairs, a sentence each.
-    doubts
-        Why it doesn't fit open land or has odd light, and what to do.
-    kind
-        "hdri", beside those of `FileReport`.
-    """
+    """The report about an HDRI."""
 
     path: str
-    irradiance: tuple[float, float, float]
-    exposure_ev: float
-    horizon_deg: float
+    irradiance: tuple[float, float, float]  # of level ground, linear Rec. 709.
+    exposure_ev: float  # exposure at which a gray card on open land is mid-gray, at a strength of 1
+    horizon_deg: float  # elevation up to which it shows something other than sky
     notes: tuple[str, ...]
-    doubts: tuple[Doubt, ...]
-    kind: str = "hdri"
+    doubts: tuple[Doubt, ...]  # why it doesn't fit open land or has odd light, and what to do
+    kind: str = "hdri"  # "hdri", beside those of `FileReport`
 
     def table(self) -> Table:
         """Return its figures, for a terminal."""
@@ -296,13 +213,7 @@ def _materials(rows: Sequence[MaterialRow]) -> list[str]:
 
 
 def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:
-    """Raise if any of the files lacks a texture or a library.
-
-    Raises
-    ------
-    AssetError
-        Naming the first file that lacks one, what it lacks and which objects use it.
-    """
+    """Raise if any of the files lacks a texture or a library."""
     for report in reports:
         if report.missing:
             first, more = report.missing[0], len(report.missing) - 1

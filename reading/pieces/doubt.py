@@ -56,15 +56,6 @@ _RANK = {kind: rank for rank, kind in enumerate(DoubtKind)}
 class Doubt:
     """Something in a file that looks unintended.
 
-    Parameters
-    ----------
-    kind
-        What it's about.
-    text
-        A sentence for the user, with the config's key to set if there is one.
-    key, taken
-        The config's key that would state what reading had to guess, and the guess; "" where there is none.
-
     Examples
     --------
     >>> str(Doubt(DoubtKind.SCALE, "the vehicle is 600 m long; set scale if that is wrong"))
@@ -72,7 +63,8 @@ class Doubt:
     """
 
     kind: DoubtKind
-    text: str
+    text: str  # a sentence for the user, with the config's key to set if there is one
+    # key, taken: the config's key that would state what reading had to guess, and the guess; "" where there is none
     key: str = ""
     taken: str | float | tuple[float, float, float] = ""
 
@@ -82,11 +74,6 @@ class Doubt:
 
 def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     """Return one warning for each file, those with the worst doubts first, each with its worst doubts of `SHOWN` kinds.
-
-    Parameters
-    ----------
-    doubts
-        Doubts by path.
 
     Examples
     --------

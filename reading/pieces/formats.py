@@ -33,13 +33,7 @@ LFS_POINTER = b"version https://git-lfs"  # Git LFS leaves such a text in place 
 
 
 def first_bytes(path: Path) -> bytes:
-    """Return the first bytes of a regular file: reading a FIFO would wait forever, and a device has no end.
-
-    Raises
-    ------
-    AssetError
-        If it isn't a regular file, can't be read, or is only a pointer of Git LFS.
-    """
+    """Return the first bytes of a regular file: reading a FIFO would wait forever, and a device has no end."""
     try:
         if (kind := _kind(path.stat().st_mode)) != "a file":
             raise AssetError(f"is {kind}, not a file", path=path)
@@ -70,13 +64,7 @@ def _kind(mode: int) -> str:
 
 
 def format_of(path: Path) -> str:
-    """Return the format of the file `path`: "blend", "gltf", "fbx", "obj", or "geotiff".
-
-    Raises
-    ------
-    AssetError
-        If `path` isn't a file, is empty, or has an unsupported format.
-    """
+    """Return the format of the file `path`: "blend", "gltf", "fbx", "obj", or "geotiff"."""
     start = first_bytes(path)
     if not start:
         raise AssetError("is empty", path=path, remedy="copy it again")

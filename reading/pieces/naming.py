@@ -189,16 +189,7 @@ def _words(text: str) -> tuple[str, ...]:
 
 
 def first_match(name: str, patterns: Iterable[str]) -> str | None:
-    """Return the first of `patterns` that matches `name`, or None.
-
-    Parameters
-    ----------
-    name
-        Name of an object, mesh or collection.
-    patterns
-        With ``*``, ``?`` or ``[``: a glob over the whole name in any case. Without: words that must be in the
-        name one after the other, however they are joined, with a plural s or without.
-    """
+    """Return the first of `patterns` that matches `name`, or None."""
     patterns = tuple(patterns)
     numbers, globs = _compiled(patterns)
     matched = [numbers[word] for word in _joined(name) if word in numbers]

@@ -24,27 +24,14 @@ ONE_FOR_ALL = 0.9  # of a vehicle's surface that one material has, if it's also 
 
 @dataclass(frozen=True, slots=True)
 class MaterialRow:
-    """A material of a vehicle.
-
-    Parameters
-    ----------
-    name
-        In the file.
-    share
-        Of the vehicle's surface.
-    color
-        Mean of its base color, linear light: of an image's texels on the vehicle, estimated for other nodes.
-    left_alone
-        Reason why it isn't painted; empty if it can be.
-    alpha
-        The least alpha of its shaders that isn't a texture's; 1 if it's opaque.
-    """
+    """A material of a vehicle."""
 
     name: str
     share: float
+    # mean of its base color, linear light: of an image's texels on the vehicle, estimated for other nodes
     color: tuple[float, float, float]
-    left_alone: str = ""
-    alpha: float = 1.0
+    left_alone: str = ""  # reason why it isn't painted; empty if it can be
+    alpha: float = 1.0  # the least alpha of its shaders that isn't a texture's; 1 if it's opaque
 
 
 def is_one_color(texels: Float[np.ndarray, "k 3"], weight: Float[np.ndarray, " k"]) -> bool:
@@ -64,29 +51,13 @@ def _is_dark(color: Sequence[float]) -> bool:
 
 
 def parts_left_alone(names: Sequence[str], areas: np.ndarray, materials: Sequence[int]) -> np.ndarray:
-    """Return whether each part of a vehicle is a wheel, a window, or the like by its name.
-
-    Parameters
-    ----------
-    names, areas
-        Of the parts.
-    materials
-        Number of materials of each; several materials decide instead of the name.
-    """
+    """Return whether each part of a vehicle is a wheel, a window, or the like by its name."""
     kept = np.array([n == 1 and bool(left_alone_by_name(name)) for name, n in zip(names, materials, strict=True)], bool)
     return kept & (areas[kept].sum() <= MOST_PARTS * areas.sum())
 
 
 def told_apart(rows: Sequence[MaterialRow], *, parts: bool) -> list[MaterialRow]:
-    """Leave materials unpainted that are as dark as rubber, or that cover a whole vehicle without separate tires.
-
-    Parameters
-    ----------
-    rows
-        The materials of a vehicle.
-    parts
-        Whether any of its parts is left unpainted.
-    """
+    """Leave materials unpainted that are as dark as rubber, or that cover a whole vehicle without separate tires."""
     made = []
     for row in rows:
         why = row.left_alone
@@ -111,15 +82,7 @@ def matches(name: str, pattern: str) -> bool:
 
 
 def painted(materials: Sequence[MaterialRow], coats: Sequence[Sequence[str]]) -> dict[str, int]:
-    """Return the coat of each painted material by name: the first with a matching pattern.
-
-    Parameters
-    ----------
-    materials
-        A vehicle's materials. Unpaintable ones are painted only if a pattern is their whole name.
-    coats
-        The patterns of each coat.
-    """
+    """Return the coat of each painted material by name: the first with a matching pattern."""
     found = {}
     for row in materials:
         for k, patterns in enumerate(coats):

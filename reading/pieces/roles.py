@@ -31,24 +31,12 @@ MUCH_LARGER = 4.0  # times the area of the rest's footprint
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Link:
-    """An object on the way from a piece up to the root: itself, its parents, then its instancers.
-
-    Parameters
-    ----------
-    name
-        Object name.
-    collections
-        Names of the collections it is in, nearest first, then the collections around those.
-    kind
-        Blender's object type, such as "MESH" or "EMPTY".
-    pose
-        (4, 4) the object's pose in the world of the file.
-    """
+    """An object on the way from a piece up to the root: itself, its parents, then its instancers."""
 
     name: str
-    collections: tuple[str, ...]
-    kind: str
-    pose: Float[np.ndarray, "4 4"]
+    collections: tuple[str, ...]  # names of the collections it is in, nearest first, then the collections around those
+    kind: str  # Blender's object type, such as "MESH" or "EMPTY"
+    pose: Float[np.ndarray, "4 4"]  # the object's pose in the world of the file
 
 
 class Unseen(Enum):
@@ -63,66 +51,28 @@ class Unseen(Enum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Piece:
-    """One drawn mesh, or the mesh that replaces hair.
+    """One drawn mesh, or the mesh that replaces hair."""
 
-    Parameters
-    ----------
-    data
-        Name of the mesh datablock.
-    chain
-        From the drawn object up to the root; never empty.
-    mesh
-        Index into the file's unique evaluated meshes.
-    pose
-        (4, 4) from the mesh's frame to the world of the file.
-    bounds
-        (2, 3) in the world of the file, after the file's scale and up axis: meters, z up.
-    faces
-        Number of triangles.
-    scattered
-        Whether it's instanced by particles, geometry nodes, vertices, or faces, and so doesn't inherit "ground".
-    anonymous
-        Whether geometry nodes made it, so that its object name is its carrier's.
-    hair
-        Whether it's made of hair curves: grass that hides, and that vehicles drive over.
-    unseen
-        Reason why the camera doesn't see it although it's drawn; None if it does.
-    hidden
-        Whether it's hidden in the viewport but rendered.
-    carrier
-        Name of the object that instances it; "" if none.
-    materials
-        Names of its materials.
-    clear
-        Whether all of its materials are transparent like water or glass.
-    level
-        Share of its area that is nearly horizontal; 0 if it's too narrow, or too high, to be ground or water.
-    filled
-        That area over the area of its bounds, seen from above; small for a curb around a track.
-    look
-        Values of `reading.blender.tidy.LOOK`, for the renderer.
-    inputs
-        What materials read of it: a value for each of the file's `keys`.
-    """
-
-    data: str
-    chain: tuple[Link, ...]
-    mesh: int
-    pose: Float[np.ndarray, "4 4"]
-    bounds: Float[np.ndarray, "2 3"]
+    data: str  # name of the mesh datablock
+    chain: tuple[Link, ...]  # from the drawn object up to the root; never empty
+    mesh: int  # index into the file's unique evaluated meshes
+    pose: Float[np.ndarray, "4 4"]  # from the mesh's frame to the world of the file
+    bounds: Float[np.ndarray, "2 3"]  # in the world of the file, after the file's scale and up axis: meters, z up
     faces: int
+    # whether it's instanced by particles, geometry nodes, vertices, or faces, and so doesn't inherit "ground"
     scattered: bool = False
-    anonymous: bool = False
-    hair: bool = False
-    unseen: Unseen | None = None
-    hidden: bool = False
-    carrier: str = ""
+    anonymous: bool = False  # whether geometry nodes made it, so that its object name is its carrier's
+    hair: bool = False  # whether it's made of hair curves: grass that hides, and that vehicles drive over
+    unseen: Unseen | None = None  # reason why the camera doesn't see it although it's drawn; None if it does
+    hidden: bool = False  # whether it's hidden in the viewport but rendered
+    carrier: str = ""  # name of the object that instances it; "" if none
     materials: tuple[str, ...] = ()
-    clear: bool = False
+    clear: bool = False  # whether all of its materials are transparent like water or glass
+    # share of its area that is nearly horizontal; 0 if it's too narrow, or too high, to be ground or water
     level: float = 0.0
-    filled: float = 1.0
-    look: tuple[object, ...] = ()
-    inputs: tuple[Value, ...] = ()
+    filled: float = 1.0  # that area over the area of its bounds, seen from above; small for a curb around a track
+    look: tuple[object, ...] = ()  # values of `reading.blender.tidy.LOOK`, for the renderer
+    inputs: tuple[Value, ...] = ()  # what materials read of it: a value for each of the file's `keys`
 
     @property
     def name(self) -> str:
@@ -142,15 +92,7 @@ class Piece:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Volume:
-    """A drawn volume from a file, such as smoke, which hides nothing as a surface.
-
-    Parameters
-    ----------
-    name, look, pose
-        As of a piece.
-    block
-        Its data in Blender.
-    """
+    """A drawn volume from a file, such as smoke, which hides nothing as a surface."""
 
     name: str
     block: Any
@@ -160,42 +102,24 @@ class Volume:
 
 @dataclass(eq=False, slots=True)
 class Evaluated:
-    """The evaluated contents of a scene.
+    """The evaluated contents of a scene."""
 
-    Parameters
-    ----------
-    meshes
-        Unique evaluated meshes, each in its own frame and the file's units.
-    blocks
-        The mesh, hair curves, or point cloud of each in Blender, for the renderer.
-    wet
-        By mesh index, the faces whose material is named like water, if only some are.
-    pieces
-        Every drawn mesh, where it is drawn; `bounds` after `meters_from_file`.
-    markers
-        Chains of all empties.
-    keys
-        What materials read of objects.
-    places
-        world_from_object of objects whose coordinates materials read, by name.
-    volumes
-        Every drawn volume, which the renderer needs.
-    left
-        Rows of objects without a piece, and how often they're drawn.
-    doubts
-        Sentences about things that are rendered differently than read.
-    """
-
+    # unique evaluated meshes, each in its own frame and the file's units
     meshes: list[Mesh] = field(default_factory=list)
+    # the mesh, hair curves, or point cloud of each in Blender, for the renderer
     blocks: list[Any] = field(default_factory=list)
+    # by mesh index, the faces whose material is named like water, if only some are
     wet: dict[int, Bool[np.ndarray, " f"]] = field(default_factory=dict)
+    # every drawn mesh, where it is drawn; `bounds` after `meters_from_file`
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
-    keys: tuple[Key, ...] = ()
+    keys: tuple[Key, ...] = ()  # what materials read of objects
+    # world_from_object of objects whose coordinates materials read, by name
     places: dict[str, Float[np.ndarray, "4 4"]] = field(default_factory=dict)
-    volumes: list[Volume] = field(default_factory=list)
+    volumes: list[Volume] = field(default_factory=list)  # every drawn volume, which the renderer needs
+    # rows of objects without a piece, and how often they're drawn
     left: Counter[ObjectRow] = field(default_factory=Counter)
-    doubts: list[Doubt] = field(default_factory=list)
+    doubts: list[Doubt] = field(default_factory=list)  # sentences about things that are rendered differently than read
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,15 +132,7 @@ class PieceRole:
 
 
 def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Sequence[str] = ()) -> list[PieceRole]:
-    """For each piece of a vehicle file, whether it is "vehicle" or "dropped", and why.
-
-    Parameters
-    ----------
-    pieces
-        Everything that is drawn.
-    keep, drop
-        The user's patterns over object, mesh and collection names; they beat all rules, and `keep` beats `drop`.
-    """
+    """For each piece of a vehicle file, whether it is "vehicle" or "dropped", and why."""
     around = [{n for link in piece.chain for n in (link.name, *link.collections)} - {piece.name} for piece in pieces]
     shared = set.intersection(*around) if around else set()  # a parent of all is no helper
     roles: list[PieceRole | None] = [_vehicle_by_name(piece, keep, drop, shared) for piece in pieces]

@@ -53,17 +53,7 @@ class _GeoJson(Struct):
 def read_buildings(path: Path, crs: str) -> list[Building]:
     """Read the polygons of a GeoJSON file, transformed to a terrain's map.
 
-    Parameters
-    ----------
-    path
-        The file: longitudes and latitudes, unless its `crs` names another map.
-    crs
-        The terrain's; "" if unknown: the file's coordinates are then the terrain's.
-
-    Raises
-    ------
-    AssetError
-        If it isn't GeoJSON, or has no polygons or too many.
+    `crs`: the terrain's; "" if unknown: the file's coordinates are then the terrain's.
 
     References
     ----------

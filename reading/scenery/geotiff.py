@@ -32,42 +32,19 @@ NO_GEO = "pip install 'hulldown[geo]'"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Elevations:
-    """A raster as a mesh: a vertex at the center of each cell that has a value, two triangles between four of them.
+    """A raster as a mesh: a vertex at the center of each cell that has a value, two triangles between four of them."""
 
-    Parameters
-    ----------
-    mesh
-        In meters, x east, y north, relative to `anchor`; counterclockwise seen from above.
-    anchor
-        (3,) whole kilometers.
-    crs
-        Coordinate reference system of `anchor` and `mesh`: "EPSG:32632", or WKT; "" if unknown.
-    doubts
-        Sentences for the user.
-    """
-
-    mesh: Mesh
-    anchor: Float[np.ndarray, "3"]
-    crs: str
+    mesh: Mesh  # in meters, x east, y north, relative to `anchor`; counterclockwise seen from above
+    anchor: Float[np.ndarray, "3"]  # whole kilometers
+    crs: str  # coordinate reference system of `anchor` and `mesh`: "EPSG:32632", or WKT; "" if unknown
     doubts: tuple[Doubt, ...]
 
 
 def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | None) -> Elevations:
     """Read the elevations in a GeoTIFF.
 
-    Parameters
-    ----------
-    path
-        The file.
-    area
-        West, south, east, and north bound in the raster's own coordinates; None for all of it.
-    scale
-        Meters per unit of elevation; None to take it from the file.
-
-    Raises
-    ------
-    AssetError
-        If the file has no elevations there, or too many of them.
+    `area`: west, south, east, and north bound in the raster's own coordinates; None for all of it.
+    `scale`: meters per unit of elevation; None to take it from the file.
     """
     with _opened(path) as raster:
         bands = [i for i, kind in enumerate(raster.colorinterp, 1) if kind.name != "alpha"]
@@ -128,19 +105,7 @@ def read_orthophoto(
 ) -> UInt8[np.ndarray, "h w 4"]:
     """Read an orthophoto, resampled to a rectangle of another map; transparent where it has no pixels.
 
-    Parameters
-    ----------
-    path
-        A GeoTIFF of one band (gray) or of red, green, and blue.
-    crs
-        The map's coordinate reference system; "" for that of the file.
-    low, high
-        Southwest and northeast corner of the rectangle.
-
-    Raises
-    ------
-    AssetError
-        If the file isn't a picture, or doesn't overlap the rectangle.
+    `crs`: the map's coordinate reference system; "" for that of the file.
     """
     with _opened(path) as raster:
         import rasterio.transform
@@ -184,15 +149,7 @@ def read_orthophoto(
 
 
 def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
-    """Transform points from one map to another, x east and y north on both.
-
-    Raises
-    ------
-    HulldownError
-        If pyproj isn't installed.
-    ValueError
-        If it doesn't know a map.
-    """
+    """Transform points from one map to another, x east and y north on both."""
     try:
         import pyproj
     except ModuleNotFoundError:

@@ -40,24 +40,6 @@ def hair_mesh(
 
     Of fur that would fill the memory, one stretch in k is taken, k times as thick, which hides as much (Cook et al.,
     Stochastic Simplification of Aggregate Detail, 2007).
-
-    Parameters
-    ----------
-    points
-        (p, 3) of all curves, one curve after the other.
-    radii
-        (p,) of the strand at each point.
-    first
-        (c,) the index of each curve's first point, ascending from 0.
-    straight
-        (c,) whether the curve runs straight from point to point.
-    name
-        Of the mesh.
-
-    Raises
-    ------
-    ValueError
-        If a coordinate isn't a number.
     """
     is_first, is_last = np.zeros((2, len(points)), dtype=bool)
     is_first[first], is_last[first - 1] = True, True

@@ -24,14 +24,7 @@ def parked_vehicles(
 ) -> dict[str, list[str]]:
     """Obstacles that are vehicles, by a name or by wheels: the name of each, and of its objects.
 
-    Parameters
-    ----------
-    drawn
-        What the file draws.
-    roles
-        Of its pieces.
-    meters
-        (4, 4) from the file to meters, z up.
+    `meters`: from the file to meters, z up.
     """
     pieces = drawn.pieces
     among = [i for i, role in enumerate(roles) if role.use == "obstacle" and not pieces[i].hair]

@@ -30,19 +30,6 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     """Return the use of each piece of a scenery, and the reason.
 
     The ground-plane inventory is paper, section 2.1.5.
-
-    Parameters
-    ----------
-    pieces
-        Everything that is drawn.
-    options
-        Options of reading the file.
-
-    Returns
-    -------
-    Roles with one of these uses: "ground"; "water", which hides what is below it, and nothing is placed there;
-    "obstacle"; "backdrop", which the HDRI replaces; "removed", which the config drops; and "dropped", which
-    no camera sees.
     """
     decided: dict[tuple, PieceRole] = {}  # a forest is decided tree by tree, but only once
     roles = []
@@ -91,16 +78,7 @@ def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | No
 
 
 def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
-    """Return the first pattern that matches a piece: the kind of name, the name, and the pattern.
-
-    Parameters
-    ----------
-    piece
-        The piece.
-    patterns
-        An object's whole name, or with ``*``, ``?`` or ``[`` a glob over it, in any case. After ``mesh:``,
-        ``collection:`` or ``material:`` the name of one of those.
-    """
+    """Return the first pattern that matches a piece: the kind of name, the name, and the pattern."""
     names = {
         "object": (piece.name,),
         "mesh": (piece.data,),

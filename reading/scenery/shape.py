@@ -28,15 +28,7 @@ DROWNED = 0.5  # meters of ground below such a sheet
 
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
-    """Return the share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters.
-
-    Parameters
-    ----------
-    mesh
-        The mesh.
-    meters_from_mesh
-        (4, 4) affine, to where z is up.
-    """
+    """Return the share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters."""
     corners = apply(meters_from_mesh, mesh.vertices)[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
@@ -57,17 +49,7 @@ def is_open_land(piece: Piece) -> bool:
 
 
 def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequence[Piece]) -> list[int]:
-    """Return pieces that are large, level, lowest, and together carry the rest; possibly none.
-
-    Parameters
-    ----------
-    pieces
-        All.
-    among
-        Which of them may be ground.
-    solid
-        Ground and obstacles.
-    """
+    """Return pieces that are large, level, lowest, and together carry the rest; possibly none."""
     around = enclosing(solid)
     rest = np.array([piece.bounds for piece in solid if piece is not around]).reshape(-1, 2, 3)
     if not len(rest):
@@ -157,15 +139,6 @@ def carpets(
     """Find wide level meshes that are ground by any name: as wide as the scenery, or under its roads and houses.
 
     Hills on the horizon, whose bounds hold trees of the scenery too, lie outside of the ground that was found.
-
-    Parameters
-    ----------
-    among
-        Which of the pieces may be.
-    pieces
-        All.
-    ground, obstacles
-        The ground that was found, and what isn't ground yet.
     """
     if not ground:
         return []

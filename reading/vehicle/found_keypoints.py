@@ -30,15 +30,7 @@ def keypoint_of(name: str) -> str | None:
 def marked_points(
     markers: Sequence[tuple[Link, ...]], chains: Sequence[tuple[Link, ...]], piece_part: Sequence[int]
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int | None]]:
-    """Keypoints of empties: positions in the file, and the part that each belongs to, if any.
-
-    Parameters
-    ----------
-    markers
-        The chains of all empties.
-    chains, piece_part
-        The chain of each piece of the vehicle, and the index of its part.
-    """
+    """Keypoints of empties: positions in the file, and the part that each belongs to, if any."""
     parts_below: dict[tuple[str, bytes], set[int]] = {}
     for chain, part in zip(chains, piece_part, strict=True):
         for link in chain:
@@ -59,12 +51,7 @@ def known_points(
 ) -> Mapping[str, tuple[Float[np.ndarray, "3"], int]]:
     """Keypoints of a vehicle's parts, in its frame at rest, and the index of their part.
 
-    Parameters
-    ----------
-    shape
-        The vehicle.
-    solids, wheels
-        Of its pieces, in its axes, with the origin of the vehicle's frame at `base`.
+    `solids`, `wheels`: of its pieces, in its axes, with the origin of the vehicle's frame at `base`.
     """
     part = {name: i for i, name in enumerate(shape.part_names)}
     found = {}

@@ -66,18 +66,7 @@ def find_forward(
 ) -> Direction[float]:
     """Find the direction of the nose, in a frame with z up; without any sign, along the longer of x and y.
 
-    Parameters
-    ----------
-    solids
-        Solids of the vehicle, without floors.
-    wheels
-        In the same frame.
-    names
-        Name of each piece.
-    gun
-        Whether each piece is named a gun.
-    corners
-        The vehicle's triangles.
+    `wheels`: in the same frame.
     """
     line, why = _line(solids, wheels, gun, corners)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
@@ -244,10 +233,8 @@ def gun_barrel(
 ) -> int | None:
     """Return the solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
 
-    Parameters
-    ----------
-    solids, ahead, middle, half
-        The vehicle's solids, the horizontal unit vector along it (either way), its middle, and half its length.
+    `solids`, `ahead`, `middle`, `half`: the vehicle's solids, the horizontal unit vector along it (either way), its
+    middle, and half its length.
     """
     if not len(solids):
         return None

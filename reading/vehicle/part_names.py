@@ -69,21 +69,11 @@ def pivot_named(name: str) -> str | None:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Naming:
-    """What decides which part an object belongs to.
+    """What decides which part an object belongs to."""
 
-    Parameters
-    ----------
-    parts
-        Name of an object or a collection -> the part that it names.
-    no_gun
-        Names of guns that aren't guns by their shape.
-    marked
-        Objects that are a part regardless of their names.
-    """
-
-    parts: Mapping[str, str]
-    no_gun: frozenset[str]
-    marked: Marked = field(default_factory=dict)
+    parts: Mapping[str, str]  # name of an object or a collection -> the part that it names
+    no_gun: frozenset[str]  # names of guns that aren't guns by their shape
+    marked: Marked = field(default_factory=dict)  # objects that are a part regardless of their names
 
     def part_of(self, chain: Sequence[Link]) -> str | None:
         """Return the part that the first object of `chain` belongs to, by the nearest part's name; None: the hull."""
@@ -104,14 +94,7 @@ class Naming:
 def names_of_parts(whole: PlacedPieces, options: Options, *, no_gun: Collection[str]) -> dict[str, str]:
     """Return the part that each name of an object or a collection names, if any.
 
-    Parameters
-    ----------
-    whole
-        The vehicle's pieces.
-    options
-        The user's patterns for turret and gun instead of the built-in words; "" for none.
-    no_gun
-        Names of guns that aren't guns by their shape.
+    `options`: the user's patterns for turret and gun instead of the built-in words; "" for none.
     """
     of_pieces = [_names(piece.chain) for piece in whole.pieces]
     # A name that covers the whole vehicle is the vehicle's, not a part's.

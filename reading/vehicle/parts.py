@@ -45,35 +45,17 @@ PREFIXED = 2  # objects named turret: more of them, and the author has named all
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Parts:
-    """The rigid parts of a vehicle.
+    """The rigid parts of a vehicle."""
 
-    Parameters
-    ----------
-    moving
-        The turret, if there is one, then the gun; pivots and axes in the frame of the pieces.
-    piece_part
-        For each piece the number of its part: 0 for the hull, 1 for the first that moves.
-    piece_why
-        For each piece the name by which it belongs, or seems to belong, to its part; empty for other parts of the
-        hull.
-    doubts
-        Sentences for the user, with the key to set.
-    """
-
-    moving: tuple[PartRow, ...]
-    piece_part: tuple[int, ...]
+    moving: tuple[PartRow, ...]  # the turret, if there is one, then the gun; pivots and axes in the frame of the pieces
+    piece_part: tuple[int, ...]  # for each piece the number of its part: 0 for the hull, 1 for the first that moves
+    # for each piece the name by which it belongs, or seems to belong, to its part; empty for other parts of the hull
     piece_why: tuple[str, ...]
-    doubts: tuple[Doubt, ...]
+    doubts: tuple[Doubt, ...]  # sentences for the user, with the key to set
 
 
 def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
-    """Return the hull, the turret and the gun among the pieces of a vehicle, by the config's turret, gun, and pivots.
-
-    Raises
-    ------
-    ValueError
-        If `options` name a missing pivot.
-    """
+    """Return the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
     naming, doubts = _named(whole, options)
     decided = [naming.decided(piece.chain) for piece in whole.pieces]
     part_of = [part for part, _, _ in decided]

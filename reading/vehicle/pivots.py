@@ -63,25 +63,7 @@ def find_pivot(
 ) -> Pivot:
     """Find a part's pivot: the config's, an object named so, an empty, the part's mesh, or a guess by shape.
 
-    Parameters
-    ----------
-    whole
-        The vehicle's pieces.
-    by_part
-        Part -> its pieces; None: the hull's.
-    part
-        "turret" or "gun", which some pieces are.
-    naming
-        What names each object's part.
-    behind
-        A point behind a gun: the turret's pivot, or the vehicle's middle.
-    options
-        The config's pivots.
-
-    Raises
-    ------
-    ValueError
-        If `options` name a missing object.
+    `by_part`: part -> its pieces; None: the hull's.
     """
     if asked := _asked(whole, part, options):
         return asked
@@ -189,12 +171,7 @@ def _guess(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[
 def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[np.ndarray, "3"] | None = None) -> Pivot:
     """Estimate a turret's axis from shape: the middle of its ring, or of the hull below.
 
-    Parameters
-    ----------
-    turret, hull
-        Pieces of both.
-    trunnions
-        Trunnions of its gun; None if it has none.
+    `trunnions`: trunnions of its gun; None if it has none.
     """
     own, under = turret.cloud, hull.cloud[:, 1]
     low, high = own.min(axis=0), own.max(axis=0)
@@ -261,17 +238,7 @@ def cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | N
 def gun_guess(
     gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[np.ndarray, "3"] | None = None
 ) -> Pivot:
-    """Estimate a gun's axis from shape: its trunnions, its mantlet, or its rear end.
-
-    Parameters
-    ----------
-    gun
-        Its pieces.
-    behind
-        A point behind it: the turret's pivot, or the vehicle's middle.
-    held
-        The axis of the plates that hold it, if any.
-    """
+    """Estimate a gun's axis from shape: its trunnions, its mantlet, or its rear end."""
     own, solids = gun.cloud, gun.solids
     rear, front = gun_ends(own, behind)
     length = float(np.linalg.norm(front - rear))

@@ -31,17 +31,7 @@ GHOSTLY = 0.3  # of the pixels; windows have less
 def color_doubts(
     picture: Float[np.ndarray, "h w 4"], report: FileReport, *, beside: Callable[[], Sequence[str]]
 ) -> list[Doubt]:
-    """Return doubts about the colors of a vehicle.
-
-    Parameters
-    ----------
-    picture
-        Light and alpha, see `reading.blender.vehicle_picture`.
-    report
-        About the vehicle's file.
-    beside
-        Finds pictures next to the file.
-    """
+    """Return doubts about the colors of a vehicle."""
     inside = minimum_filter(picture[..., 3], 3) > 0.0  # without the pixels of its outline
     if not inside.any():
         return []

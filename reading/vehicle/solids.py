@@ -27,30 +27,14 @@ FLAT_WHEELS = 0.5  # centers of wheels lie in one plane, give or take this share
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Solids:
-    """Connected pieces of surface, in the frame of the points they were found from.
+    """Connected pieces of surface, in the frame of the points they were found from."""
 
-    Parameters
-    ----------
-    piece
-        (n,) index of the piece each belongs to.
-    bounds
-        (n, 2, 3)
-    center
-        (n, 3) middle of its box along its own axes.
-    axes
-        (n, 3, 3) rows are its own axes, by length: the longest first.
-    size
-        (n, 3) extents along them.
-    round_about
-        (n,) row of `axes` that it's round about; -1 if it isn't round.
-    """
-
-    piece: Int[np.ndarray, " n"]
+    piece: Int[np.ndarray, " n"]  # index of the piece each belongs to
     bounds: Float[np.ndarray, "n 2 3"]
-    center: Float[np.ndarray, "n 3"]
-    axes: Float[np.ndarray, "n 3 3"]
+    center: Float[np.ndarray, "n 3"]  # middle of its box along its own axes
+    axes: Float[np.ndarray, "n 3 3"]  # rows are its own axes, by length: the longest first
     size: Float[np.ndarray, "n 3"]
-    round_about: Int[np.ndarray, " n"]
+    round_about: Int[np.ndarray, " n"]  # row of `axes` that it's round about; -1 if it isn't round
 
     def __len__(self) -> int:
         return len(self.piece)
@@ -85,53 +69,25 @@ class Solids:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Wheels:
-    """A vehicle's wheels.
-
-    Parameters
-    ----------
-    index
-        Indices of their solids.
-    up, across
-        Unit vectors: up from the ground, and along the axles.
-    level
-        Height along `up` of the ground under them.
-    places
-        Their number, where a tire and its rim are one.
-    sunk
-        How far the rest reaches below that ground, in radii.
-    """
+    """A vehicle's wheels."""
 
     index: Int[np.ndarray, " w"]
-    up: Float[np.ndarray, "3"]
+    up: Float[np.ndarray, "3"]  # up, across: unit vectors: up from the ground, and along the axles
     across: Float[np.ndarray, "3"]
-    level: float
-    places: int
-    sunk: float
+    level: float  # height along `up` of the ground under them
+    places: int  # their number, where a tire and its rim are one
+    sunk: float  # how far the rest reaches below that ground, in radii
 
 
 @dataclass(frozen=True, eq=False)
 class PlacedPieces:
-    """A vehicle's pieces in meters, x forward, z up.
-
-    Parameters
-    ----------
-    pieces
-        The pieces.
-    points
-        Vertices of each.
-    solids
-        Their solids; if there are none, shapes aren't judged.
-    markers
-        The chains of all empties of the file, any of which may be a part's pivot.
-    vehicle_from_file
-        (4, 4) from the world of the file.
-    """
+    """A vehicle's pieces in meters, x forward, z up."""
 
     pieces: Sequence[Piece]
     points: Sequence[Float[np.ndarray, "_ 3"]]
-    solids: Solids
-    markers: Sequence[tuple[Link, ...]]
-    vehicle_from_file: Float[np.ndarray, "4 4"]
+    solids: Solids  # their solids; if there are none, shapes aren't judged
+    markers: Sequence[tuple[Link, ...]]  # the chains of all empties of the file, any of which may be a part's pivot
+    vehicle_from_file: Float[np.ndarray, "4 4"]  # from the world of the file
 
     @cached_property
     def cloud(self) -> Float[np.ndarray, "n 3"]:
@@ -155,13 +111,7 @@ class PlacedPieces:
 
 
 def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[np.ndarray, "_ 3"]]) -> Solids:
-    """Return the solids of all pieces.
-
-    Parameters
-    ----------
-    points, faces
-        For each piece its vertices and triangles.
-    """
+    """Return the solids of all pieces."""
     owner: list[int] = []
     clouds: list[np.ndarray] = []
     for number, (vertices, triangles) in enumerate(zip(points, faces, strict=True)):

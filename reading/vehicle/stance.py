@@ -25,39 +25,19 @@ NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Upright:
-    """What a file draws, in meters with z up.
+    """What a file draws, in meters with z up."""
 
-    Parameters
-    ----------
-    drawn
-        All of it, with bounds of pieces in that frame.
-    meters
-        (4, 4) from the file to it.
-    up
-        The file's up axis.
-    solids
-        Solids of all pieces, in that frame.
-    """
-
-    drawn: Evaluated
-    meters: Float[np.ndarray, "4 4"]
+    drawn: Evaluated  # all of it, with bounds of pieces in that frame
+    meters: Float[np.ndarray, "4 4"]  # from the file to it
     up: Direction[str]
-    solids: Solids
+    solids: Solids  # solids of all pieces, in that frame
 
 
 def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
     """Turn drawn pieces upright.
 
-    Parameters
-    ----------
-    drawn
-        The drawn pieces, with bounds for `stated_up`.
-    unit
-        Meters to one unit of the file.
-    stated_up
-        The file's stated up axis.
-    up
-        The config's up axis; None: found by the wheels.
+    `unit`: meters to one unit of the file.
+    `up`: the config's up axis; None: found by the wheels.
     """
     meters = meters_from_file(unit, stated_up)
     points = [apply(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
@@ -76,15 +56,7 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
 
 
 def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
-    """Find the file's up axis.
-
-    Parameters
-    ----------
-    wheels
-        Wheels found with the stated axis up.
-    stated
-        The file's stated up axis: "z", or "y" by convention in OBJ files, which needs no doubt.
-    """
+    """Find the file's up axis."""
     if wheels is None:
         return Direction(stated, "as the file states")
     up = up_matrix(stated)[:3, :3].T @ wheels.up
@@ -136,17 +108,7 @@ def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
 
 
 def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Direction[float], Solids, Wheels | None]:
-    """Return the nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up.
-
-    Parameters
-    ----------
-    upright
-        All pieces.
-    kept
-        Indices of the vehicle's pieces.
-    options
-        The config's `forward` and `yaw_deg`.
-    """
+    """Return the nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up."""
     solids = upright.solids.of_pieces(kept)
     wheels = find_wheels(solids)
     if wheels is not None and wheels.up[2] < 0.9:

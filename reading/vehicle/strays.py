@@ -31,21 +31,11 @@ NAMES = 6  # that a sentence lists
 
 @dataclass(frozen=True, slots=True)
 class Stray:
-    """Pieces that might not belong to a vehicle.
+    """Pieces that might not belong to a vehicle."""
 
-    Parameters
-    ----------
-    text
-        Their names, and what is odd about them.
-    drop
-        Patterns that match them and nothing else.
-    small
-        Whether they're a small share of its surface, or sheets.
-    """
-
-    text: str
-    drop: tuple[str, ...]
-    small: bool
+    text: str  # their names, and what is odd about them
+    drop: tuple[str, ...]  # patterns that match them and nothing else
+    small: bool  # whether they're a small share of its surface, or sheets
 
     def doubt(self, *, helps: bool) -> Doubt:
         """Return a doubt that proposes to drop them if that `helps`, and else to look first."""
@@ -65,23 +55,6 @@ def find_strays(
 
     One sign is a doubt, since parts of vehicles may have it. Two independent signs drop a piece:
     no part is both an unedited cube and below the wheels, or both hidden and a protruding sheet.
-
-    Parameters
-    ----------
-    whole
-        The kept pieces.
-    meshes
-        The file's unique meshes.
-    wheels
-        Wheels among their solids; pieces with wheels are never strays.
-    wanted
-        Pieces that the config keeps.
-    left_out
-        The file's other pieces, which an advice must not name.
-
-    Returns
-    -------
-    Index of each dropped piece -> reason; doubts about those; and what else may not belong to it.
     """
     pieces, bounds, count = whole.pieces, whole.bounds, len(whole.pieces)
     none = np.zeros(count, bool)

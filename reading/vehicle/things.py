@@ -38,17 +38,7 @@ NAMES = 6  # that a sentence lists
 def find_things(
     whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]
 ) -> tuple[tuple[Thing, ...], list[Doubt]]:
-    """Find what should be read by itself, as entries of a config, and doubts that propose their keys.
-
-    Parameters
-    ----------
-    whole
-        The vehicle's pieces.
-    meshes
-        The file's unique meshes.
-    rest
-        The file's other pieces.
-    """
+    """Find what should be read by itself, as entries of a config, and doubts that propose their keys."""
     pieces = [*whole.pieces, *rest]
     groups = side_by_side(whole.bounds) if len(whole.pieces) <= PIECES else []
     if groups := groups or _library(whole):
@@ -224,13 +214,6 @@ def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.nda
 
 def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
     """Return patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
-
-    Parameters
-    ----------
-    members
-        Indices of the pieces.
-    pieces
-        All of the file.
 
     Examples
     --------

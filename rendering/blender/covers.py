@@ -77,12 +77,8 @@ class Group:
     def even_noise(self, where: Any, sizes: Sequence[float], weights: Sequence[float] = (1.0,)) -> Any:
         """Noise in patches of several sizes, uniform in 0 to 1 within 0.02.
 
-        Parameters
-        ----------
-        where
-            Position in meters.
-        sizes, weights
-            Meters of the patches, and the weight of each size; the squares of the weights add up to 1.
+        `where`: position in meters.
+        `sizes`, `weights`: meters of the patches, and the weight of each size; the squares of the weights add up to 1.
         """
         total: Any = NOISE_MEAN * (1.0 - sum(weights))
         for size, weight in zip(sizes, weights, strict=True):
@@ -132,11 +128,6 @@ def snow(name: str) -> Any:
     """Return a group between a surface and the output: white where it's level enough, and open to the sky.
 
     Only camera rays test for open sky; bounced light sees snow under roofs too.
-
-    Parameters
-    ----------
-    name
-        Of the group.
     """
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
@@ -164,15 +155,7 @@ def snow(name: str) -> Any:
 
 
 def dust(name: str, *, climbs: bool) -> Any:
-    """Return a group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`.
-
-    Parameters
-    ----------
-    name
-        Of the group.
-    climbs
-        Whether it's for vehicles, whose objects give a point's height by `PLANE`.
-    """
+    """Return a group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`."""
     g = _cover(name)
     seen = g.add("NewGeometry").outputs
     uneven = g.even_noise(seen["Position"], (DUST_PATCH,))

@@ -39,20 +39,7 @@ def available_devices() -> list[dict[str, str]]:
 
 
 def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
-    """Make Cycles render on the device `wanted`; return its name, and the number of devices of its kind.
-
-    Parameters
-    ----------
-    wanted
-        "auto" (a GPU if there is one), "gpu", "cpu" or one of "optix", "cuda", "hip", "oneapi", "metal".
-    index
-        Which of several GPUs, counted round.
-
-    Raises
-    ------
-    Unusable
-        If there is no GPU of the requested kind, or Blender has no Cycles.
-    """
+    """Make Cycles render on the device `wanted`; return its name, and the number of devices of its kind."""
     preferences = _preferences()
     kinds: tuple[str, ...] = {"auto": GPU_KINDS, "gpu": GPU_KINDS, "cpu": ()}.get(wanted, (wanted.upper(),))
     for kind in kinds:
@@ -86,21 +73,7 @@ def _cards(preferences: Any, kind: str) -> list[Any]:
 def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
     """Configure `scene` as planned.
 
-    Parameters
-    ----------
-    scene
-        A new scene, or one that this function has configured.
-    settings
-        The config's settings.
-    device
-        The name by `choose_device`.
-    threads
-        CPU threads; 0 for all.
-
-    Raises
-    ------
-    Unusable
-        If Blender was built without the denoiser.
+    `threads`: CPU threads; 0 for all.
     """
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"

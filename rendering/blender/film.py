@@ -22,13 +22,7 @@ from hulldown.rendering.blender.sensor_simulation import develop
 
 
 def develop_file(linear: Path, output: Path, sensor: Sensor, camera: CameraInput, *, seed: int, threads: int) -> None:
-    """Develop the light in an .exr file into a .jpg, or a .png at a quality of 0.
-
-    Raises
-    ------
-    Unusable
-        If Blender's own libraries can't be imported.
-    """
+    """Develop the light in an .exr file into a .jpg, or a .png at a quality of 0."""
     _, oiio = _libraries()
     file = oiio.ImageInput.open(os.fspath(linear))
     radiance = file.read_image(0, 0, 0, 3, "float")

@@ -27,13 +27,6 @@ class Fog:
     Only rays of the camera meet the box, which is as high as the lowest layer of air. Others would cost a quarter of a
     render, and what is left of the air is in the light (`HdriWorld.dim`): what the fog takes from the sun comes back as
     airlight.
-
-    Parameters
-    ----------
-    obj
-        An object with an empty mesh.
-    world
-        The light.
     """
 
     def __init__(self, obj: Any, world: HdriWorld) -> None:
@@ -59,18 +52,10 @@ class Fog:
     def fill(self, kind: str, visibility: float, glow: np.ndarray, camera: np.ndarray, *, below: float) -> None:
         """Fill the air.
 
-        Parameters
-        ----------
-        kind
-            Kind of weather.
-        visibility
-            In meters.
-        glow
-            (3,) radiance of endless air.
-        camera
-            (3,) the camera's position in the scenery, in meters.
-        below
-            Meters from the camera down to the lit surfaces.
+        `visibility`: in meters.
+        `glow`: radiance of endless air.
+        `camera`: the camera's position in the scenery, in meters.
+        `below`: meters from the camera down to the lit surfaces.
         """
         air = air_layers(kind, visibility)
         density = sum(layer.extinction for layer in air)

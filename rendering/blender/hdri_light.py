@@ -106,14 +106,8 @@ class HdriWorld:
     def dim(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
         """Dim light by air; the camera sees the sky through the air above the box of `Fog`.
 
-        Parameters
-        ----------
-        air
-            Layers around the camera; none: clear air.
-        below
-            Meters from the camera down to what is lit.
-        glow
-            (3,) radiance of endless air.
+        `below`: meters from the camera down to what is lit.
+        `glow`: radiance of endless air.
         """
         light = self._dimmed.by(air, below, glow) if air else self._background.outputs["Background"]
         self._link(light, self._output)

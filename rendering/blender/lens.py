@@ -58,22 +58,7 @@ SOURCE = """shader hulldown_lens(
 
 
 def set_lens(camera: Any, intrinsics: Intrinsics, near: float) -> None:
-    """Give a camera of Blender a distorting lens.
-
-    Parameters
-    ----------
-    camera
-        The camera's data.
-    intrinsics
-        Intrinsics with a calibration.
-    near
-        Distance of the near plane, in units of the scene.
-
-    Raises
-    ------
-    Unusable
-        If this Blender has no such cameras.
-    """
+    """Give a camera of Blender a distorting lens."""
     assert intrinsics.pinhole is not None
     values = dict(zip(("fx", "fy", "cx", "cy"), intrinsics.pinhole, strict=True))
     values |= dict(zip(("k1", "k2", "p1", "p2", "k3"), intrinsics.distortion, strict=True))

@@ -17,97 +17,45 @@ Matrix = list[list[float]]  # (4, 4)
 
 @dataclass(frozen=True, slots=True)
 class PaintInput:
-    """The paint of a vehicle's material.
+    """The paint of a vehicle's material."""
 
-    Parameters
-    ----------
-    material
-        Its name in the vehicle's file.
-    mean
-        Mean luminance of its base color; paint keeps brightness relative to it.
-    color
-        Linear red, green, and blue that replace its own; None: its own.
-    hue
-        Change of its hue, in turns.
-    saturation, value
-        Factors.
-    everywhere
-        Whether wheels, windows, and the like are painted too.
-    """
-
-    material: str
-    mean: float
-    color: tuple[float, float, float] | None
-    hue: float
+    material: str  # its name in the vehicle's file
+    mean: float  # mean luminance of its base color; paint keeps brightness relative to it
+    color: tuple[float, float, float] | None  # linear red, green, and blue that replace its own; None: its own
+    hue: float  # change of its hue, in turns
     saturation: float
     value: float
-    everywhere: bool
+    everywhere: bool  # whether wheels, windows, and the like are painted too
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleInput:
-    """A vehicle to place in the scenery.
+    """A vehicle to place in the scenery."""
 
-    Parameters
-    ----------
-    tidy
-        Its tidy twin, by `reading.blender.tidy`.
-    world_from_parts
-        (p, 4, 4) poses of its parts, in meters.
-    paint
-        Paint of its materials.
-    """
-
-    tidy: str
-    world_from_parts: list[Matrix]
+    tidy: str  # its tidy twin, by `reading.blender.tidy`
+    world_from_parts: list[Matrix]  # poses of its parts, in meters
     paint: list[PaintInput] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
 class CameraInput:
-    """The camera to look through.
+    """The camera to look through."""
 
-    Parameters
-    ----------
-    world_from_camera
-        (4, 4) rigid, meters; x right, y down, z forward.
-    intrinsics
-        Image size and field of view.
-    near
-        Meters along the optical axis; nothing closer is seen.
-    exposure
-        The picture's exposure in EV.
-    white_balance
-        Offset in kelvin from the neutral white balance.
-    """
-
-    world_from_camera: Matrix
-    intrinsics: Intrinsics
-    near: float
-    exposure: float
-    white_balance: float
+    world_from_camera: Matrix  # rigid, meters; x right, y down, z forward
+    intrinsics: Intrinsics  # image size and field of view
+    near: float  # meters along the optical axis; nothing closer is seen
+    exposure: float  # the picture's exposure in EV
+    white_balance: float  # offset in kelvin from the neutral white balance
 
 
 @dataclass(frozen=True, slots=True)
 class LightInput:
-    """The sky.
-
-    Parameters
-    ----------
-    hdri
-        Path of the picture.
-    yaw
-        Its yaw in radians, counterclockwise.
-    strength
-        Factor on its brightness.
-    horizon
-        Elevation in radians whose color continues below for the camera; None: the whole picture.
-    """
+    """The sky."""
 
     hdri: str
-    yaw: float
+    yaw: float  # its yaw in radians, counterclockwise
     strength: float
-    horizon: float | None
+    horizon: float | None  # elevation in radians whose color continues below for the camera; None: the whole picture
 
 
 @dataclass(frozen=True, slots=True)

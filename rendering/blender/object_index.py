@@ -26,15 +26,7 @@ ONE_RAY = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounc
 
 
 class IndexPictures:
-    """A stage that renders object numbers.
-
-    Parameters
-    ----------
-    stage
-        The stage; afterwards it can only render masks.
-    device, threads
-        As of `rendering.blender.cycles.configure`.
-    """
+    """A stage that renders object numbers."""
 
     def __init__(self, stage: Stage, *, device: str, threads: int = 0) -> None:
         self.stage = stage
@@ -54,18 +46,7 @@ class IndexPictures:
         self._plain = bpy.data.materials.new("hulldown index")
 
     def maps(self, vehicles: Sequence[Sequence[Any]]) -> np.ndarray:
-        """Return the vehicle at each pixel's center.
-
-        Parameters
-        ----------
-        vehicles
-            The placed objects of each vehicle.
-
-        Returns
-        -------
-        (1 + k, h, w) uint8: 1 for the first of the k vehicles and so on, 0 for anything else; first of the scene as
-        it is, then of each vehicle alone.
-        """
+        """Return the vehicle at each pixel's center."""
         for number, objects in enumerate(vehicles):
             for obj in objects:
                 obj.pass_index = FIRST + number

@@ -24,15 +24,7 @@ PREFIX = "hulldown paint "  # of the properties' names
 
 
 class Paintable:
-    """The materials of a loaded vehicle.
-
-    Parameters
-    ----------
-    objects
-        Of the vehicle.
-    materials
-        Materials by their names in its file; the loaded ones may have other names.
-    """
+    """The materials of a loaded vehicle."""
 
     def __init__(self, objects: Iterable[bpy.types.Object], materials: Mapping[str, bpy.types.Material]) -> None:
         self._objects = list(objects)
@@ -48,15 +40,7 @@ class Paintable:
         return any(p.material in self._materials and p.material not in self._numbers for p in paints)
 
     def paint(self, objects: Iterable[Any], paints: Sequence[PaintInput]) -> None:
-        """Paint a copy of the vehicle, replacing earlier paint.
-
-        Parameters
-        ----------
-        objects
-            The copy's objects.
-        paints
-            Paint of its materials; missing ones are ignored.
-        """
+        """Paint a copy of the vehicle, replacing earlier paint."""
         on_all: dict[str, tuple[float, ...]] = {}
         on_parts: dict[str, tuple[float, ...]] = {}  # parts that stay unpainted by default
         for paint in paints:

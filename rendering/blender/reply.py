@@ -9,26 +9,14 @@ BEGINNING = "@hulldown "  # of a reply's line; an installed Blender prints befor
 
 @dataclass(frozen=True)
 class Reply:
-    """A reply to a job, or the first one, which comes without a job when the worker is ready or unusable.
+    """A reply to a job, or the first one, which comes without a job when the worker is ready or unusable."""
 
-    Parameters
-    ----------
-    ready
-        Versions of Blender, Python, and NumPy.
-    device, devices
-        Name of the device that a start has chosen, and the number of graphics cards, 1 if there are none.
-    seconds
-        Duration of each part of a picture: "load", "sync", "sample", and "save".
-    failed
-        Why this attempt failed.
-    unusable, remedy
-        Why every image would fail, which ends the run, and what to do about it.
-    """
-
-    ready: str = ""
+    ready: str = ""  # versions of Blender, Python, and NumPy
+    # device, devices: name of the device that a start has chosen, and the number of graphics cards, 1 if there are none
     device: str = ""
     devices: int = 1
+    # duration of each part of a picture: "load", "sync", "sample", and "save"
     seconds: dict[str, float] = field(default_factory=dict)
     failed: str = ""
-    unusable: str = ""
+    unusable: str = ""  # unusable, remedy: why every image would fail, which ends the run, and what to do about it
     remedy: str = ""

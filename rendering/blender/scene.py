@@ -65,13 +65,7 @@ class Stage:
         return obj
 
     def place_vehicles(self, vehicles: Sequence[VehicleInput]) -> list[list[Any]]:
-        """Place these vehicles and no others in the scenery; return the objects of each.
-
-        Parameters
-        ----------
-        vehicles
-            The vehicles, in the order of the result.
-        """
+        """Place these vehicles and no others in the scenery; return the objects of each."""
         used: dict[str, int] = {}
         placed = []
         self._lowest = min((vehicle.world_from_parts[0][2][3] for vehicle in vehicles), default=math.inf)
@@ -154,12 +148,7 @@ class Stage:
     def set_weather(self, weather: Weather | None, seed: int) -> None:
         """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.
 
-        Parameters
-        ----------
-        weather
-            None: clear air and uncovered surfaces.
-        seed
-            Seed of drops and flakes.
+        `weather`: None: clear air and uncovered surfaces.
         """
         if not weather:
             self.fog.clear()
@@ -181,13 +170,7 @@ class Stage:
 
 
 def appended(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
-    """Append the collection of a tidy twin, and its materials, by their names in it.
-
-    Raises
-    ------
-    Unusable
-        If a newer Blender wrote it, from which this one may leave out something.
-    """
+    """Append the collection of a tidy twin, and its materials, by their names in it."""
     with bpy.data.libraries.load(tidy, link=False) as (source, target):
         if source.version[:2] > bpy.app.version[:2]:
             wrote = ".".join(map(str, source.version[:2]))

@@ -38,22 +38,8 @@ def develop(
 ) -> np.ndarray:
     """Return a camera's picture of light.
 
-    Parameters
-    ----------
-    radiance
-        Scene-linear light, float32.
-    sensor
-        The camera.
-    axis
-        The lens's axis in the picture, in pixels.
-    exposure_ev
-        Factor on the light, in stops.
-    seed
-        Seed of the noise, which doesn't depend on the number of threads.
-    view
-        View transform from exposed linear light to levels from 0 to 1, white balance included.
-    threads
-        Number of threads.
+    `axis`: the lens's axis in the picture, in pixels.
+    `view`: view transform from exposed linear light to levels from 0 to 1, white balance included.
     """
     height, width = radiance.shape[:2]
     lens, shown = Lens.of(sensor, width, height, axis), np.empty_like(radiance)
@@ -107,22 +93,14 @@ def sharpened(shown: Pixels, band: slice, amount: float) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Lens:
-    """A lens: a separable kernel per color channel, and vignetting.
-
-    Parameters
-    ----------
-    sensor
-        The camera.
-    rows, columns
-        For red, green, and blue, blocks of weights along an axis: outputs, inputs, weights. Empty for a sharp lens.
-    y, x
-        Pixels from the axis.
-    """
+    """A lens: a separable kernel per color channel, and vignetting."""
 
     sensor: Sensor
+    # rows, columns: for red, green, and blue, blocks of weights along an axis: outputs, inputs, weights. Empty for a
+    # sharp lens.
     rows: list[list[AxisWeights]]
     columns: list[list[AxisWeights]]
-    y: np.ndarray
+    y: np.ndarray  # y, x: pixels from the axis
     x: np.ndarray
 
     @classmethod

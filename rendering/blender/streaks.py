@@ -32,13 +32,7 @@ def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
 
 
 class Precipitation:
-    """Rain or snow near the camera, visible to the camera alone, without light or shadow.
-
-    Parameters
-    ----------
-    obj
-        An object with an empty mesh.
-    """
+    """Rain or snow near the camera, visible to the camera alone, without light or shadow."""
 
     def __init__(self, obj: Any) -> None:
         self._object = obj
@@ -57,14 +51,7 @@ class Precipitation:
     def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray) -> None:
         """Draw streaks.
 
-        Parameters
-        ----------
-        streaks
-            Their quads.
-        radiance
-            (3,) of drops or flakes.
-        eye
-            (3,) the camera's position in the scenery, in meters.
+        `eye`: the camera's position in the scenery, in meters.
         """
         mesh, count = self._object.data, len(streaks.gain)
         mesh.clear_geometry()

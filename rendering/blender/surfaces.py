@@ -46,14 +46,7 @@ class Surfaces:
     def set(self, kind: str, ground: float, vehicle: float, vehicles: Iterable[Any]) -> None:
         """Cover scenery and vehicles.
 
-        Parameters
-        ----------
-        kind
-            Kind of weather.
-        ground, vehicle
-            Shares from 0 to 1 of water in pores, snow on level ground, or dust.
-        vehicles
-            The objects of all vehicles in memory.
+        `ground`, `vehicle`: shares from 0 to 1 of water in pores, snow on level ground, or dust.
         """
         kind = kind if KINDS[kind].surfaces and max(ground, vehicle) > 0 else ""
         if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _materials()):

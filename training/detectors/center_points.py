@@ -36,30 +36,15 @@ NEAR_BOX, NEAR_CLASS = 0.5, 0.3  # height of a target from which cells learn its
 
 
 class CenterMaps(NamedTuple):
-    """The network's output for n pictures, in cells of `STRIDE` pixels.
-
-    Parameters
-    ----------
-    heat
-        (n, classes, h, w) logits of a center.
-    box
-        (n, 4, h, w) from the cell's middle to the box's, x and y in cells; logarithms of width and height over `USUAL`.
-    """
+    """The network's output for n pictures, in cells of `STRIDE` pixels."""
 
     heat: Float[Tensor, "n c h w"]
+    # from the cell's middle to the box's, x and y in cells; logarithms of width and height over `USUAL`
     box: Float[Tensor, "n 4 h w"]
 
 
 class CenterNetwork(nn.Module):
-    """ShuffleNet down to stride 32, a pyramid back to the maps' stride, and the maps of each class.
-
-    Parameters
-    ----------
-    classes
-        Their number.
-    frozen
-        Whether the backbone stays as it is, normalization included.
-    """
+    """ShuffleNet down to stride 32, a pyramid back to the maps' stride, and the maps of each class."""
 
     def __init__(self, classes: int, *, frozen: bool = False) -> None:
         super().__init__()
@@ -142,12 +127,7 @@ def center_loss(maps: CenterMaps, xyxy: Sequence[Float[Tensor, "_ 4"]], labels: 
     The focal loss treats each class separately and mostly teaches whether there is an object: a small network finds
     objects long before it distinguishes classes.
 
-    Parameters
-    ----------
-    maps
-        Of n pictures.
-    xyxy, labels
-        Corners in pixels, and classes, of the objects in each.
+    `xyxy`, `labels`: corners in pixels, and classes, of the objects in each.
     """
     height, width = maps.heat.shape[-2:]
     picture = torch.tensor([i for i, own in enumerate(labels) for _ in own], dtype=torch.int64, device=maps.heat.device)
@@ -200,12 +180,7 @@ def corners(box: Float[Tensor, "k 4"], row: Int[Tensor, " k"], column: Int[Tenso
 
 
 def peaks(maps: CenterMaps, count: int) -> tuple[Float[Tensor, "n k 4"], Float[Tensor, "n k"], Int[Tensor, "n k"]]:
-    """Return each picture's k most likely objects by falling score: cells as likely as all of their neighbors.
-
-    Returns
-    -------
-    Corners in pixels, possibly outside of the picture; scores from 0 to 1, 0 if there are fewer peaks; classes.
-    """
+    """Return each picture's k most likely objects by falling score: cells as likely as all of their neighbors."""
     scores = maps.heat.sigmoid()
     highest = functional.max_pool2d(scores, 3, 1, 1)
     n, _, height, width = scores.shape

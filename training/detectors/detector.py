@@ -44,21 +44,11 @@ _KINDS = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Detections:
-    """Detections in a picture, by falling score.
+    """Detections in a picture, by falling score."""
 
-    Parameters
-    ----------
-    xywh
-        (k, 4) boxes in the picture's pixels, inside it.
-    score
-        (k,) confidence, from 0 to 1.
-    class_index
-        (k,) index into the detector's classes.
-    """
-
-    xywh: Float[np.ndarray, "k 4"]
-    score: Float[np.ndarray, " k"]
-    class_index: Int[np.ndarray, " k"]
+    xywh: Float[np.ndarray, "k 4"]  # boxes in the picture's pixels, inside it
+    score: Float[np.ndarray, " k"]  # confidence, from 0 to 1
+    class_index: Int[np.ndarray, " k"]  # index into the detector's classes
 
 
 @runtime_checkable
@@ -123,25 +113,13 @@ class Run(Struct, frozen=True, kw_only=True):
 
 
 def read_run(folder: Path) -> Run:
-    """Read run.json of a run folder.
-
-    Raises
-    ------
-    HulldownError
-        If there is none, or it is damaged.
-    """
+    """Read run.json of a run folder."""
     refuse = partial(HulldownError, path=folder / RUN_NAME, remedy="name a folder of `hulldown train`")
     return read_json(folder / RUN_NAME, Run, refuse, what="a hulldown run")
 
 
 def weights_of(path: Path) -> Path:
-    """Return the weights file of a finished run; other paths are returned unchanged.
-
-    Raises
-    ------
-    HulldownError
-        If the folder has no run, or the run isn't finished.
-    """
+    """Return the weights file of a finished run; other paths are returned unchanged."""
     if not path.is_dir():
         return path
     if read_run(path).status != "finished":
@@ -151,13 +129,7 @@ def weights_of(path: Path) -> Path:
 
 
 def read_weights(path: Path) -> dict[str, object]:
-    """Read a weights file of hulldown or RF-DETR; code in it is refused, not run.
-
-    Raises
-    ------
-    HulldownError
-        If there is no such file, or it isn't a weights file.
-    """
+    """Read a weights file of hulldown or RF-DETR; code in it is refused, not run."""
     refuse = partial(HulldownError, path=path, remedy=_REMEDY)
     try:
         with open_regular(path) as file:
@@ -174,13 +146,7 @@ def read_weights(path: Path) -> dict[str, object]:
 
 
 def load_tensors(file: BinaryIO) -> object:
-    """Load a PyTorch file that was opened as a regular one; code in it is refused.
-
-    Raises
-    ------
-    Exception
-        One of `DAMAGED`, also for a compressed file, whose tensors could fill any memory.
-    """
+    """Load a PyTorch file that was opened as a regular one; code in it is refused."""
     import torch
 
     file.seek(0)
@@ -195,13 +161,7 @@ def load_tensors(file: BinaryIO) -> object:
 
 
 def refuse_odd_numbers(network: torch.nn.Module, path: Path) -> None:
-    """Refuse weights that aren't finite.
-
-    Raises
-    ------
-    HulldownError
-        Naming the first such tensor.
-    """
+    """Refuse weights that aren't finite."""
     for name, tensor in network.state_dict().items():
         if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
             raise HulldownError(f"{name} has values that aren't finite", path=path, remedy="name other weights")
@@ -223,13 +183,7 @@ def first_line(error: BaseException) -> str:
 
 
 def chosen_device(device: str) -> Any:
-    """Return the device that the user named.
-
-    Raises
-    ------
-    HulldownError
-        If it doesn't exist.
-    """
+    """Return the device that the user named."""
     import torch
 
     device = {"gpu": "cuda"}.get(device, device)

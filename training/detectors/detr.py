@@ -60,14 +60,7 @@ COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
 def starting_weights(settings: Settings) -> Path | None:
-    """Return the file that training starts from; RF-DETR's own is downloaded if necessary.
-
-    Raises
-    ------
-    HulldownError
-        If the network doesn't support the resolution, naming the nearest one; there is no such file; or it can't be
-        downloaded, with the path where it belongs.
-    """
+    """Return the file that training starts from; RF-DETR's own is downloaded if necessary."""
     fields = CONFIGS[settings.model].model_fields
     step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
     if settings.resolution % step:
@@ -102,13 +95,7 @@ def starting_weights(settings: Settings) -> Path | None:
 
 
 def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> None:
-    """Load weights into the settings' network; refuse those that don't fit.
-
-    Raises
-    ------
-    HulldownError
-        If they're another model's, or a tensor has another shape.
-    """
+    """Load weights into the settings' network; refuse those that don't fit."""
     _check_kind(path, read_weights(path))
     cpu = torch.device("cpu")
     with quiet():
@@ -192,17 +179,7 @@ def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -
 class DetrDetector:
     """RF-DETR as a detector; see `training.detectors.detector.Detector`.
 
-    Parameters
-    ----------
-    network
-        RF-DETR's, with weights.
-    postprocess
-        RF-DETR's.
-    names
-        Index of a logit -> name of its class; others, such as the last one for the background, are
-        ignored.
-    resolution
-        Side of the network's input in pixels.
+    `resolution`: side of the network's input in pixels.
     """
 
     def __init__(
@@ -242,13 +219,7 @@ class DetrDetector:
 
 
 def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
-    """Load the detector of an RF-DETR checkpoint, from hulldown or elsewhere.
-
-    Raises
-    ------
-    HulldownError
-        If the file isn't one.
-    """
+    """Load the detector of an RF-DETR checkpoint, from hulldown or elsewhere."""
     _check_kind(path, read_weights(path))
     try:
         with quiet():
@@ -269,18 +240,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
 
 
 def load_encoder(weights: str) -> Encoder:
-    """Return a function from RGB images to features, for comparing renders with photographs: `DetrDetector.features`.
-
-    Parameters
-    ----------
-    weights
-        A model ("nano" to "large"), whose weights RF-DETR downloads; or a run folder or checkpoint of one.
-
-    Raises
-    ------
-    HulldownError
-        If the weights can't be downloaded or read, or they belong to another network.
-    """
+    """Return a map from RGB images to features, to compare pictures: `DetrDetector.features`."""
     path: Path | None = Path(weights)
     if weights in CONFIGS and not Path(weights).exists():
         path = starting_weights(load_settings(None, {"model": weights}))

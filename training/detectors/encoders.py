@@ -21,19 +21,7 @@ SMALL = {"hulldown", "conv1.0.weight"}  # keys of weights of the small model, an
 
 
 def load_encoder(model: str) -> Encoder:
-    """Return a function from RGB images to features, (n, d): means of an encoder's last map over each image.
-
-    Parameters
-    ----------
-    model
-        "small", for the small model's pretrained backbone, or "nano" to "large", for RF-DETR's DINOv2 encoder; these
-        weights are downloaded if necessary. Or a run folder or weights of one of them.
-
-    Raises
-    ------
-    HulldownError
-        If the weights can't be downloaded or read, or they belong to another network.
-    """
+    """Return a function from RGB images to features, (n, d): means of an encoder's last map over each image."""
     path = Path(model)
     if model == "small" and not path.exists():
         return _small_encoder(starting_weights(load_settings(None, {"model": model})))

@@ -67,13 +67,7 @@ class SmallDetector:
 
 
 def starting_weights(settings: Settings) -> Path | None:
-    """Return the file that training starts from; torchvision's own is downloaded if necessary.
-
-    Raises
-    ------
-    HulldownError
-        If there is no such file, or it can't be downloaded, with the path where it belongs.
-    """
+    """Return the file that training starts from; torchvision's own is downloaded if necessary."""
     if settings.weights == "none":
         return None
     if settings.weights is not None:
@@ -95,13 +89,7 @@ def starting_weights(settings: Settings) -> Path | None:
 
 
 def starting_network(classes: Sequence[str], weights: Path | None, *, frozen: bool = False) -> CenterNetwork:
-    """Return a network with random weights, those of a small model, or a backbone's; what the file lacks stays random.
-
-    Raises
-    ------
-    HulldownError
-        If the file has neither.
-    """
+    """Return a network with random weights, those of a small model, or a backbone's; the rest stays random."""
     network = CenterNetwork(len(classes), frozen=frozen)
     if weights is None:
         return network
@@ -137,13 +125,7 @@ def save_small(network: CenterNetwork, classes: Sequence[str], size: tuple[int, 
 
 
 def load_small(path: Path, *, device: torch.device) -> SmallDetector:
-    """Load the detector of a weights file.
-
-    Raises
-    ------
-    HulldownError
-        If it has none.
-    """
+    """Load the detector of a weights file."""
     found = read_weights(path)
     if found.get("hulldown") != WEIGHTS_KIND:
         raise HulldownError(

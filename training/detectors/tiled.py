@@ -18,14 +18,7 @@ SAME = 0.6  # share of the smaller of two boxes inside the other from which they
 class TiledDetector:
     """A detector that sees pictures as tiles; see `training.detectors.detector.Detector`.
 
-    Parameters
-    ----------
-    detector
-        The detector of a tile.
-    size
-        Width and height of a tile, pixels: those of its training pictures. Smaller pictures are one tile.
-    batch
-        Tiles that go through the network at once.
+    `size`: width and height of a tile, pixels: those of its training pictures. Smaller pictures are one tile.
     """
 
     def __init__(self, detector: Detector, size: tuple[int, int], *, batch: int) -> None:

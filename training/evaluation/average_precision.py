@@ -71,15 +71,7 @@ def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
 def resampled_averages(
     matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]
 ) -> Float[np.ndarray, "r c 3"]:
-    """`AVERAGES` of each class in each resample of positions; nan if a resample has no label of the class.
-
-    Parameters
-    ----------
-    matchings
-        One for each of `IOUS`.
-    weights
-        Count of each position in each resample.
-    """
+    """`AVERAGES` of each class in each resample of positions; nan if a resample has no label of the class."""
     labels, predictions = matchings[0].labels, matchings[0].predictions
     order = np.argsort(-predictions.score, kind="stable")
     each = []
@@ -107,14 +99,7 @@ def weighted_averages(
 
     Precision has its maxima at true detections, so only those are searched.
 
-    Parameters
-    ----------
-    true, counts
-        For each of i IoUs and the detections by falling score, whether they're matched, and whether they count.
-    weight
-        Weight of each in each of r resamples.
-    labels
-        Number of labels; without any the result is nan.
+    `labels`: number of labels; without any the result is nan.
     """
     # The least count of found labels that reaches each recall, with the rounding of a division.
     least = np.ceil(RECALLS * labels[:, None])

@@ -32,24 +32,13 @@ READERS = 4  # threads; decoding releases the interpreter lock
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BinnedField:
-    """Bins of one attribute of labels.
+    """Bins of one attribute of labels."""
 
-    Parameters
-    ----------
-    name, title
-        Its name in files, and its title for readers.
-    bins
-        b names, in order.
-    of_label
-        (g,) bin of each label; -1 if unknown.
-    of_detection
-        (d,) bin of each detection, if it doesn't depend on labels; else None: precision is undefined.
-    """
-
-    name: str
+    name: str  # name, title: its name in files, and its title for readers
     title: str
     bins: tuple[str, ...]
-    of_label: Int[np.ndarray, " g"]
+    of_label: Int[np.ndarray, " g"]  # bin of each label; -1 if unknown
+    # bin of each detection, if it doesn't depend on labels; else None: precision is undefined
     of_detection: Int[np.ndarray, " d"] | None
 
 
@@ -143,31 +132,17 @@ def _field(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BinFigures:
-    """Figures of a field's b bins, by their names in reports.
-
-    Parameters
-    ----------
-    field
-        The field.
-    labels, found
-        (b,) number of labels, and of found ones.
-    recall, recall_interval
-        (b,), and (b, 2) the 95 % interval; nan with too few positions to tell.
-    mean_iou
-        (b,) mean IoU of the matches.
-    detections
-        (b,) detections above the threshold; nan if the field has no bins of detections.
-    precision, precision_interval
-        Like the recall, for the detections in a bin; nan if undefined.
-    """
+    """Figures of a field's b bins, by their names in reports."""
 
     field: BinnedField
-    labels: Int[np.ndarray, " b"]
+    labels: Int[np.ndarray, " b"]  # labels, found: number of labels, and of found ones
     found: Int[np.ndarray, " b"]
+    # recall, recall_interval: and (b, 2) the 95 % interval; nan with too few positions to tell
     recall: Float[np.ndarray, " b"]
     recall_interval: Float[np.ndarray, "b 2"]
-    mean_iou: Float[np.ndarray, " b"]
-    detections: Shaped[np.ndarray, " b"]
+    mean_iou: Float[np.ndarray, " b"]  # mean IoU of the matches
+    detections: Shaped[np.ndarray, " b"]  # detections above the threshold; nan if the field has no bins of detections
+    # precision, precision_interval: like the recall, for the detections in a bin; nan if undefined
     precision: Float[np.ndarray, " b"]
     precision_interval: Float[np.ndarray, "b 2"]
 

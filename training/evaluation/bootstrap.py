@@ -52,15 +52,7 @@ def resampled_sums(
 
 
 def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
-    """Return the standard error by resampling; nan with fewer groups than `FEWEST`, or if most resamples are undefined.
-
-    Parameters
-    ----------
-    resampled
-        The figure in every resample.
-    groups
-        Number of groups that matter. Resampling n of them shows (n - 1) / n of the variance.
-    """
+    """Return the standard error by resampling; nan with fewer groups than `FEWEST` or mostly undefined resamples."""
     groups = np.asarray(groups, dtype=np.float64)
     known = ~np.isnan(resampled)
     count = known.sum(axis=0)
@@ -88,15 +80,8 @@ def share_interval(
 
     It's Wilson's interval with the number of trials that has this `error`.
 
-    Parameters
-    ----------
-    value, error
-        The figure and its standard error.
-    freedom
-        Degrees of freedom of the error. If the error is 0, the trials are one more: if all observations
-        agree, positions count instead of labels.
-    trials
-        Largest number of trials: labels for a recall, detections for a precision.
+    `freedom`: degrees of freedom of the error. If the error is 0, the trials are one more: if all observations agree,
+    positions count instead of labels.
 
     Examples
     --------
@@ -123,14 +108,7 @@ def difference_interval(
 
     Two labels are added, one gained and one lost (Bonett and Price), since few changes underestimate the spread.
 
-    Parameters
-    ----------
-    value, error
-        The difference and its standard error.
-    freedom
-        Degrees of freedom of the error.
-    labels
-        Number of labels.
+    `freedom`: degrees of freedom of the error.
     """
     value, error, labels = (np.asarray(n, dtype=np.float64) for n in (value, error, labels))
     middle = value * labels / (labels + 2.0)

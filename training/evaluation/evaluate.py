@@ -45,34 +45,16 @@ AP_RESAMPLES = 400  # enough for a standard error; each passes over all detectio
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """The confidence threshold of detections, and its source.
+    """The confidence threshold of detections, and its source."""
 
-    Parameters
-    ----------
-    value
-        Detections with at least this score count.
-    source
-        ``"given"``, ``"validation"`` (the best F1 on another set), ``"count"`` (`equal_count`), or ``"test"``: the
-        best F1 on the set itself, which makes every figure at the threshold too good. Each resample then chooses its
-        own.
-    """
-
-    value: float
+    value: float  # detections with at least this score count
+    # ``"given"``, ``"validation"`` (the best F1 on another set), ``"count"`` (`equal_count`), or ``"test"``: the best
+    # F1 on the set itself, which makes every figure at the threshold too good. Each resample then chooses its own.
     source: str
 
 
 class Evaluation:
-    """The evaluation of a detector on a dataset of c classes; each property is computed on first use.
-
-    Parameters
-    ----------
-    labels, predictions
-        Ground truth and detections.
-    threshold
-        The confidence threshold.
-    iou
-        Least IoU of a match.
-    """
+    """The evaluation of a detector on a dataset of c classes; each property is computed on first use."""
 
     def __init__(self, labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> None:
         self.labels, self.predictions, self.threshold = labels, predictions, threshold
@@ -157,15 +139,7 @@ def _among(label: int | None) -> slice:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DetectorComparison:
-    """Differences of two detectors, second minus first, on one dataset.
-
-    Parameters
-    ----------
-    first, second
-        Their names.
-    difference, intervals
-        By figure.
-    """
+    """Differences of two detectors, second minus first, on one dataset."""
 
     first: str
     second: str

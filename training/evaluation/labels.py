@@ -19,37 +19,17 @@ from hulldown.dataset.records import read_usable
 
 @dataclass(frozen=True, eq=False)
 class Labels:
-    """The labels of n images: g boxes of c classes, images and classes in the order of their ids.
+    """The labels of n images: g boxes of c classes, images and classes in the order of their ids."""
 
-    Parameters
-    ----------
-    path
-        The dataset's folder, or its file.
-    class_id
-        (c,) ascending.
-    class_names
-        Of each.
-    image, class_index
-        (g,) indices of each box's image, ascending, and of its class.
-    xywh
-        (g, 4) pixels.
-    area
-        (g,) pixels: the record's area (a mask's, if there is one), else the box's.
-    crowd
-        (g,) whether it's COCO's ``iscrowd``, which is ignored.
-    images, annotations
-        The images and labels themselves, in the same order.
-    """
-
-    path: Path
+    path: Path  # the dataset's folder, or its file
     class_id: Int[np.ndarray, " c"]
     class_names: tuple[str, ...]
-    image: Int[np.ndarray, " g"]
+    image: Int[np.ndarray, " g"]  # image, class_index: indices of each box's image, ascending, and of its class
     class_index: Int[np.ndarray, " g"]
-    xywh: Float[np.ndarray, "g 4"]
-    area: Float[np.ndarray, " g"]
-    crowd: Bool[np.ndarray, " g"]
-    images: Sequence[Image]
+    xywh: Float[np.ndarray, "g 4"]  # pixels
+    area: Float[np.ndarray, " g"]  # pixels: the record's area (a mask's, if there is one), else the box's
+    crowd: Bool[np.ndarray, " g"]  # whether it's COCO's ``iscrowd``, which is ignored
+    images: Sequence[Image]  # images, annotations: the images and labels themselves, in the same order
     annotations: Sequence[Label]
 
     @property
@@ -69,29 +49,12 @@ class Labels:
 
 
 def read_labels(path: Path | str) -> Labels:
-    """Read the labels of a dataset.
-
-    Parameters
-    ----------
-    path
-        Its folder, with ``annotations.json`` or ``_annotations.coco.json``, or a COCO file next to its pictures.
-
-    Raises
-    ------
-    DatasetError
-        If there is none, or naming the first unusable record.
-    """
+    """Read the labels of a dataset."""
     return labels_of(read_usable(Path(path)), path=Path(path))
 
 
 def labels_of(found: LabeledImages, *, path: Path) -> Labels:
-    """Labels of a dataset's images.
-
-    Raises
-    ------
-    DatasetError
-        If a size is negative.
-    """
+    """Labels of a dataset's images."""
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)
     categories = sorted(found.categories, key=lambda category: category.id)

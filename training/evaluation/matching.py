@@ -29,19 +29,11 @@ PAIRS_AT_ONCE = 1 << 15  # about, which bounds memory
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Overlaps:
-    """Detections and labels that overlap, sorted by detection.
+    """Detections and labels that overlap, sorted by detection."""
 
-    Parameters
-    ----------
-    detection, box
-        (p,) indices of detection and label.
-    iou
-        (p,) their IoU; for crowds, intersection over the detection's area.
-    """
-
-    detection: Int[np.ndarray, " p"]
+    detection: Int[np.ndarray, " p"]  # detection, box: indices of detection and label
     box: Int[np.ndarray, " p"]
-    iou: Float[np.ndarray, " p"]
+    iou: Float[np.ndarray, " p"]  # their IoU; for crowds, intersection over the detection's area
 
     def where(self, keep: Bool[np.ndarray, " p"] | Int[np.ndarray, " k"]) -> Overlaps:
         """Select pairs by a mask or by indices."""
@@ -50,34 +42,17 @@ class Overlaps:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Matching:
-    """Matches of d detections and g labels, and with them the outcome of each.
-
-    Parameters
-    ----------
-    labels, predictions
-        Of one dataset.
-    pairs
-        The overlaps that the matches are among, of any class.
-    iou_threshold
-        Least IoU of a match.
-    box
-        (d,) matched label; -1 if none.
-    iou
-        (d,) its IoU; nan if none.
-    ignored
-        (d,) whether the detection is ignored: it's in a crowd, beyond the first hundred, or below a threshold.
-    detection
-        (g,) matched detection; -1 if none, and for crowds.
-    """
+    """Matches of d detections and g labels, and with them the outcome of each."""
 
     labels: Labels
     predictions: Predictions
-    pairs: Overlaps
-    iou_threshold: float
-    box: Int[np.ndarray, " d"]
-    iou: Float[np.ndarray, " d"]
+    pairs: Overlaps  # the overlaps that the matches are among, of any class
+    iou_threshold: float  # least IoU of a match
+    box: Int[np.ndarray, " d"]  # matched label; -1 if none
+    iou: Float[np.ndarray, " d"]  # its IoU; nan if none
+    # whether the detection is ignored: it's in a crowd, beyond the first hundred, or below a threshold
     ignored: Bool[np.ndarray, " d"]
-    detection: Int[np.ndarray, " g"]
+    detection: Int[np.ndarray, " g"]  # matched detection; -1 if none, and for crowds
 
     @property
     def true(self) -> Bool[np.ndarray, " d"]:
@@ -110,15 +85,7 @@ class Matching:
 def overlaps(
     found: Float[np.ndarray, "p 4"], true: Float[np.ndarray, "p 4"], crowd: Bool[np.ndarray, " p"]
 ) -> Float[np.ndarray, " p"]:
-    """IoU of boxes, pair by pair, bit-equal to pycocotools'.
-
-    Parameters
-    ----------
-    found, true
-        xywh of detections and labels.
-    crowd
-        Whether the label is a crowd; then the detection's area replaces the union.
-    """
+    """IoU of boxes, pair by pair, bit-equal to pycocotools'."""
     ends = np.minimum(found[:, :2] + found[:, 2:], true[:, :2] + true[:, 2:])
     size = ends - np.maximum(found[:, :2], true[:, :2])
     meets = (size > 0.0).all(axis=1)
@@ -167,17 +134,7 @@ def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0
 
 
 def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: float = 0.5) -> Matching:
-    """Match detections with labels of their class as COCO does.
-
-    Parameters
-    ----------
-    labels, predictions
-        Of one dataset.
-    pairs
-        Pairs from `overlapping` with at least `iou`.
-    iou
-        Least IoU.
-    """
+    """Match detections with labels of their class as COCO does."""
     same = labels.class_index[pairs.box] == predictions.class_index[pairs.detection]
     keep = same & (pairs.iou >= min(iou, 1.0 - 1e-10))
     chosen = greedy(pairs.where(keep), predictions.place, labels.crowd)
@@ -195,18 +152,7 @@ def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: flo
 def greedy(pairs: Overlaps, turn: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]) -> Overlaps:
     """Choose for each detection, turn by turn, the free label with the highest overlap.
 
-    Parameters
-    ----------
-    pairs
-        Possible matches.
-    turn
-        (d,) turn of each detection, from 0; those with a common label have different ones.
-    crowd
-        (g,) crowds, which match any number of detections without another match.
-
-    Returns
-    -------
-    The chosen pairs, at most one per detection.
+    `turn`: turn of each detection, from 0; those with a common label have different ones.
     """
     turns = turn[pairs.detection]
     # Of equal overlaps the last label wins, as in COCO's loop.

@@ -25,17 +25,7 @@ FIGURES = (*SHARES, *MEANS)
 def sums_by(
     matching: Matching, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
 ) -> Float[np.ndarray, "positions bins 6"]:
-    """Return `SUMS` of each bin in each position.
-
-    Parameters
-    ----------
-    matching
-        The outcomes.
-    of_detection, of_label
-        (d,), (g,) bin of each; negative ones are ignored.
-    bins
-        Number of bins.
-    """
+    """Return `SUMS` of each bin in each position."""
     labels, predictions, true, false = matching.labels, matching.predictions, matching.true, matching.false
 
     def totals(of: np.ndarray, image: np.ndarray, *weights: np.ndarray) -> list[np.ndarray]:

@@ -53,30 +53,15 @@ class Predictions:
     """d detections in a dataset's images, ordered by image, class, falling score, and box.
 
     So results don't depend on the file's order of equal scores.
-
-    Parameters
-    ----------
-    name
-        Their name, unique in a comparison.
-    class_names
-        Of c classes: the dataset's, in its order, then those of the detections alone.
-    image, class_index
-        (d,) indices of each detection's image and class.
-    xywh
-        (d, 4) pixels; around `corners` if the boxes are oriented.
-    score
-        (d,) confidence.
-    corners
-        (d, 4, 2) pixels, of oriented boxes; None if the boxes aren't oriented.
     """
 
-    name: str
-    class_names: tuple[str, ...]
-    image: Int[np.ndarray, " d"]
+    name: str  # their name, unique in a comparison
+    class_names: tuple[str, ...]  # of c classes: the dataset's, in its order, then those of the detections alone
+    image: Int[np.ndarray, " d"]  # image, class_index: indices of each detection's image and class
     class_index: Int[np.ndarray, " d"]
-    xywh: Float[np.ndarray, "d 4"]
+    xywh: Float[np.ndarray, "d 4"]  # pixels; around `corners` if the boxes are oriented
     score: Float[np.ndarray, " d"]
-    corners: Float[np.ndarray, "d 4 2"] | None = None
+    corners: Float[np.ndarray, "d 4 2"] | None = None  # pixels, of oriented boxes; None if the boxes aren't oriented
 
     @property
     def place(self) -> Int[np.ndarray, " d"]:
@@ -92,20 +77,7 @@ def places(group: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
     """Read detections from a file of COCO results: a list, or the ``annotations`` of an object.
 
-    Parameters
-    ----------
-    path
-        The file. If it lists its images (``images`` of the object, or of ``PATH.info.json`` next to it), they must be
-        the dataset's, since images without detections are part of a result.
-    labels
-        The dataset's labels.
-    name
-        Their name; None: the file's name without its extension.
-
-    Raises
-    ------
-    DatasetError
-        If it can't be read, or naming the first unusable detection.
+    `name`: their name; None: the file's name without its extension.
     """
     path = Path(path)
     found, names = _read(path), {}
@@ -126,13 +98,7 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
 def predictions_of(
     found: Sequence[object], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
 ) -> Predictions:
-    """Return detections from a list; `names` are those of categories that the dataset lacks.
-
-    Raises
-    ------
-    DatasetError
-        Naming the first detection that cannot be used.
-    """
+    """Return detections from a list; `names` are those of categories that the dataset lacks."""
     try:
         rows = typed(found, list[_Detection])
     except ValueError:

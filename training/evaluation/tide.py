@@ -22,21 +22,11 @@ NONE = -1
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Errors:
-    """The cause of every error.
+    """The cause of every error."""
 
-    Parameters
-    ----------
-    cause
-        (d,) index into `CAUSES` of each detection; -1 if it's true or ignored.
-    meant
-        (d,) the label meant by a detection of the wrong class or place; -1 if none.
-    loss
-        For each of `CAUSES` the AP50 that fixing it alone would gain; nan without labels.
-    """
-
-    cause: Int[np.ndarray, " d"]
-    meant: Int[np.ndarray, " d"]
-    loss: dict[str, float]
+    cause: Int[np.ndarray, " d"]  # index into `CAUSES` of each detection; -1 if it's true or ignored
+    meant: Int[np.ndarray, " d"]  # the label meant by a detection of the wrong class or place; -1 if none
+    loss: dict[str, float]  # for each of `CAUSES` the AP50 that fixing it alone would gain; nan without labels
 
 
 def errors(matching: Matching) -> Errors:

@@ -39,21 +39,11 @@ MIN_SIDE = 1.0  # least width and height of a box in pixels
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """A line of the table.
+    """A line of the table."""
 
-    Parameters
-    ----------
-    probability
-        Probability of being applied; within a group, of being selected.
-    options
-        Numbers and ranges, as in the paper.
-    group
-        The line of its group, of which at most one is applied; empty for a single line.
-    """
-
-    probability: float
-    options: Mapping[str, Option] = field(default_factory=dict)
-    group: str = ""
+    probability: float  # probability of being applied; within a group, of being selected
+    options: Mapping[str, Option] = field(default_factory=dict)  # numbers and ranges, as in the paper
+    group: str = ""  # the line of its group, of which at most one is applied; empty for a single line
 
 
 Table: TypeAlias = Mapping[str, Change]
@@ -87,15 +77,7 @@ TABLE: Table = {
 
 
 class Augmenter:
-    """Applies a table to samples, as a function of a seed.
-
-    Parameters
-    ----------
-    table
-        The augmentations, in order.
-    height
-        Approximate height of the pictures, the unit of flares.
-    """
+    """Applies a table to samples, as a function of a seed."""
 
     def __init__(self, table: Table, *, height: int) -> None:
         with warnings.catch_warnings():
@@ -145,18 +127,7 @@ class Augmenter:
 
 
 def changed_table(changes: Mapping[str, object]) -> Table:
-    """Return `TABLE` with changes.
-
-    Parameters
-    ----------
-    changes
-        Name of a line -> its new ``probability`` and options.
-
-    Raises
-    ------
-    ConfigError
-        Naming an unknown line or option, or an invalid number.
-    """
+    """Return `TABLE` with changes."""
     result = dict(TABLE)
     for name, keys in changes.items():
         if name not in TABLE:

@@ -21,37 +21,15 @@ KEPT_BYTES = 256 * 2**20  # bytes of pictures that each worker keeps in memory
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Example:
-    """A picture at the network's size, with its labels.
-
-    Parameters
-    ----------
-    picture
-        (3, h, w) RGB.
-    xyxy
-        (n, 4) corners of boxes, pixels.
-    class_index
-        (n,) class of each.
-    """
+    """A picture at the network's size, with its labels."""
 
     picture: UInt8[torch.Tensor, "3 h w"]
-    xyxy: Float[torch.Tensor, "n 4"]
+    xyxy: Float[torch.Tensor, "n 4"]  # corners of boxes, pixels
     class_index: Int[torch.Tensor, " n"]
 
 
 class DrawnExamples(Dataset[Example]):
-    """A PyTorch dataset of augmented draws at the network's size.
-
-    Parameters
-    ----------
-    sources, draws
-        The datasets, and the draws from them.
-    size
-        Width and height of the network's input; pictures are squeezed into it, as in RF-DETR.
-    table
-        The augmentation; empty: none.
-    masks
-        Whether boxes follow their masks when a picture is turned; one rule for all sources.
-    """
+    """A PyTorch dataset of augmented draws at the network's size."""
 
     def __init__(
         self, sources: Sequence[LabeledPictures], draws: Draws, size: tuple[int, int], table: Table, *, masks: bool
@@ -107,17 +85,6 @@ class Batches(Sampler[list[int]]):
 
     All steps have the same number of draws, except the last, which has the rest of the budget. A step's batches
     are as even as possible. So every draw has the same weight and is used once.
-
-    Parameters
-    ----------
-    draws
-        Number of draws.
-    batch
-        Draws in a batch.
-    parts
-        Batches in a step.
-    first
-        The first step; earlier ones are done.
     """
 
     def __init__(self, draws: int, *, batch: int, parts: int, first: int = 0) -> None:

@@ -24,17 +24,7 @@ HEADER = ("draw", "source", "image", "augmentation_seed")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Draws:
-    """n draws from the pictures of several sources.
-
-    Parameters
-    ----------
-    source
-        (n,) index of the source.
-    image
-        (n,) index of its picture.
-    seed
-        (n,) seed of its augmentation.
-    """
+    """n draws from the pictures of several sources."""
 
     source: Int[np.ndarray, " n"]
     image: Int[np.ndarray, " n"]
@@ -55,16 +45,7 @@ class Draws:
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float] = ()) -> Draws:
     """Draw pictures with replacement.
 
-    Parameters
-    ----------
-    sizes
-        Pictures of each source, at least 1.
-    budget
-        Number of draws.
-    seed
-        From 0 on. Draws of a smaller budget are the beginning of those of a larger one.
-    shares
-        Each source's share of the draws, see `source_shares`. Empty: every picture is equally likely.
+    `shares`: each source's share of the draws, see `source_shares`. Empty: every picture is equally likely.
 
     Examples
     --------
@@ -86,13 +67,7 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
 
 
 def source_shares(sizes: Mapping[str, int], shares: Mapping[str, float]) -> list[float]:
-    """Return each source's share of the draws: that in `shares`, or a part of the rest by its pictures in `sizes`.
-
-    Raises
-    ------
-    ConfigError
-        If a name is unknown, a share is out of range, or the sum isn't 1.
-    """
+    """Return each source's share of the draws: that in `shares`, or a part of the rest by its pictures in `sizes`."""
     for name, share in shares.items():
         if name not in sizes:
             raise ConfigError(f"shares.{name}: no source has this name; there are {', '.join(sizes)}")
@@ -116,13 +91,7 @@ def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence
 
 
 def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> Draws:
-    """Read the draws in a file from any source.
-
-    Raises
-    ------
-    DatasetError
-        Naming the first invalid row.
-    """
+    """Read the draws in a file from any source."""
     index = [{name: i for i, name in enumerate(listed)} for listed in file_names]
     source, image, seeds = [], [], []
     refuse = partial(DatasetError, path=path, remedy="restore the file")

@@ -15,13 +15,7 @@ PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "albumentatio
 
 
 def require_extra() -> None:
-    """Raise if the extra isn't installed; call it before importing anything of it.
-
-    Raises
-    ------
-    HulldownError
-        Naming the missing packages and how to install them.
-    """
+    """Raise if the extra isn't installed; call it before importing anything of it."""
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"  # else it asks the network for its latest version
     missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
     if missing:

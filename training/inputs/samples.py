@@ -10,24 +10,12 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sample:
-    """A picture with its labels.
-
-    Parameters
-    ----------
-    picture
-        (h, w, 3) RGB.
-    xywh
-        (n, 4) boxes, pixels.
-    class_index
-        (n,) class index of each.
-    masks
-        Mask of each box; empty if they are unknown or don't count.
-    """
+    """A picture with its labels."""
 
     picture: UInt8[np.ndarray, "h w 3"]
-    xywh: Float[np.ndarray, "n 4"]
+    xywh: Float[np.ndarray, "n 4"]  # boxes, pixels
     class_index: Int[np.ndarray, " n"]
-    masks: tuple[Bool[np.ndarray, "h w"], ...] = ()
+    masks: tuple[Bool[np.ndarray, "h w"], ...] = ()  # mask of each box; empty if they are unknown or don't count
 
     def resized(self, width: int, height: int) -> Sample:
         """Resize, each side by its own factor."""

@@ -101,17 +101,7 @@ def _changed(lines: Mapping[str, object], changes: Mapping[str, object]) -> dict
 def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
     """Load settings from a TOML file, if given, with changes from the command line.
 
-    Parameters
-    ----------
-    path
-        A file with the fields of `Settings` as its keys.
-    changes
-        Field -> value; None: unchanged.
-
-    Raises
-    ------
-    ConfigError
-        Naming file, key, value, and the allowed values.
+    `changes`: field -> value; None: unchanged.
     """
     data = {} if path is None else read_toml(path)
     data.update({key: value for key, value in changes.items() if value is not None})

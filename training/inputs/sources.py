@@ -29,38 +29,16 @@ READERS = 4  # threads that check pictures before training
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LabeledPictures:
-    """A dataset of n pictures with m labeled boxes, in the order of the pictures' names.
+    """A dataset of n pictures with m labeled boxes, in the order of the pictures' names."""
 
-    Parameters
-    ----------
-    name
-        The user's name for it.
-    folder
-        Folder of its pictures.
-    file_names
-        Of each picture, relative to the folder.
-    sizes
-        Width and height of each, pixels.
-    starts
-        (n + 1,) picture i has the boxes from ``starts[i]`` to ``starts[i + 1]``.
-    xywh
-        (m, 4) pixels.
-    class_index
-        (m,) index into the classes that all sources share.
-    segmentations
-        COCO's segmentation of each box; None if it has none.
-    digest
-        SHA-256 of its labels.
-    """
-
-    name: str
+    name: str  # the user's name for it
     folder: Path
-    file_names: tuple[str, ...]
-    sizes: tuple[tuple[int, int], ...]
-    starts: Int[np.ndarray, " s"]
-    xywh: Float[np.ndarray, "m 4"]
-    class_index: Int[np.ndarray, " m"]
-    segmentations: tuple[object, ...]
+    file_names: tuple[str, ...]  # of each picture, relative to the folder
+    sizes: tuple[tuple[int, int], ...]  # width and height of each, pixels
+    starts: Int[np.ndarray, " s"]  # picture i has the boxes from ``starts[i]`` to ``starts[i + 1]``
+    xywh: Float[np.ndarray, "m 4"]  # pixels
+    class_index: Int[np.ndarray, " m"]  # index into the classes that all sources share
+    segmentations: tuple[object, ...]  # COCO's segmentation of each box; None if it has none
     digest: str
 
     def __len__(self) -> int:
@@ -72,13 +50,7 @@ class LabeledPictures:
         return None not in self.segmentations
 
     def sample(self, i: int, *, masks: bool = False) -> Sample:
-        """Picture i with its labels, without masks or with those of all boxes, which must have one.
-
-        Raises
-        ------
-        DatasetError
-            If the picture can't be read, or has another size than its record.
-        """
+        """Picture i with its labels, without masks or with those of all boxes, which must have one."""
         boxes = slice(self.starts[i], self.starts[i + 1])
         width, height = self.sizes[i]
         decoded = (decode(segmentation, width, height) for segmentation in self.segmentations[boxes] if masks)
@@ -94,17 +66,7 @@ def read_sources(
     Classes match by name; ids may differ. A category without boxes that another one names as
     its ``supercategory`` isn't a class. Crowds (``iscrowd``) are left out.
 
-    Parameters
-    ----------
-    folders
-        Name -> folder of a COCO dataset.
-    classes
-        Required classes, in order; None: those of the first dataset, in the order of their ids.
-
-    Raises
-    ------
-    DatasetError
-        If a folder isn't a dataset or has no images, a record or box is unusable, or classes differ, naming both.
+    `classes`: required classes, in order; None: those of the first dataset, in the order of their ids.
     """
     sources = {name: _checked(Path(folder)) for name, folder in folders.items()}
     known, of = (list(classes), "the detector") if classes is not None else ([], "")
@@ -126,15 +88,7 @@ def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool
     A box follows its mask closely, and without one the ellipse in it. If the two were mixed, photographs without masks
     would get smaller boxes than renders.
 
-    Parameters
-    ----------
-    asked
-        The setting; None: if every box of every source has a mask.
-
-    Raises
-    ------
-    ConfigError
-        If masks are required and a box has none.
+    `asked`: the setting; None: if every box of every source has a mask.
     """
     lacking = [source.name for source in sources if not source.masked]
     if asked and lacking:
@@ -144,33 +98,18 @@ def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CheckedPictures:
-    """Hashes of a source's pictures.
+    """Hashes of a source's pictures."""
 
-    Parameters
-    ----------
-    sha256
-        SHA-256 of records and pictures.
-    digests
-        SHA-256 of each picture.
-    hashes
-        Perceptual hash of each picture, see `dataset.verification.near_duplicates`.
-    """
-
-    sha256: str
+    sha256: str  # SHA-256 of records and pictures
     digests: tuple[bytes, ...]
+    # perceptual hash of each picture, see `dataset.verification.near_duplicates`
     hashes: tuple[Bool[np.ndarray, "256"] | None, ...]
 
 
 def check_pictures(
     sources: Sequence[LabeledPictures], *, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, CheckedPictures]:
-    """Read every picture of every source; return their hashes by the source's name.
-
-    Raises
-    ------
-    DatasetError
-        Naming the first unusable picture, in the order of sources and names.
-    """
+    """Read every picture of every source; return their hashes by the source's name."""
     checked, done, total = {}, 0, sum(map(len, sources))
     with ThreadPoolExecutor(READERS) as pool:
         for source in sources:

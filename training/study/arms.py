@@ -34,24 +34,13 @@ def _separate(sizes: Sequence[int], budget: int, seed: int) -> Draws:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ArmKind:
-    """What an arm draws from, and what it's compared with besides the real arm.
-
-    Parameters
-    ----------
-    sources
-        Names of its datasets.
-    draws
-        Function from the sizes of the sources, the budget, and the seed to draws from the sources' pictures.
-    beyond_mixed
-        Whether it's compared with the mixed arm too.
-    by_bins
-        Whether its recall is compared with the real arm's in bins.
-    """
+    """What an arm draws from, and what it's compared with besides the real arm."""
 
     sources: tuple[str, ...] = ("real", "synthetic")
+    # function from the sizes of the sources, the budget, and the seed to draws from the sources' pictures
     draws: Callable[..., Draws] = make_draws
-    beyond_mixed: bool = False
-    by_bins: bool = False
+    beyond_mixed: bool = False  # whether it's compared with the mixed arm too
+    by_bins: bool = False  # whether its recall is compared with the real arm's in bins
 
 
 ARM_KINDS: Mapping[str, ArmKind] = MappingProxyType(
@@ -72,19 +61,6 @@ else:
 
 def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, budget: int, seed: int) -> Draws:
     """Return the draws of a run of an arm; `Draws.source` is an index into its `ArmKind.sources`.
-
-    Parameters
-    ----------
-    arm
-        The arm.
-    photographs
-        (k,) indices of its photographs in the real dataset.
-    synthetic
-        Number of synthetic pictures.
-    budget
-        Draws of the real arm; `matched` has twice as many.
-    seed
-        Seed of the draws.
 
     Examples
     --------

@@ -74,13 +74,7 @@ class StudyConfig(BaseModel):
 
 
 def load_study(path: Path | str) -> StudyConfig:
-    """Load a study's config from a TOML file; its paths are relative to the file's folder.
-
-    Raises
-    ------
-    ConfigError
-        Naming file, key, value, and the allowed values.
-    """
+    """Load a study's config from a TOML file; its paths are relative to the file's folder."""
     path = Path(path)
     data = read_toml(path)
     study = validated(StudyConfig, data, path)
@@ -120,13 +114,7 @@ def _weights_seen_from(folder: Path, weights: str | None) -> str | None:
 
 
 def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: Path | None = None) -> None:
-    """Write a commented config with every key and its default; its folders are relative to it.
-
-    Raises
-    ------
-    HulldownError
-        If the file exists, or one of the folders doesn't.
-    """
+    """Write a commented config with every key and its default; its folders are relative to it."""
     if path.exists():
         raise HulldownError("is there already", path=path, remedy="delete it or name another file")
     make_room(path)

@@ -102,18 +102,7 @@ def study_runs(config: StudyConfig) -> list[tuple[NamedArm, float | None, int]]:
 
 
 def settle(config: StudyConfig) -> Manifest:
-    """Fix everything that determines the runs of a study; every picture is read.
-
-    Parameters
-    ----------
-    config
-        The config by `load_study`.
-
-    Raises
-    ------
-    HulldownError
-        If a dataset is unusable or lacks a class, or a test photograph is also in training.
-    """
+    """Fix everything that determines the runs of a study; every picture is read."""
     folders = {"real": config.real, "synthetic": config.synthetic, "test": config.test}
     if config.valid is not None:
         folders["valid"] = config.valid
@@ -171,13 +160,7 @@ def write_manifest(manifest: Manifest, folder: Path) -> None:
 
 
 def read_manifest(folder: Path) -> Manifest:
-    """Read study.json of a study's folder.
-
-    Raises
-    ------
-    ConfigError
-        If there is none, or it is damaged.
-    """
+    """Read study.json of a study's folder."""
     path = folder / MANIFEST_NAME
     refuse = partial(ConfigError, path=path, remedy="name a folder of `hulldown study run`")
     return validated(Manifest, read_json(path, dict[str, object], refuse, what="the manifest of a study"), path)

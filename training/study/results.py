@@ -53,43 +53,21 @@ ENOUGH = 10  # least labels of a reported bin
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judged:
-    """A finished run and its figures on the test pictures.
-
-    Parameters
-    ----------
-    run
-        The run.
-    evaluation
-        Its evaluation.
-    values
-        Each of `COUNTS` and `MEASURES`.
-    resampled
-        Measure -> (r,) values in every resample of the test positions.
-    """
+    """A finished run and its figures on the test pictures."""
 
     run: PlannedRun
     evaluation: Evaluation
-    values: Mapping[str, float]
-    resampled: Mapping[str, Float[np.ndarray, " r"]]
+    values: Mapping[str, float]  # each of `COUNTS` and `MEASURES`
+    resampled: Mapping[str, Float[np.ndarray, " r"]]  # measure -> (r,) values in every resample of the test positions
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cell:
-    """An arm at a fraction: its runs of all seeds.
-
-    Parameters
-    ----------
-    arm, fraction
-        Which.
-    photographs
-        Its number of photographs, the mean over seeds.
-    judged
-        Its runs, by seed.
-    """
+    """An arm at a fraction: its runs of all seeds."""
 
     arm: str
     fraction: float | None
-    photographs: float
+    photographs: float  # its number of photographs, the mean over seeds
     judged: Mapping[int, Judged]
 
     @property
@@ -100,17 +78,10 @@ class Cell:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Estimate:
-    """A measure of a cell, or a difference of two cells.
+    """A measure of a cell, or a difference of two cells."""
 
-    Parameters
-    ----------
-    value
-        The mean over seeds; nan if a run doesn't define it.
-    ends
-        (2,) its interval for other test sets and, with several seeds, other trainings; nan if there is none.
-    """
-
-    value: float
+    value: float  # the mean over seeds; nan if a run doesn't define it
+    # its interval for other test sets and, with several seeds, other trainings; nan if there is none
     ends: Float[np.ndarray, "2"]
 
     @property
@@ -129,18 +100,8 @@ def judge(
 ) -> Judged:
     """Evaluate a run on the test pictures.
 
-    Parameters
-    ----------
-    run
-        The run.
-    labels, detections
-        Ground truth, and the run's file of detections, in ``test`` and, if there is one, ``valid``, on which the best
-        F1 chooses the threshold.
-    threshold
-        The confidence threshold without ``valid``; None: that at which there are as many detections as labels, so
-        that precision and recall are about equal. It's the only one that needs no matches to choose.
-    iou
-        Least IoU of a match.
+    `threshold`: the confidence threshold without ``valid``; None: that at which there are as many detections as
+    labels, so that precision and recall are about equal. It's the only one that needs no matches to choose.
     """
     predictions = read_predictions(detections["test"], labels["test"], name=run.name)
     if threshold is not None:
@@ -267,15 +228,6 @@ def needed(
     Between two fractions, a curve is linear in the logarithm of the count, and below the least fraction in the count
     itself, from 0. Falling parts are replaced by the maximum so far.
 
-    Parameters
-    ----------
-    counts
-        (n,) photographs, rising.
-    curve
-        (n, r) values at each count, in each resample.
-    wanted
-        (r,) wanted values.
-
     Examples
     --------
     >>> needed(np.array([10.0, 100.0]), np.array([[0.2, 0.2, 0.2], [0.4] * 3]), np.array([0.1, 0.3, 0.5])).round(1)
@@ -294,25 +246,13 @@ def needed(
 
 @dataclass(frozen=True, slots=True)
 class BinDifference:
-    """The difference of recall in a bin, second minus first.
+    """The difference of recall in a bin, second minus first."""
 
-    Parameters
-    ----------
-    field, bin
-        Titles of the field and of the bin.
-    labels
-        Number of labels.
-    recall
-        Recall of first and second, means over seeds.
-    difference, interval
-        Their difference; None if there is no interval.
-    """
-
-    field: str
+    field: str  # field, bin: titles of the field and of the bin
     bin: str
     labels: int
-    recall: list[float]
-    difference: float
+    recall: list[float]  # recall of first and second, means over seeds
+    difference: float  # difference, interval: their difference; None if there is no interval
     interval: list[float] | None
 
 

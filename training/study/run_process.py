@@ -29,11 +29,6 @@ def run_one(study: Path, name: str, options: RunOptions, progress: Progress) -> 
     """Train the run with this name in study.json, and predict on the test and validation pictures.
 
     An interrupted run continues. `progress` is called with (title, steps done, all).
-
-    Raises
-    ------
-    HulldownError
-        If a file or setting is unusable.
     """
     from hulldown.training.predict import predict
     from hulldown.training.train import train

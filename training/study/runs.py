@@ -50,20 +50,11 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """Options of running, which don't change results on one machine.
-
-    Parameters
-    ----------
-    device
-        ``"auto"``, ``"cpu"`` or ``"gpu"``.
-    workers
-        Processes of each run that read and augment pictures; None: by the machine.
-    environment
-        Additional environment variables of the run's process.
-    """
+    """Options of running, which don't change results on one machine."""
 
     device: str = "auto"
-    workers: int | None = None
+    workers: int | None = None  # processes of each run that read and augment pictures; None: by the machine
+    # additional environment variables of the run's process
     environment: Mapping[str, str] = field(default_factory=dict)
 
 
@@ -82,21 +73,11 @@ Launch = Callable[[Path, Sequence[str], RunOptions, Progress], Generator[tuple[s
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """The outcomes of a study's runs.
+    """The outcomes of a study's runs."""
 
-    Parameters
-    ----------
-    finished
-        Names of runs finished now.
-    already
-        Names of runs finished before.
-    failed
-        Name -> reason of failed runs, which the next call retries.
-    """
-
-    finished: tuple[str, ...]
-    already: tuple[str, ...]
-    failed: Mapping[str, str]
+    finished: tuple[str, ...]  # names of runs finished now
+    already: tuple[str, ...]  # names of runs finished before
+    failed: Mapping[str, str]  # name -> reason of failed runs, which the next call retries
 
 
 def is_finished(study: Path, manifest: Manifest, run: PlannedRun) -> bool:
@@ -116,25 +97,7 @@ def run_study(
 ) -> Done:
     """Run the unfinished runs of a study.
 
-    Parameters
-    ----------
-    manifest
-        The runs, by `settle`.
-    out
-        The study's folder; made if missing.
-    options
-        Options of each run.
-    launch
-        Function that runs them; None: `in_processes`, at the places of `gpu_places`.
-    progress
-        Called with (title, steps done, all).
-    say
-        Called with messages for the user.
-
-    Raises
-    ------
-    HulldownError
-        If the folder contains something else, or another process runs the study.
+    `launch`: function that runs them; None: `in_processes`, at the places of `gpu_places`.
     """
     out = Path(out)
     finished: list[str] = []
@@ -240,15 +203,7 @@ def in_a_process(
 
 
 def run_here(study: Path, name: str, options: RunOptions, wanted: Callable[[], bool]) -> str | None:
-    """Do a run for a client in a separate process; return the reason of a failure, or None.
-
-    Parameters
-    ----------
-    study, name, options
-        As of `in_a_process`.
-    wanted
-        Whether the client still waits for it; if not, the run is ended.
-    """
+    """Do a run for a client in a separate process; return the reason of a failure, or None."""
     environment = {key: value for key, value in os.environ.items() if not (key in NANNYS and value == "1")}
     lock = study / RUNS_NAME / read_manifest(study).run(name).folder / LOCK_NAME
     if lock.exists():  # a lost worker's process may still run

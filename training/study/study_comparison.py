@@ -150,18 +150,7 @@ class StudyReport(Struct, frozen=True, kw_only=True):
 
 
 def compared_runs(study: Path | str) -> StudyReport:
-    """Compare the finished runs of a study.
-
-    Parameters
-    ----------
-    study
-        The study's folder, finished or not.
-
-    Raises
-    ------
-    HulldownError
-        If it isn't a study, no run is finished, or test pictures have changed.
-    """
+    """Compare the finished runs of a study."""
     study = Path(study)
     manifest = read_manifest(study)
     finished = [run for run in manifest.runs if is_finished(study, manifest, run)]

@@ -23,21 +23,11 @@ VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layo
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Item:
-    """An image of an export.
+    """An image of an export."""
 
-    Parameters
-    ----------
-    image
-        The image in the dataset, with the labels that are kept.
-    name
-        Name of its picture in the export: without folders, with a unique stem.
-    picture
-        The picture's file, links resolved.
-    """
-
-    image: Image
-    name: str
-    picture: Path
+    image: Image  # the image in the dataset, with the labels that are kept
+    name: str  # name of its picture in the export: without folders, with a unique stem
+    picture: Path  # the picture's file, links resolved
 
     @property
     def stem(self) -> str:
@@ -51,27 +41,13 @@ class Item:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Splits:
-    """A dataset divided into splits.
-
-    Parameters
-    ----------
-    folder
-        Of the dataset.
-    head
-        Its COCO dictionary without classes, images, and annotations.
-    categories
-        Its classes in the order of their ids.
-    items
-        The images of each of `SPLITS`, in the order of the dataset.
-    progress
-        Called with (done, all) after each image.
-    """
+    """A dataset divided into splits."""
 
     folder: Path
-    head: Record
-    categories: Sequence[Category]
-    items: Mapping[str, Sequence[Item]]
-    progress: Callable[[int, int], None] = lambda done, total: None
+    head: Record  # its COCO dictionary without classes, images, and annotations
+    categories: Sequence[Category]  # its classes in the order of their ids
+    items: Mapping[str, Sequence[Item]]  # the images of each of `SPLITS`, in the order of the dataset
+    progress: Callable[[int, int], None] = lambda done, total: None  # called with (done, all) after each image
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
         """Yield each split with its items."""
@@ -91,14 +67,7 @@ class Splits:
 
 
 def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[Path]:
-    """Return the picture's file of each image, links resolved; a picture with the hash in its record isn't decoded.
-
-    Raises
-    ------
-    DatasetError
-        Naming all pictures that are missing, damaged, or of another size than their records state; or the first link
-        that leads out of the dataset, and to none of the allowed folders.
-    """
+    """Return the picture's file of each image, links resolved; a picture with the hash in its record isn't decoded."""
 
     def checked(image: Image) -> Path | str:
         name = image.file_name

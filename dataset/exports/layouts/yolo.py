@@ -71,19 +71,7 @@ def _line(number: int, shares: Float[np.ndarray, " n"]) -> str:
 def write(
     splits: Splits, out: Path, *, lines: Lines = label_lines, split_first: bool = False, more: Sequence[str] = ()
 ) -> None:
-    """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them.
-
-    Parameters
-    ----------
-    splits, out
-        The dataset, and an empty folder.
-    lines
-        A picture's lines, given the number of each class.
-    split_first
-        Write ``train/images``, ``train/labels``, and so on, as RF-DETR and Roboflow read them.
-    more
-        Further lines of ``data.yaml``.
-    """
+    """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them."""
     numbers = {category.id: number for number, category in enumerate(splits.categories)}
     folders = {}
     for split, items in splits:
@@ -103,13 +91,7 @@ def write(
 
 
 def write_pose(splits: Splits, out: Path) -> None:
-    """Write ``images/train`` and so on, with boxes and keypoints: x, y, and COCO's v of each.
-
-    Raises
-    ------
-    DatasetError
-        If the classes don't have the same keypoints, of which YOLO knows one list.
-    """
+    """Write ``images/train`` and so on, with boxes and keypoints: x, y, and COCO's v of each."""
     lists = [category.keypoints for category in splits.categories]
     if not lists or not (names := lists[0]) or any(each != names for each in lists):
         problem = "its categories have no keypoints" if not any(lists) else "its categories have different keypoints"

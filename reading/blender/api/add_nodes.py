@@ -9,19 +9,7 @@ import bpy
 
 
 def add_node(tree: Any, kind: str, inputs: Mapping[Any, Any] | None = None, /, **settings: Any) -> Any:
-    """Add a node to a tree; `kind` is its type without "ShaderNode", such as "Math".
-
-    Parameters
-    ----------
-    tree
-        A node tree.
-    kind
-        Type of the node.
-    inputs
-        Name or number of an input -> its source; see `feed`.
-    settings
-        Properties of the node.
-    """
+    """Add a node to a tree; `kind` is its type without "ShaderNode", such as "Math"."""
     node = tree.nodes.new(f"ShaderNode{kind}")
     for name, setting in settings.items():
         setattr(node, name, setting)

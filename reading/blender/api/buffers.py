@@ -38,12 +38,7 @@ def read(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np.ndarr
 def coordinates(mesh: Any, layer: str) -> np.ndarray | None:
     """Texture coordinates (k, 2) of each face corner, 0 in place of NaN; None if there is no such layer.
 
-    Parameters
-    ----------
-    mesh
-        Of Blender.
-    layer
-        Its name; "" for the one that is rendered.
+    `layer`: its name; "" for the one that is rendered.
     """
     layers = mesh.uv_layers
     found = layers.get(layer) if layer else next((each for each in layers if each.active_render), None)

@@ -18,13 +18,7 @@ from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 
 class CutoutReader:
-    """Reads cut-outs; looks at each material and each image once.
-
-    Parameters
-    ----------
-    longest
-        Texels on the longer side of a stored image.
-    """
+    """Reads cut-outs; looks at each material and each image once."""
 
     def __init__(self, longest: int) -> None:
         self._longest = longest

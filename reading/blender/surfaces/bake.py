@@ -90,20 +90,7 @@ def _look_up(material: Any, image: Any) -> None:
 
 
 def baked(material: Any, size: int) -> Cutter:
-    """Return the opacity of a material, over the range of its coordinates.
-
-    Parameters
-    ----------
-    material
-        An original, not evaluated.
-    size
-        Texels of the longer side.
-
-    Raises
-    ------
-    NotUnderstoodError
-        Naming what it depends on, besides texture coordinates.
-    """
+    """Return the opacity of a material, over the range of its coordinates."""
     with _emitting([material]) as (copy,):
         layer = _layer(copy)
         low, high = uv = _range(material, layer)
@@ -169,16 +156,7 @@ def _render(
 ) -> Float32[np.ndarray, "n h w"]:
     """Return the light of materials, from 0 to 1, each on a rectangle of its own.
 
-    Parameters
-    ----------
-    materials
-        All emit light.
-    layer
-        Name of the texture coordinates' layer.
-    uv
-        Coordinates of the lower left and the upper right corner.
-    size
-        Width and height of each in pixels.
+    `size`: width and height of each in pixels.
     """
     scene, lens = bpy.data.scenes.new("hulldown bake"), bpy.data.cameras.new("hulldown bake")
     mesh = bpy.data.meshes.new("hulldown bake")

@@ -47,14 +47,8 @@ def keep_inputs(
 ) -> None:
     """Make materials read custom properties in place of what is lost in a twin.
 
-    Parameters
-    ----------
-    materials
-        The file's; those of libraries stay as they are.
-    keys, places
-        As of `reading.blender.material_inputs.ObjectInputs`; the properties have the number of their key.
-    file_from_twin
-        The file's coordinates by those of the twin; None if each object has its own, in the properties `ROW`.
+    `file_from_twin`: the file's coordinates by those of the twin; None if each object has its own, in the properties
+    `ROW`.
     """
     numbers = {key: number for number, key in enumerate(keys)}
     moved = file_from_twin is None or not np.allclose(file_from_twin, np.eye(4), rtol=0.0, atol=1e-12)

@@ -40,12 +40,7 @@ def material_rows(
 ) -> tuple[tuple[MaterialRow, ...], list[bool]]:
     """Materials of the pieces with a part, largest share first, and the pieces that aren't painted.
 
-    Parameters
-    ----------
-    meshes
-        Blender's, in the order of `Piece.mesh`, with their materials.
-    pieces, piece_part
-        The pieces, and the part of each; -1: none.
+    `pieces`, `piece_part`: the pieces, and the part of each; -1: none.
     """
     areas: dict[Any, float] = defaultdict(float)
     own: dict[int, dict[Any, float]] = {}
@@ -127,13 +122,7 @@ def _glows(shader: Any) -> bool:
 
 
 class _MeanColors:
-    """Mean colors of sockets; each image is read once.
-
-    Parameters
-    ----------
-    meshes
-        That wear the materials and may be painted, each with a factor on its area.
-    """
+    """Mean colors of sockets; each image is read once."""
 
     def __init__(self, meshes: Sequence[tuple[Any, float]]) -> None:
         self._meshes = meshes

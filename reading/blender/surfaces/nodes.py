@@ -15,20 +15,7 @@ def material_output(material: Any) -> Any:
 
 
 def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
-    """Return the output that a socket is linked to; None if it has its own value.
-
-    Parameters
-    ----------
-    socket
-        An input socket, or an output socket to look through.
-    stack
-        The group nodes around it.
-
-    Returns
-    -------
-    An output socket of a node that computes something, and the group nodes around that; or an unlinked input socket of
-    a group or a muted node.
-    """
+    """Return the output that a socket is linked to; None if it has its own value."""
     while True:
         if not socket.is_output:
             socket = linked(socket)

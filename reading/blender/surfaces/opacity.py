@@ -30,33 +30,16 @@ class NotUnderstoodError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Lookup:
-    """An image, one of its channels, and how it's looked up.
+    """An image, one of its channels, and how it's looked up."""
 
-    Parameters
-    ----------
-    image
-        An original, not evaluated; None: none is chosen.
-    channel
-        "alpha", "red", "green", "blue", or "gray", which is the luminance.
-    layer
-        Layer of texture coordinates; "": the rendered one.
-    image_from_uv
-        Transform of the coordinates.
-    extension, smooth
-        As of `AlphaMap`.
-    alpha_used
-        Whether the image node's alpha is used too.
-    curve
-        Opacity at every texel value of `GRADES`; None: the texels' own values.
-    """
-
-    image: Any
-    channel: str
-    layer: str
+    image: Any  # an original, not evaluated; None: none is chosen
+    channel: str  # "alpha", "red", "green", "blue", or "gray", which is the luminance
+    layer: str  # layer of texture coordinates; "": the rendered one
     image_from_uv: Affine
     extension: Extension
     smooth: bool
-    alpha_used: bool
+    alpha_used: bool  # whether the image node's alpha is used too
+    # opacity at every texel value of `GRADES`; None: the texels' own values
     curve: np.ndarray | None = field(default=None, compare=False)
 
     @property
@@ -94,18 +77,7 @@ def is_opaque(material: Any) -> bool:
 
 
 def lookup_of(material: Any) -> Lookup | None:
-    """Return the one lookup that the light of a material depends on; None if the light is constant.
-
-    Parameters
-    ----------
-    material
-        It emits its opacity.
-
-    Raises
-    ------
-    NotUnderstoodError
-        If it depends on more than that.
-    """
+    """Return the one lookup that the light of a material depends on; None if the light is constant."""
     found = _lookups(material_output(material).inputs["Surface"], ())
     if len(found) > 1:
         raise NotUnderstoodError("two textures")

@@ -106,13 +106,8 @@ def _clamped(tree: Any, value: Any) -> Any:
 def show_opacity(material: Any, strength: Callable[[Any], Any] | None = None) -> None:
     """Make a material emit its opacity and nothing else.
 
-    Parameters
-    ----------
-    material
-        Changed, with its groups.
-    strength
-        Called with the tree for a socket with the strength at which it emits where it's at least half opaque; it's
-        invisible elsewhere. None: it emits everywhere, in proportion to its opacity.
+    `strength`: called with the tree for a socket with the strength at which it emits where it's at least half opaque;
+    it's invisible elsewhere. None: it emits everywhere, in proportion to its opacity.
     """
     opacity = opacity_socket(material)
     tree = material.node_tree

@@ -20,14 +20,7 @@ def is_curved(image: Any, channel: str) -> bool:
 def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
     """Texels of a channel, in 255ths where the file has bytes, and in sRGB if `is_curved`.
 
-    Parameters
-    ----------
-    image
-        With pixels.
-    channel
-        "alpha", "red", "green", "blue", or "gray", which is the luminance.
-    alpha_used
-        Whether the image node's alpha is used too; if not, Cycles leaves colors multiplied by it.
+    `image`: with pixels.
     """
     if image.alpha_mode == "NONE" and channel == "alpha":
         return np.full((1, 1), 255, np.uint8)

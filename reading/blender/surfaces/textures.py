@@ -32,18 +32,7 @@ def used_files() -> list[str]:
 
 
 def find_moved(path: Path) -> list[Doubt]:
-    """Point images whose files are missing to files of the same name near the asset.
-
-    Parameters
-    ----------
-    path
-        The asset. Its folder is searched, and those beside it that are called like `TEXTURES`; other assets may be in
-        the rest, with textures of the same names.
-
-    Returns
-    -------
-    A doubt for each image that was found, or that several different files match.
-    """
+    """Point images whose files are missing to files of the same name near the asset."""
     images = [block for block in _referring() if isinstance(block, bpy.types.Image) and TILES not in block.filepath]
     gone = [image for image in images if (wanted := _path(image)) and not _is_there(wanted)]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
@@ -98,13 +87,7 @@ def _files_near(path: Path) -> Iterator[Path]:
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
-    """Files and pictures that drawn objects refer to and that are missing, or that Blender can't read.
-
-    Parameters
-    ----------
-    drawn
-        Names of the drawn objects.
-    """
+    """Files and pictures that drawn objects refer to and that are missing, or that Blender can't read."""
     users = bpy.data.user_map()
     found: dict[tuple[str, str], set[str]] = {}
     for block in _referring():
