@@ -124,26 +124,13 @@ def _export(arguments: argparse.Namespace) -> None:
 def _report(arguments: argparse.Namespace) -> None:
     from hulldown.dataset.reports.dataset_report import report
 
-    if arguments.features and not arguments.photographs:
-        raise HulldownError("--features needs --beside, whose photographs the images are compared with")
-    encode = None
-    if arguments.features:
-        from hulldown.training.inputs.extra import require_extra
-
-        require_extra()
-        from hulldown.training.detectors.encoders import load_encoder
-
-        encode = load_encoder(arguments.features)
     comparison = report(
-        arguments.source, arguments.output, photographs=arguments.photographs, encode=encode, most=arguments.images,
+        arguments.source, arguments.output, photographs=arguments.photographs, most=arguments.images,
         library=None if arguments.source.is_dir() else planned_library(arguments.source, arguments),
     )  # fmt: skip
     if comparison:
-        show_result(arguments, comparison.to_json(), *comparison.sentences)
-        for note in comparison.notes:
-            warn(note)
-        differing = sum(feature.differs for feature in comparison.features)
-        say(f"{differing} of {len(comparison.features)} features differ by more than chance")
+        lines = (f"{distance}  {title} ({keys})" for title, distance, keys in comparison.rows())
+        show_result(arguments, comparison, *lines)
     say(f"wrote {arguments.output}")
 
 
@@ -208,12 +195,7 @@ def add(verbs: Subparsers) -> None:
     )  # fmt: skip
     sub.add_argument(
         "--beside", dest="photographs", type=Path, metavar="PHOTOGRAPHS",
-        help="a COCO folder or file of photographs, to compare each feature with, and name the keys that change it",
-    )  # fmt: skip
-    sub.add_argument(
-        "--features", metavar="MODEL",
-        help="with --beside, for a dataset: how much of the photographs the images cover, in features of the small "
-        "model's backbone or RF-DETR's encoder: small, nano to large, a run folder, or weights (needs training)",
+        help="a COCO folder or file of photographs, whose boxes, brightness, and contrast are shown next to this one's",
     )  # fmt: skip
     add_planned(sub)
 

@@ -80,7 +80,7 @@ def _log_scale(axes: Axes) -> None:
 def two_histograms(
     title: str,
     edges: Float[np.ndarray, " b_plus_1"],
-    shares: tuple[Float[np.ndarray, " b"], Float[np.ndarray, " b"]],
+    shares: Float[np.ndarray, "2 b"],
     *,
     log: bool = False,
 ) -> Figure:

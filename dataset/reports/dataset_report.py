@@ -25,7 +25,7 @@ from hulldown.dataset.labels.corners import ground_corners
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.labels.oriented_box import rectangle_of
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
-from hulldown.dataset.reports.comparison import Comparison, Encoder, compare
+from hulldown.dataset.reports.comparison import Comparison, compare_with_photographs
 from hulldown.dataset.reports.page import Facet, Shape, Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset
 from hulldown.geometry.indices import spread
@@ -48,7 +48,6 @@ def report(
     out: Path | str,
     *,
     photographs: Path | str | None = None,
-    encode: Encoder | None = None,
     most: int = MOST_THUMBNAILS,
     library: Library | None = None,
 ) -> Comparison | None:
@@ -69,7 +68,7 @@ def report(
     refuse_foreign(out, MARK)
     comparison = None
     if photographs is not None:
-        comparison = compare(dataset, read_photographs(Path(photographs)), pixels=source.is_dir(), encode=encode)
+        comparison = compare_with_photographs(dataset, read_photographs(Path(photographs)), pixels=source.is_dir())
     chosen = spread(len(dataset), most)
     tiles = []
     with reporting("thumbnails", None) as advance:

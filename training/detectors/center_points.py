@@ -67,14 +67,10 @@ class CenterNetwork(nn.Module):
             self.backbone.eval()
         return self
 
-    def levels(self, pictures: UInt8[Tensor, "n 3 h w"]) -> list[Tensor]:
-        """Return the backbone's maps of RGB pictures."""
-        x = ((pictures.float() - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
-        return self.backbone(x)
-
     def forward(self, pictures: UInt8[Tensor, "n 3 h w"]) -> CenterMaps:
         """Return maps of RGB pictures."""
-        levels = self.levels(pictures)
+        x = ((pictures.float() - self.mean) / self.deviation).contiguous(memory_format=torch.channels_last)
+        levels = self.backbone(x)
         found = self.across[-1](levels[-1])
         finer = zip(levels[:-1], self.across[:-1], self.merged, strict=True)
         for level, across, merged in reversed(list(finer)):

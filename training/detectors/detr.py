@@ -18,27 +18,24 @@ from typing import Any
 
 import numpy as np
 import torch
-from jaxtyping import Float, UInt8
+from jaxtyping import UInt8
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
 from torchvision.transforms.functional import normalize
 
 from hulldown.base.errors import HulldownError
-from hulldown.dataset.reports.comparison import Encoder
 from hulldown.training.detectors.center_points import DEVIATION, MEAN
 from hulldown.training.detectors.detector import (
     DAMAGED,
     Detections,
-    chosen_device,
     first_line,
     read_weights,
     refuse_odd_numbers,
-    weights_of,
 )
 from hulldown.training.inputs.data import network_pictures
 from hulldown.training.inputs.extra import quiet
-from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
+from hulldown.training.inputs.settings import Settings, rate_factor
 
 with quiet():  # its dependencies give deprecation warnings
     import rfdetr.config as rf_config
@@ -55,7 +52,6 @@ CONFIGS = {
     "medium": rf_config.RFDETRMediumConfig,
     "large": rf_config.RFDETRLargeConfig,
 }
-ENCODED = 8  # images that go through the encoder at once
 COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
@@ -207,16 +203,6 @@ class DetrDetector:
             detections.append(Detections(xywh, found["scores"][rows].cpu().double().numpy(), label))
         return detections
 
-    @torch.inference_mode()
-    def features(self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]]) -> Float[np.ndarray, "n d"]:
-        """Return mean of the DINOv2 encoder's last feature map over each RGB image, (n, d)."""
-        found = []
-        for start in range(0, len(images), ENCODED):
-            batch = network_pictures(images[start : start + ENCODED], self._size).to(self._device)
-            maps = self._network.backbone[0].encoder(normalized(batch))
-            found.append(maps[-1].mean(dim=(2, 3)).cpu().double().numpy())
-        return np.concatenate(found)
-
 
 def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     """Load the detector of an RF-DETR checkpoint, from hulldown or elsewhere."""
@@ -237,12 +223,3 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     else:
         named = dict(enumerate(list(names or [str(i) for i in range(logits - 1)])[: logits - 1]))
     return DetrDetector(context.model, context.postprocess, named, int(model.model_config.resolution), device)
-
-
-def load_encoder(weights: str) -> Encoder:
-    """Return a map from RGB images to features, to compare pictures: `DetrDetector.features`."""
-    path: Path | None = Path(weights)
-    if weights in CONFIGS and not Path(weights).exists():
-        path = starting_weights(load_settings(None, {"model": weights}))
-    assert path is not None
-    return load_checkpoint(weights_of(path), device=chosen_device("auto")).features
