@@ -119,7 +119,7 @@ SETS = {
         },
         fractions=[1.0, 0.25, 0.0625],
         resolution=320,
-        train_keys='augmentation.preset = "aerial"\n',
+        train_keys='augmentation = "aerial"\n',
     ),
 }
 SHARED = {

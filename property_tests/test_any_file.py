@@ -35,7 +35,9 @@ from hulldown.tests.networks import RUN
 from hulldown.training.detectors.detector import weights_of
 from hulldown.training.evaluation.labels import labels_of
 from hulldown.training.evaluation.predictions import read_predictions
+from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.draws import read_draws
+from hulldown.training.inputs.settings import OWN_AUGMENTATIONS, load_settings
 from hulldown.training.predict import load_detector
 from hulldown.training.study.manifest import read_manifest
 from hulldown.training.videos import read_video
@@ -154,6 +156,11 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
         "run.json",
         lambda: encoded(RUN),
         lambda path: weights_of(path.parent),
+    ),
+    "augmentation": (
+        "a.yaml",
+        (OWN_AUGMENTATIONS / "table1.yaml").read_bytes,
+        lambda path: Augmenter(load_settings(None, {"augmentation": str(path)}).augmentation),
     ),
     "draws": ("d.csv", lambda: DRAWS, lambda path: read_draws(path, ["s"], [["1.png"]])),
     "study": ("study.json", lambda: encoded(STUDY), lambda path: read_manifest(path.parent)),

@@ -4,16 +4,14 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.tests.test_augment import corners, mask_corners
-from hulldown.training.inputs.augment import TABLE, Augmenter, changed_table
+from hulldown.tests.test_augment import TABLE, augmentation, corners, mask_corners
+from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import at_work_size, example
 from hulldown.training.inputs.samples import Sample
 
 WIDTH, HEIGHT = 96, 64
-FULL = Augmenter(TABLE, height=HEIGHT)
-FLIP = Augmenter(
-    changed_table({name: {"probability": float(name == "horizontal_flip")} for name in TABLE}), height=HEIGHT
-)
+FULL = Augmenter(TABLE)
+FLIP = Augmenter(augmentation(("HorizontalFlip", {"p": 1.0})))
 SEEDS = st.integers(0, 2**32 - 1)
 
 

@@ -21,7 +21,6 @@ RUN = {  # run.json as the first version wrote it
     "batch": 4,
     "accumulate": 1,
     "steps": 6,
-    "augmented": True,
     "sources": {
         "real": {"folder": "/real", "images": 8, "drawn": 24, "draws_per_image": {"mean": 3.0, "least": 1, "most": 5}}
     },

@@ -1,17 +1,37 @@
+import json
+import random
+
+import albumentations
 import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.inputs import data
-from hulldown.training.inputs.augment import TABLE, Augmenter, Change, changed_table
+from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import Batches, DrawnExamples
 from hulldown.training.inputs.draws import make_draws
 from hulldown.training.inputs.samples import Sample
+from hulldown.training.inputs.settings import KNOWN_AUGMENTATIONS, load_settings
 from hulldown.training.inputs.sources import read_sources
 from hulldown.training.sheet import augmentation_sheet
 
-OFF = {name: {"probability": 0.0} for name in TABLE}
+TABLE = load_settings(None, {"augmentation": "table1"}).augmentation
+
+
+def augmentation(*transforms):
+    """The contents of an Albumentations file with these transforms, each with its name and options."""
+    listed = [{"__class_fullname__": name, **options} for name, options in transforms]
+    return {"transform": {"__class_fullname__": "Compose", "transforms": listed}}
+
+
+def parts_of(transform):
+    """The transforms of a file, without groups."""
+    inner = transform.get("transforms")
+    return [transform] if inner is None else [part for one in inner for part in parts_of(one)]
+
+
+AFFINE = [part for part in parts_of(TABLE["transform"]) if part["__class_fullname__"] == "Affine"]
 
 
 def ellipse_sample(angle_deg=0.0, masked=True):
@@ -36,19 +56,19 @@ def corners(xywh):
 
 
 @pytest.mark.parametrize("masked", [True, False])
-@pytest.mark.parametrize("line", ["shift_scale_rotate", "shear"])
-def test_boxes_follow_their_contents(line, masked):
+@pytest.mark.parametrize("affine", AFFINE, ids=["turned", "sheared"])
+def test_boxes_follow_their_contents(affine, masked):
     # The box of a turned or sheared ellipse is much smaller than that of its turned box, with and without a mask.
-    augment = Augmenter(changed_table(OFF | {line: {"probability": 1.0}}), height=120)
+    augment = Augmenter({"transform": affine | {"p": 1.0}})
     for seed in range(40):
         found = augment(ellipse_sample(masked=masked), seed)
         bright = mask_corners(found.picture[..., 0] > 120)
         assert np.abs(corners(found.xywh[0]) - bright).max() <= 2.0  # one pixel for interpolation
 
 
-def test_an_empty_table_changes_nothing():
+def test_an_empty_file_changes_nothing():
     sample = ellipse_sample(20)
-    found = Augmenter({}, height=120)(sample, 0)
+    found = Augmenter(augmentation())(sample, 0)
     np.testing.assert_array_equal(found.picture, sample.picture)
     np.testing.assert_allclose(found.xywh, sample.xywh, atol=1e-4)
 
@@ -60,10 +80,7 @@ def test_a_box_cut_to_less_than_a_fifth_is_dropped(masked):
     masks[0, 40:60, 0:20], masks[1, 40:60, 40:60], masks[2, 70:80, 70:90] = True, True, True
     xywh = np.array([[0, 40, 20, 20], [40, 40, 20, 20], [70, 70, 20, 10]], dtype=float)
     sample = Sample(picture, xywh, np.array([0, 1, 2]), tuple(masks) if masked else ())
-    augment = Augmenter(
-        changed_table(OFF | {"shift_scale_rotate": {"probability": 1.0, "shift": 0.4, "scale": 1.0, "rotate_deg": 0}}),
-        height=100,
-    )
+    augment = Augmenter(augmentation(("Affine", {"p": 1.0, "translate_percent": [-0.4, 0.4]})))
     sizes = set()
     for seed in range(60):
         found = augment(sample, seed)
@@ -73,20 +90,19 @@ def test_a_box_cut_to_less_than_a_fifth_is_dropped(masked):
     assert min(sizes) < 3 == max(sizes)
 
 
-def test_lines_are_applied_with_their_probabilities_and_independently():
-    # Three lines with distinguishable effects: flip, channel shuffle of a colored picture, and shift.
-    table = changed_table(
-        OFF
-        | {
-            "horizontal_flip": {"probability": 0.5},
-            "hue_saturation_value": {"probability": 0.3, "hue": 0, "saturation": 0, "value": 20},
-            "gaussian_noise": {"probability": 0.3},
-        }
+def test_transforms_are_applied_with_their_probabilities_and_independently():
+    # Three with distinguishable effects: a flip, a shift of the value, and noise.
+    shifted = {"p": 0.3, "hue_shift_limit": 0, "sat_shift_limit": 0, "val_shift_limit": 20}
+    augment = Augmenter(
+        augmentation(
+            ("HorizontalFlip", {"p": 0.5}),
+            ("HueSaturationValue", shifted),
+            ("GaussNoise", {"p": 0.3, "std_range": [0.01, 0.05]}),
+        )
     )
     picture = np.full((32, 48, 3), (90, 120, 150), dtype=np.uint8)
     picture[:, :24] = (30, 60, 90)
     sample = Sample(picture, np.zeros((0, 4)), np.zeros(0, dtype=np.int64))
-    augment = Augmenter(table, height=32)
     seen = []
     for seed in range(1000):
         found = augment(sample, seed).picture.astype(float)
@@ -101,31 +117,57 @@ def test_lines_are_applied_with_their_probabilities_and_independently():
     assert abs((flipped & noisy).mean() - 0.15) < 0.07
 
 
-def test_every_line_of_the_table_has_an_effect():
+@pytest.mark.parametrize("name", KNOWN_AUGMENTATIONS)
+def test_every_transform_of_a_known_file_has_an_effect(name):
     rng = np.random.default_rng(0)
     picture = rng.integers(0, 255, (72, 128, 3), dtype=np.uint8)
     sample = Sample(picture, np.array([[40.0, 20, 30, 20]]), np.array([0]))
-    for name in TABLE.keys() - {line.group for line in TABLE.values()}:
-        augment = Augmenter({name: Change(1.0, TABLE[name].options)}, height=72)
+    for part in parts_of(load_settings(None, {"augmentation": name}).augmentation["transform"]):
+        augment = Augmenter({"transform": part | {"p": 1.0}})
         changed = [augment(sample, seed).picture for seed in range(4)]
-        assert any((other != picture).any() for other in changed), name
-        assert all(other.shape == picture.shape and other.dtype == np.uint8 for other in changed), name
+        assert any((other != picture).any() for other in changed), part
+        assert all(other.shape == picture.shape and other.dtype == np.uint8 for other in changed), part
+
+
+def test_a_file_of_albumentations_augments_like_itself(tmp_path):
+    # Written by Albumentations with a treatment of boxes of its own, and named by a config beside it.
+    boxes = albumentations.BboxParams(format="coco", label_fields=["class"])
+    transforms = [albumentations.HorizontalFlip(p=1.0), albumentations.GaussNoise(p=1.0)]
+    sample = ellipse_sample(20)
+    for name in ("mine.json", "mine.yaml"):
+        made = albumentations.Compose(transforms, bbox_params=boxes)
+        albumentations.save(made, tmp_path / name, data_format=name[-4:])
+        (tmp_path / "train.toml").write_text(f'augmentation = "{name}"\n')
+        found = Augmenter(load_settings(tmp_path / "train.toml", {}).augmentation)(sample, 3)
+        made.set_random_state(np.random.default_rng(3), random.Random(3))
+        np.testing.assert_array_equal(found.picture, made(image=sample.picture, bboxes=[], **{"class": []})["image"])
+        np.testing.assert_allclose(found.xywh[0, 0], 200 - sample.xywh[0, 0] - sample.xywh[0, 2], atol=1.0)
 
 
 @pytest.mark.parametrize(
-    ("changes", "message"),
+    ("transform", "message"),
     [
-        ({"sheer": {}}, r"unknown key augmentation\.sheer; did you mean shear\?"),
-        ({"shear": 0.5}, r"augmentation\.shear = 0\.5: expected a table"),
-        ({"shear": {"probability": 1.5}}, r"augmentation\.shear\.probability = 1\.5: expected a number from 0 to 1"),
-        ({"shear": {"degrees": 5}}, r"unknown key augmentation\.shear\.degrees; known here: probability, shear_deg"),
-        ({"gamma": {"gamma": [1.3, 0.7]}}, r"augmentation\.gamma\.gamma = \[1\.3, 0\.7\]: expected a range"),
-        ({"shear": {"shear_deg": "x"}}, r"augmentation\.shear\.shear_deg = 'x': expected a number from 0 on"),
+        (("Sheer", {"p": 1}), "has no Sheer"),
+        (("Affine", {"p": 1, "degrees": 5}), "'degrees' are not valid for transform Affine"),
+        (("Affine", {}), "Transform Affine has no 'p' parameter"),
+        (("ImageCompression", {"p": 1, "quality_range": [90, 40]}), r"quality_range .*got \(90, 40\)"),
+        (("HorizontalFlip", {"p": 2}), "p Input should be less than or equal to 1"),
     ],
 )
-def test_the_error_of_a_wrong_change_to_the_table_names_it(changes, message):
-    with pytest.raises(ConfigError, match=message):
-        changed_table(changes)
+def test_a_wrong_transform_is_named(transform, message):
+    with pytest.raises(ConfigError, match=rf"augmentation: .*{message}"):
+        Augmenter(augmentation(transform))
+
+
+@pytest.mark.parametrize("transform", [[], 5, {}, {"__class_fullname__": "Compose"}, {"__class_fullname__": []}])
+def test_a_file_of_other_content_is_refused(transform):
+    with pytest.raises(ConfigError, match="augmentation: "):
+        Augmenter({"transform": transform})
+
+
+def test_pictures_that_no_network_reads_are_refused():
+    with pytest.raises(ConfigError, match="augmentation: makes pictures of float32"):
+        Augmenter(augmentation(("ToFloat", {"p": 1.0})))(ellipse_sample(), 0)
 
 
 @pytest.mark.parametrize("kept_bytes", [0, 5 * 86 * 48 * 3, data.KEPT_BYTES])  # nothing, a few pictures, all
@@ -170,9 +212,9 @@ def test_the_sheet_has_a_row_of_nine_for_each_picture(tmp_path):
     assert augmentation_sheet(dataset, rows=1, seed=1).tobytes() != one.tobytes()
 
 
-def test_the_config_of_a_training_changes_the_sheet(tmp_path):
-    config = tmp_path / "train.toml"
-    config.write_text("[augmentation]\n" + "\n".join(f"{name}.probability = 0.0" for name in TABLE))
-    sheet = np.asarray(augmentation_sheet(make_dataset(tmp_path / "set", 1), config=config))
+def test_another_file_changes_the_sheet(tmp_path):
+    path = tmp_path / "still.json"
+    path.write_text(json.dumps(augmentation()))
+    sheet = np.asarray(augmentation_sheet(make_dataset(tmp_path / "set", 1), augmentation=str(path)))
     tile = sheet.shape[1] // 9
     assert np.abs(sheet[:, 4 : tile - 8].astype(int) - sheet[:, 4 + tile : 2 * tile - 8]).mean() < 12

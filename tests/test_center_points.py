@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 import torch
 
+from hulldown.tests.test_augment import augmentation
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.detectors.center_points import (
     STRIDE,
@@ -12,7 +13,6 @@ from hulldown.training.detectors.center_points import (
     encoded,
     peaks,
 )
-from hulldown.training.inputs.augment import TABLE
 from hulldown.training.train import train
 
 pytestmark = pytest.mark.usefixtures("one_thread")
@@ -106,7 +106,6 @@ def test_maps_cover_the_picture(width, height):
 
 def test_it_can_memorize_a_few_pictures(tmp_path):
     pictures = make_dataset(tmp_path / "set", 8)
-    still = {name: {"probability": 0.0} for name in TABLE}
     keys = {
         "model": "small",
         "weights": "none",
@@ -114,7 +113,7 @@ def test_it_can_memorize_a_few_pictures(tmp_path):
         "budget": 320,
         "batch": 8,
         "learning_rate": 4e-3,
-        "augmentation": still,
+        "augmentation": augmentation(),
     }
     run = train({"demo": pictures}, tmp_path / "run", settings=keys, valid=pictures, workers=0, device="cpu")
     assert run.figures.valid["ap50"] == pytest.approx(1.0)

@@ -13,8 +13,8 @@ from PIL import Image
 from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.dataset.exports.export import export
 from hulldown.tests.editing import edit
+from hulldown.tests.test_augment import TABLE, augmentation
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training.inputs.augment import TABLE
 from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
 from hulldown.training.inputs.sources import check_pictures, read_sources
 from hulldown.training.train import train
@@ -128,7 +128,7 @@ def test_a_record_that_training_cannot_use_is_named(tmp_path, change, message):
         ({"model": "nano", "resolution": 100, "weights": "none"}, r"expected a multiple of 32 for nano; take 96"),
         ({"model": "nano", "weights": "nowhere.pth"}, r"nowhere\.pth: no such run"),
         ({"shares": {"real": 0.5, "made": 0.5}}, r"shares\.made: no source has this name; there are real"),
-        ({"augmentation": {"sheer": {}}}, r"unknown key augmentation\.sheer"),
+        ({"augmentation": augmentation(("Sheer", {"p": 1.0}))}, r"augmentation: Albumentations .* has no Sheer"),
         ({"weights": "some.pth"}, "some.pth: no such run"),
     ],
 )
@@ -165,21 +165,23 @@ def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
         load_settings(tmp_path / "none.toml", {})
 
 
-def test_each_model_has_its_augmentation_and_the_users_lines_override_it():
-    assert load_settings(None, {"model": "medium"}).augmentation == {}
+def test_each_model_has_its_augmentation_and_a_config_names_another(tmp_path):
+    assert load_settings(None, {"model": "medium"}).augmentation == TABLE
     own = load_settings(None, {"model": "small"})
-    assert own.augmentation["shear"] == {"probability": 0.0}
+    assert own.augmentation != TABLE
     assert Settings.model_validate(own.model_dump()) == own
-    asked = {"flare": {"probability": 0.1}, "gamma": {"probability": 0.2}, "shift_scale_rotate": {"rotate_deg": 9}}
-    changed = load_settings(None, {"model": "small", "augmentation": asked}).augmentation
-    assert changed == own.augmentation | asked | {
-        "shift_scale_rotate": own.augmentation["shift_scale_rotate"] | {"rotate_deg": 9}
-    }
-    aerial = load_settings(None, {"model": "small", "augmentation": {"preset": "aerial"} | asked}).augmentation
-    assert aerial["shift_scale_rotate"] == {"probability": 1.0, "shift": 0.1, "scale": [0.7, 1.4], "rotate_deg": 9}
-    assert aerial["vertical_flip"] == {"probability": 0.5}
-    with pytest.raises(ConfigError, match=r"augmentation\.preset = 'sideways': expected 'aerial'"):
-        load_settings(None, {"augmentation": {"preset": "sideways"}})
+    assert load_settings(None, {"model": "small", "augmentation": "table1"}).augmentation == TABLE
+    path = tmp_path / "train.toml"
+    for text, message in (
+        ('augmentation = "sideways"', r"sideways: no such file; name an Albumentations file .*, or table1"),
+        ('augmentation = "train.toml"', r"train\.toml: isn't an Albumentations file"),
+        ("[augmentation]\nflare = { probability = 0.0 }", "lines of a table and presets are gone; name an Albument"),
+        ('[augmentation]\npreset = "aerial"', "lines of a table and presets are gone"),
+        ("augmentation = 5", "augmentation = 5: "),
+    ):
+        path.write_text(text)
+        with pytest.raises(ConfigError, match=message):
+            load_settings(path, {})
 
 
 def test_the_learning_rate_follows_the_steps_of_the_budget():
@@ -256,4 +258,4 @@ def test_run_json_describes_the_run(tmp_path):
 def test_the_page_on_training_has_a_row_for_every_key_and_line():
     page = (ROOT / "docs" / "training.md").read_text(encoding="utf-8")
     rows = " ".join(re.findall(r"(?m)^\| (`[^|]+) \|", page))
-    assert [name for name in (*Settings.model_fields, *TABLE) if f"`{name}`" not in rows] == []
+    assert [name for name in Settings.model_fields if f"`{name}`" not in rows] == []

@@ -11,7 +11,7 @@ from PIL import Image
 from hulldown.base.terminal import tracked
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Overlay, contact_sheet, draw
-from hulldown.training.inputs.augment import Augmenter, changed_table
+from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import at_work_size
 from hulldown.training.inputs.samples import Sample
 from hulldown.training.inputs.settings import load_settings
@@ -27,15 +27,11 @@ def augmentation_sheet(
     *,
     rows: int = 6,
     seed: int = 0,
-    config: Path | None = None,
+    augmentation: str = "table1",
 ) -> Image.Image:
-    """Make a sheet; each row has a picture, and eight augmentations of it.
-
-    `config`: config of a training for its augmentation; None: the paper's.
-    """
-    table = changed_table(load_settings(config, {}).augmentation)
+    """Make a sheet; each row has a picture, and eight augmentations of it, by a file or one of our own."""
+    augment = Augmenter(load_settings(None, {"augmentation": augmentation}).augmentation)
     classes, (source,) = read_sources({"dataset": dataset})
-    augment = Augmenter(table, height=WORK_SIZE[1])
     chosen = spread(len(source), rows)
     pictures = []
     for i in tracked("augmenting", chosen.tolist(), len(chosen)):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import json
 import os
 import platform
 from collections.abc import Callable, Mapping, Sequence
@@ -34,6 +35,7 @@ from hulldown.training.run_folder import RunConfig, RunData, RunFolder, extensio
 if TYPE_CHECKING:
     import torch
 
+AUGMENTATION_NAME = "augmentation.json"
 VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
 
 
@@ -100,7 +102,7 @@ def train(
     # Not at the top: this module can be imported without the extra.
     from hulldown.training.detectors.small import small_size
     from hulldown.training.fitting import Training
-    from hulldown.training.inputs.augment import changed_table
+    from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.inputs.data import DrawnExamples
 
     if not isinstance(settings, Settings):
@@ -119,7 +121,7 @@ def train(
         after = extension(out, more_budget)
         weights_before = str(RunFolder(RunFolder(out).before(after)).weights.resolve())
         settings = settings.model_copy(update={"budget": more_budget, "weights": weights_before})
-    table = changed_table(settings.augmentation)
+    Augmenter(settings.augmentation)  # refuses a wrong one before anything is written
     chosen = chosen_device(device)
     small = settings.model == "small"
     weights = usable_weights(settings)
@@ -152,7 +154,9 @@ def train(
         draws = _draws(folder, sources, settings, shares=shares, draws_file=draws_file, after=after)
         run = _description(settings, size, classes, data, sources, draws, chosen)
         folder.write(run)
-        examples = DrawnExamples(sources, draws, size, table, masks=bool(settings.masks))
+        text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it
+        replace_file(out / AUGMENTATION_NAME, f"{text}\n".encode())
+        examples = DrawnExamples(sources, draws, size, settings.augmentation, masks=bool(settings.masks))
         with quiet():
             if small:
                 from hulldown.training.fit_small import fit_small as fit
@@ -210,7 +214,6 @@ def _description(
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> Run:  # fmt: skip
     """run.json of a new run."""
-    from hulldown.training.inputs.augment import changed_table
     from hulldown.training.inputs.data import Batches
 
     counts = draws.counts(list(map(len, sources)))
@@ -226,7 +229,6 @@ def _description(
         accumulate=settings.accumulate,
         steps=Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
         masks=settings.masks,
-        augmented=any(line.probability for line in changed_table(settings.augmentation).values() if not line.group),
         sources={
             source.name: RunSource(
                 str(Path(data[source.name]).resolve()), len(source), int(found.sum()),

@@ -31,12 +31,12 @@ def _run(arguments: argparse.Namespace) -> int:
 
     config = load_study(arguments.config)
     require_extra()
-    from hulldown.training.inputs.augment import changed_table
+    from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.study.manifest import settle
     from hulldown.training.study.runs import RunOptions, run_study
     from hulldown.training.train import usable_weights
 
-    changed_table(config.train.augmentation)
+    Augmenter(config.train.augmentation)  # refuses a wrong one
     manifest = settle(config)
     for line in manifest.warnings:
         warn(line)

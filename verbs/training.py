@@ -39,7 +39,9 @@ def _augment(arguments: argparse.Namespace) -> None:
     from hulldown.training.sheet import augmentation_sheet
 
     make_room(arguments.output)
-    sheet = augmentation_sheet(arguments.dataset, rows=arguments.rows, seed=arguments.seed, config=arguments.config)
+    sheet = augmentation_sheet(
+        arguments.dataset, rows=arguments.rows, seed=arguments.seed, augmentation=arguments.augmentation
+    )
     sheet.save(arguments.output)
     say(f"wrote {arguments.output}")
 
@@ -138,7 +140,10 @@ def add(verbs: Subparsers) -> None:
     sub.add_argument("-o", "--output", type=picture_name, metavar="PNG", required=True)
     sub.add_argument("--seed", type=int, default=0, help="seed of the augmentations (default: 0)")
     sub.add_argument("--rows", type=at_least_one, default=6, help="number of pictures, an even selection (default: 6)")
-    sub.add_argument("--config", type=Path, metavar="TOML", help="config of a training with [augmentation]")
+    sub.add_argument(
+        "--augmentation", default="table1", metavar="FILE",
+        help="an Albumentations file, or table1 (default), mild, or aerial",
+    )  # fmt: skip
 
     sub = add_verb(
         verbs, "train", _train, "train a detector under a fixed budget",

@@ -104,7 +104,6 @@ class Run(Struct, frozen=True, kw_only=True):
     accumulate: int
     steps: int
     masks: bool | None = None  # not in the first runs
-    augmented: bool
     sources: dict[str, RunSource]
     device: str
     python: str

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -11,7 +11,7 @@ import torch
 from jaxtyping import Float, Int, UInt8
 from torch.utils.data import Dataset, Sampler
 
-from hulldown.training.inputs.augment import Augmenter, Table
+from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.draws import Draws
 from hulldown.training.inputs.samples import Sample
 from hulldown.training.inputs.sources import LabeledPictures
@@ -32,10 +32,16 @@ class DrawnExamples(Dataset[Example]):
     """A PyTorch dataset of augmented draws at the network's size."""
 
     def __init__(
-        self, sources: Sequence[LabeledPictures], draws: Draws, size: tuple[int, int], table: Table, *, masks: bool
+        self,
+        sources: Sequence[LabeledPictures],
+        draws: Draws,
+        size: tuple[int, int],
+        augmentation: Mapping[str, object],
+        *,
+        masks: bool,
     ) -> None:
         self.sources, self.draws, self.size, self.masks = sources, draws, size, masks
-        self.augment = Augmenter(table, height=size[1])
+        self.augment = Augmenter(augmentation)
         self._kept: dict[tuple[int, int], Sample] = {}
         self._room = KEPT_BYTES
 

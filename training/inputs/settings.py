@@ -4,33 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
-from typing import Literal, TypeAlias
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from hulldown.base.errors import ConfigError
+from hulldown.base.outside import json_of, read_text, typed, yaml_of
 from hulldown.base.toml_files import read_toml, validated
 
-Lines: TypeAlias = Mapping[str, Mapping[str, float | list[float]]]  # of Table 1, with probability and numbers
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
 # keys with a flag on the command line
 FLAGS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
 
 
-# Off, since a network learns faster without them in a short run.
-_OFF = ("shear", "channel_shuffle", "blur", "gaussian_noise", "compression", "downscale", "shadow", "flare")
-_MILDER: Lines = {
-    "shift_scale_rotate": {"probability": 0.8, "shift": 0.1, "scale": [0.7, 1.4], "rotate_deg": 5},
-    **{name: {"probability": 0.0} for name in _OFF},
-}
-PRESETS: Mapping[str, Lines] = {
-    # Pictures from above have no up: any turn is as likely as any other.
-    "aerial": {"vertical_flip": {"probability": 0.5}, "shift_scale_rotate": {"probability": 1.0, "rotate_deg": 180}},
-}
+KNOWN_AUGMENTATIONS = ("table1", "mild", "aerial")
+OWN_AUGMENTATIONS = Path(__file__).parent / "augmentations"
+_NAME_A_FILE = f"name an Albumentations file (docs/training.md), or {', '.join(KNOWN_AUGMENTATIONS)}"
 # Set here because RF-DETR's default of batches per step changed from 4 to 1 between versions.
-_RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step"}
+_RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step", "augmentation": "table1"}
 _DEFAULTS: Mapping[str, Mapping[str, object]] = {
-    "small": {"resolution": 256, "batch": 12, "accumulate": 1, "learning_rate": 2e-3, "schedule": "cosine"},
+    "small": {
+        "resolution": 256,
+        "batch": 12,
+        "accumulate": 1,
+        "learning_rate": 2e-3,
+        "schedule": "cosine",
+        "augmentation": "mild",
+    },
     "nano": {"resolution": 384, **_RF_DETR},
     "rf-small": {"resolution": 512, **_RF_DETR},
     "medium": {"resolution": 576, **_RF_DETR},
@@ -56,7 +58,7 @@ class Settings(BaseModel):
     warmup: float = Field(0.02, ge=0.0, lt=1.0, description="share of the steps in which the rate rises from 0")
     drop: float = Field(0.8, gt=0.0, le=1.0, description="share of the steps after which it is a tenth")
     shares: dict[str, float] = Field({}, description="source -> its part of the draws")
-    augmentation: dict[str, object] = Field(description="line of Table 1 -> its probability and numbers")
+    augmentation: dict[str, object] = Field(description="the contents of an Albumentations file")
     masks: bool | None = Field(None, description="boxes of turned pictures follow masks; default: if all have one")
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
     queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
@@ -71,16 +73,7 @@ class Settings(BaseModel):
         if not isinstance(data, dict):
             return data
         defaults = _DEFAULTS.get(str(data.get("model")), _DEFAULTS["medium"])
-        lines: Mapping[str, object] = _MILDER if data.get("model") == "small" else {}
-        asked = data.get("augmentation", {})
-        if isinstance(asked, dict):
-            asked = dict(asked)
-            if (name := asked.pop("preset", None)) is not None:
-                if name not in PRESETS:
-                    raise ValueError(f"augmentation.preset = {name!r}: expected {' or '.join(map(repr, PRESETS))}")
-                lines = _changed(lines, PRESETS[name])
-            asked = _changed(lines, asked)
-        return {**defaults, **data, "augmentation": asked}
+        return resolved_augmentation({**defaults, **data})
 
     @property
     def effective_batch(self) -> int:
@@ -88,14 +81,23 @@ class Settings(BaseModel):
         return self.batch * self.accumulate
 
 
-def _changed(lines: Mapping[str, object], changes: Mapping[str, object]) -> dict[str, object]:
-    """Return lines of an augmentation with changes; keys of a line that the changes leave out stay."""
-    both = {
-        key: {**line, **change}
-        for key, line in lines.items()
-        if isinstance(line, Mapping) and isinstance(change := changes.get(key), Mapping)
-    }
-    return {**lines, **changes, **both}
+def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> dict[str, object]:
+    """Return settings with the contents of the file that ``augmentation`` names, by a path from a folder."""
+    named = data.get("augmentation")
+    if isinstance(named, Mapping) and "transform" not in named:
+        raise ConfigError("augmentation: lines of a table and presets are gone", remedy=_NAME_A_FILE)
+    if not isinstance(named, str):
+        return dict(data)
+    path = OWN_AUGMENTATIONS / f"{named}.yaml" if named in KNOWN_AUGMENTATIONS else folder / named
+    refuse = partial(ConfigError, path=path, remedy=_NAME_A_FILE)
+    text = read_text(path, refuse)
+    try:
+        document = typed(json_of(text.encode(), object) if path.suffix == ".json" else yaml_of(text), dict[str, object])
+    except ValueError as error:
+        raise refuse(f"isn't an Albumentations file ({error})") from None
+    if "transform" not in document:
+        raise refuse("isn't an Albumentations file: it has no transform")
+    return {**data, "augmentation": document}
 
 
 def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
@@ -103,7 +105,7 @@ def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
 
     `changes`: field -> value; None: unchanged.
     """
-    data = {} if path is None else read_toml(path)
+    data = {} if path is None else resolved_augmentation(read_toml(path), path.parent)
     data.update({key: value for key, value in changes.items() if value is not None})
     return validated(Settings, data, path)
 

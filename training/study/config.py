@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import make_room, replacing
 from hulldown.base.toml_files import read_toml, validated
-from hulldown.training.inputs.settings import Settings
+from hulldown.training.inputs.settings import Settings, resolved_augmentation
 from hulldown.training.study.arms import ARM_KINDS, Arm
 from hulldown.training.subset import FRACTIONS
 
@@ -77,6 +77,8 @@ def load_study(path: Path | str) -> StudyConfig:
     """Load a study's config from a TOML file; its paths are relative to the file's folder."""
     path = Path(path)
     data = read_toml(path)
+    if isinstance(data.get("train"), dict):
+        data["train"] = resolved_augmentation(data["train"], path.parent)
     study = validated(StudyConfig, data, path)
     for key, instead in (("seed", "seeds"), ("shares", "arms")):
         if key in data.get("train", {}):
@@ -90,9 +92,10 @@ def load_study(path: Path | str) -> StudyConfig:
             if arm.name in ARM_KINDS:
                 raise ConfigError(f"arms: {arm.name} is taken", path=path, remedy="choose another name")
             # Another model has other defaults, which the keys of [train] replace.
-            own = validated(Settings, {**data.get("train", {}), **arm.train}, path)
+            asked = resolved_augmentation(arm.train, path.parent)
+            own = validated(Settings, {**data.get("train", {}), **asked}, path)
             differing = {key: value for key, value in own.model_dump().items() if value != getattr(study.train, key)}
-            changes = arm.train | differing
+            changes = asked | differing
             if "weights" in changes:
                 changes["weights"] = _weights_seen_from(path.parent, own.weights)
             arm = arm.model_copy(update={"train": changes})
