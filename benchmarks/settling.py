@@ -22,7 +22,7 @@ from hulldown.placement.support import support_plane
 from hulldown.placement.terrain import Terrain
 
 SIZE = np.array([7.0, 3.5, 2.5])
-RULES = ("averaged", "least_squares", "support")
+RULES = ("averaged", "support")
 DEFAULT = ("support", 5)
 SHOWN = (5, 9, 21)  # rays a side in the tables; the plot shows all
 TRUTH_CELL = 0.1  # meters between the samples of the reference
@@ -147,10 +147,6 @@ def _speed(quick: bool) -> dict[str, Any]:
             ways[f"{rule}, 5 x 5, {threads} thread{'s' * (threads > 1)}"] = ours(
                 rule=rule, contact_n=0, threads=threads
             )
-    for method in ("refined", "float32"):
-        ways[f"averaged, 5 x 5, 2 threads, {method} hits"] = ours(
-            rule="averaged", contact_n=0, threads=2, method=method
-        )
     ways["support, 5 x 5, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", contact_n=9, threads=2)
     ways["support, 9 x 9, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", n=9, threads=2)
     rates: dict[str, list[float]] = {name: [] for name in ways}
@@ -200,9 +196,7 @@ def _rates(rates: dict[str, float]) -> list[tuple[str, str, str]]:
     """A row for each way, with its rates on one and on two threads."""
     by_way: dict[str, dict[str, str]] = {}
     for name, rate in rates.items():
-        way, _, hits = name.partition(" threads, ")
-        way, _, threads = way.removesuffix(" threads").removesuffix(" thread").rpartition(", ")
-        way += f", {hits}" * bool(hits)
+        way, _, threads = name.removesuffix(" threads").removesuffix(" thread").rpartition(", ")
         by_way.setdefault(way, {})[threads] = f"{rate:,.0f}"
     return [(way, found.get("1", ""), found.get("2", "")) for way, found in by_way.items()]
 
@@ -214,9 +208,7 @@ def plots(results: dict[str, Any], folder: Path) -> list[Path]:
     for panel, (name, rows) in zip(panels, results["error"].items(), strict=True):
         for rule in RULES:
             mine = [r for r in rows if r["rule"] == rule]
-            panel.loglog(
-                [r["rays"] for r in mine], [r["angle_median_deg"] for r in mine], "o-", label=rule.replace("_", " ")
-            )
+            panel.loglog([r["rays"] for r in mine], [r["angle_median_deg"] for r in mine], "o-", label=rule)
         default = next(r for r in rows if (r["rule"], r["n"]) == DEFAULT)
         panel.plot(default["rays"], default["angle_median_deg"], "*", ms=14, color="black", label="default", zorder=3)
         panel.set_title(name, fontsize=10)

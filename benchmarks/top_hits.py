@@ -14,7 +14,7 @@ from hulldown.benchmarks.tables import table
 from hulldown.benchmarks.top_hits_cases import cases, errors
 from hulldown.geometry.meshes import Mesh
 
-DEFAULT = "hulldown certified"
+OURS = "hulldown"
 RAW = "raw embreex"
 TWO = ", 2 threads"
 OPEN3D = "Open3D"
@@ -92,7 +92,7 @@ def report(results: dict) -> str:
 
 
 def bold(name: str) -> str:
-    return f"**{name}** (default)" if name == DEFAULT else name
+    return f"**{name}**" if name == OURS else name
 
 
 def _rate(figures: dict[str, float] | None) -> str:
@@ -102,7 +102,7 @@ def _rate(figures: dict[str, float] | None) -> str:
 def hard_cases(results: dict) -> str:
     """Return a Markdown table: every hard case against rational arithmetic."""
     found = results["errors"]
-    methods = [name for name in next(iter(found.values())) if name not in (BLENDER, "hulldown refined")]
+    methods = [name for name in next(iter(found.values())) if name != BLENDER]
     rows = [(case, *(_errors_of(by_method[m]) for m in methods)) for case, by_method in found.items()]
     return table(["case", *map(bold, methods)], rows, left=len(methods) + 1)
 
@@ -113,7 +113,7 @@ def _errors_of(e: dict[str, float]) -> str:
 
 
 def plots(results: dict, folder: Path) -> list[Path]:
-    """Error on one axis, time on the other, the default marked; and the speeds by size."""
+    """Error on one axis, time on the other; and the speeds by size."""
     from matplotlib.figure import Figure
 
     size = "2000000" if "2000000" in results["speed"] else list(results["speed"])[-1]
@@ -124,10 +124,10 @@ def plots(results: dict, folder: Path) -> list[Path]:
         x = 1e6 / speed[RAW if method not in speed else method]["rays_per_s"]
         ordinary = max(error[TERRAIN][method]["height"], 1e-16)
         worst = min(max(by_method[method]["height"] for by_method in error.values()), 1e3)
-        marker, size_ = ("*", 14) if method == DEFAULT else ("o", 7)
+        marker, size_ = ("*", 14) if method == OURS else ("o", 7)
         left.plot([x, x], [ordinary, worst], color=f"C{i}", lw=1, ls=":")
         left.plot(x, worst, marker, ms=size_, mfc="none", color=f"C{i}")
-        left.plot(x, ordinary, marker, ms=size_, color=f"C{i}", label=method + (" (default)" * (method == DEFAULT)))
+        left.plot(x, ordinary, marker, ms=size_, color=f"C{i}", label=method)
     left.set(
         xscale="log", yscale="log", xlabel=f"microseconds a point, {int(size):,} triangles",
         ylabel="largest height error, m", title="filled: at map coordinates; hollow: worst hard case",
@@ -138,7 +138,7 @@ def plots(results: dict, folder: Path) -> list[Path]:
     ways = [name.removesuffix(TWO) for name in speed if not name.endswith(TWO)]
     for name in speed:
         rates = [results["speed"][str(n)][name]["rays_per_s"] for n in sizes]
-        marker, width = ("*", 2.5) if name == DEFAULT else (".", 1)
+        marker, width = ("*", 2.5) if name == OURS else (".", 1)
         line = "--" if name.endswith(TWO) else "-"
         right.plot(
             sizes, rates, line, marker=marker, lw=width, color=f"C{ways.index(name.removesuffix(TWO))}", label=name

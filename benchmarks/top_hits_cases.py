@@ -52,12 +52,10 @@ def cases(n: int) -> Iterator[Case]:
 def errors(mesh: Mesh, xy: np.ndarray, blender: Callable[[Mesh], Callable] | None) -> dict[str, dict[str, float]]:
     """For each method: rates of misses, false hits and wrong surfaces, and the largest errors of height and normal."""
     exact = exact_tops(mesh, xy)
-    terrain = Terrain(mesh)
     answers = {"float32 in world coordinates": _in_world_coordinates(mesh, xy)}
     if blender is not None:
         answers["Blender scene.ray_cast"] = _from_blender(blender(mesh)(xy))
-    for method in ("float32", "refined", "certified"):
-        answers[f"hulldown {method}"] = terrain.top_hits(xy, method=method)
+    answers["hulldown"] = Terrain(mesh).top_hits(xy)
     return {name: _against(exact, hits, mesh, xy) for name, hits in answers.items()}
 
 

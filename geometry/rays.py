@@ -140,19 +140,6 @@ class RayCaster:
         """Twice the largest rounding error of a coordinate, in meters."""
         return float(np.spacing(np.float32(self._radius)))
 
-    def down_in_full(
-        self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
-    ) -> tuple[Int[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, "k 3"]]:
-        """As `down`, with Embree's own float32 height and normal (of any length and winding), nan on a miss."""
-        origins = self._above(x, y)
-        met = self._scene.run(origins, _DOWN, output=True)
-        missed = met["primID"] < 0
-        z = (origins[:, 2] - met["tfar"]).astype(np.float64) + self._center[2]
-        normal = met["Ng"].astype(np.float64)
-        z[missed] = np.nan
-        normal[missed] = np.nan
-        return met["primID"], z, normal
-
     def _above(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Float32[np.ndarray, "k 3"]:
         # Just above the highest vertex: the start height costs digits of the distance.
         origins = np.empty((len(x), 3), dtype=np.float32)

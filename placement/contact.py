@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from hulldown.placement.footprint import Samples, Underside, plate_samples, underside_samples
 from hulldown.placement.rules import SettleRules
-from hulldown.placement.terrain import Method, Terrain
+from hulldown.placement.terrain import Terrain
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -42,11 +42,11 @@ def stacked(samples: Sequence[Samples]) -> Samples:
 
 
 def gap_and_penetration(
-    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples, *, method: Method = "certified"
+    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     """Measure `settle.Settled.gap` and `penetration` of posed vehicles; points without ground don't count."""
     points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
-    hits = terrain.top_hits(points[..., :2].reshape(-1, 2), method=method)
+    hits = terrain.top_hits(points[..., :2].reshape(-1, 2))
     above = points[..., 2] - hits.z.reshape(points.shape[:2])
     # Height of the underside above the plane that the vehicle rests on, measured straight down.
     below = np.where(contact.foot, above - contact.height / up, np.nan)

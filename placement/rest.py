@@ -1,6 +1,6 @@
-"""Three rules that fit the resting plane to a footprint's samples of the ground.
+"""Two rules that fit the resting plane to a footprint's samples of the ground.
 
-All three work in the footprint's own frame, turned by the heading but level, where the samples' positions are the same
+Both work in the footprint's own frame, turned by the heading but level, where the samples' positions are the same
 for every candidate. docs/settling.md compares them with a reference rest pose. Sums are explicit, since the rounding of
 a matrix product may depend on the number of rows, and a candidate's pose must not depend on the others. (The product
 in `placement.simplex` is of whole numbers, and exact.)
@@ -42,28 +42,6 @@ def averaged(
     center_y = (valid * samples[:, 1]).sum(axis=1) / count
     at_origin = height - gradient[:, 0] * center_x - gradient[:, 1] * center_y
     return Rest(at_origin, gradient, has_plane, np.full(len(has_plane), np.nan))
-
-
-def least_squares(
-    samples: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]
-) -> Rest:
-    """Return the plane with the least sum of squared vertical distances to the hits."""
-    x, y = samples.T
-    weight = valid / np.maximum(valid.sum(axis=1), 1)[:, None]
-    known = np.where(valid, heights, 0.0)
-    mean_x, mean_y, mean_z = ((weight * v).sum(axis=1) for v in (x, y, known))
-    dx, dy, dz = x - mean_x[:, None], y - mean_y[:, None], known - mean_z[:, None]
-    wx, wy = weight * dx, weight * dy
-    sxx, sxy, syy = ((a * b).sum(axis=1) for a, b in ((wx, dx), (wx, dy), (wy, dy)))
-    sxz, syz = (wx * dz).sum(axis=1), (wy * dz).sum(axis=1)
-    determinant = sxx * syy - sxy**2
-    # Hits on one line carry no plane; the threshold is far below any footprint that has an area.
-    has_plane = determinant > 1e-9 * (np.ptp(x) * np.ptp(x)) * (np.ptp(y) * np.ptp(y))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        gx, gy = (sxz * syy - syz * sxy) / determinant, (syz * sxx - sxz * sxy) / determinant
-    return Rest(
-        mean_z - gx * mean_x - gy * mean_y, np.stack([gx, gy], axis=1), has_plane, np.full(len(has_plane), np.nan)
-    )
 
 
 def support(samples: Samples, heights: Float[np.ndarray, "k m"], valid: Bool[np.ndarray, "k m"]) -> Rest:

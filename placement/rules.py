@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 
 from hulldown.geometry.arrays import whole
-from hulldown.placement.terrain import Method
 
-RULES = ("averaged", "least_squares", "support")
+RULES = ("averaged", "support")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -16,7 +15,7 @@ class SettleRules:
     """The rules of settling, and the limits of a resting pose."""
 
     # how the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
-    # "least_squares" fits a plane to the heights, "support" finds the plane a rigid footprint comes to rest on
+    # "support" finds the plane that a rigid footprint comes to rest on
     rule: str = "support"
     # the footprint is sampled by n x n vertical rays, border included. If it is an `Underside`, the support rule sends
     # each to the lowest spot near its place, and lets the ground reach the underside there.
@@ -28,7 +27,6 @@ class SettleRules:
     min_share: float = 0.8  # least share of the n x n rays that must meet ground
     max_gap: float = math.inf  # max_gap, max_penetration: largest `Settled.gap` and `Settled.penetration`, in meters
     max_penetration: float = math.inf
-    method: Method = "certified"
 
     def __post_init__(self) -> None:
         if self.rule not in RULES:

@@ -24,7 +24,7 @@ from hulldown.geometry.transforms import facing, rigid
 from hulldown.placement.contact import Footing, gap_and_penetration, stacked
 from hulldown.placement.footprint import Samples, Underside
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.rest import averaged, least_squares, support
+from hulldown.placement.rest import averaged, support
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.support import Rest
 from hulldown.placement.terrain import Terrain
@@ -195,7 +195,7 @@ def _settle_block(
     rules: SettleRules,
 ) -> Settled:
     out = unsettled(len(xy))
-    spot = terrain.top_hits(xy, method=rules.method)
+    spot = terrain.top_hits(xy)
     out.slope[:] = _inclination(spot.normal)
     out.rejection[~spot.hit] = Rejection.OFF_GROUND
     out.rejection[out.slope > rules.max_slope] = Rejection.TOO_STEEP
@@ -229,7 +229,7 @@ def limit_contact(
 ) -> None:
     """Measure gap and penetration of posed rows with n sets of contact samples, and reject those beyond the limits."""
     settled.gap[rows], settled.penetration[rows] = gap_and_penetration(
-        terrain, settled.world_from_vehicle[rows], samples, method=rules.method
+        terrain, settled.world_from_vehicle[rows], samples
     )
     settled.rejection[rows[settled.penetration[rows] > rules.max_penetration]] = Rejection.PENETRATION
     settled.rejection[rows[settled.gap[rows] > rules.max_gap]] = Rejection.GAP
@@ -249,7 +249,7 @@ def _rest(
     sin, cos = (part[:, None] for part in sin_cos(yaw))
     x, y = np.moveaxis(np.stack([footing.samples.xy for footing in footings])[which], 2, 0)
     points = np.stack([xy[:, :1] + (cos * x - sin * y), xy[:, 1:] + (sin * x + cos * y)], axis=2)
-    hits = terrain.top_hits(points.reshape(-1, 2), method=rules.method)
+    hits = terrain.top_hits(points.reshape(-1, 2))
     valid = hits.hit.reshape(points.shape[:2])
     # About the height at the center: the altitude of the scenery costs no digits of the relief.
     heights = hits.z.reshape(valid.shape) - spot_z[:, None]
@@ -263,8 +263,6 @@ def _rest(
         rows, samples = np.flatnonzero(which == i), footings[i].samples
         if rules.rule == "averaged":
             planes = averaged(samples.xy, heights[rows], turned[rows], valid[rows])
-        elif rules.rule == "least_squares":
-            planes = least_squares(samples.xy, heights[rows], valid[rows])
         else:
             planes = support(samples, heights[rows], valid[rows])
         put(rest, rows, planes)

@@ -54,7 +54,7 @@ from hulldown.geometry.indices import numbered
 from hulldown.geometry.meshes import first_equal
 
 UNKNOWN = 255
-FEW_SHEETS, MOST_SHEETS = 3, 16  # that are worth tracing one after the other
+MOST_SHEETS = 16  # that are worth tracing one after the other
 _LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22
 _MOST_PIECES = 1 << 21
 _MOST_REGIONS = 1 << 12
@@ -83,13 +83,8 @@ class SheetMap:
         shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
         self.shape = self._columns, self._rows = int(shape[0]), int(shape[1])
         self._per_meter = np.minimum(shape / extent, 1e300)
-        edges, xy = _unpaired(corners, len(vertices)), vertices[:, :2]
-        counts = self._sheets(self._touched(xy[_unbalanced(edges, xy)]), count)
-        self._counts = counts.ravel()
-        # More sheets than a few, and no edge that is unbalanced in space.
-        self.many = (counts > FEW_SHEETS) & (counts < UNKNOWN)
-        if self.many.any():
-            self.many &= ~self._touched(xy[_unbalanced(edges, vertices)])
+        xy = vertices[:, :2]
+        self._counts = self._sheets(self._touched(xy[_unbalanced(corners, xy)]), count).ravel()
 
     def count(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
         """Return the number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
@@ -159,29 +154,20 @@ class SheetMap:
         return change[:-1, :-1] > 0
 
 
-def _unpaired(corners: Int[np.ndarray, "3 f"], vertices: int) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
-    """Return the edges, as vertex pairs, with more faces on their left than on their right, and how many more.
-
-    Most edges are settled so, without a look at coordinates.
-    """
+def _unbalanced(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
+    """Return the edges, as pairs of vertices, with more faces on their left than on their right, or fewer."""
     keys = np.empty(corners.shape, dtype=np.int64)
     for key, (i, j) in zip(keys, ((0, 1), (1, 2), (2, 0)), strict=True):
-        _key(corners[i], corners[j], vertices, out=key)
+        _key(corners[i], corners[j], len(xy), out=key)
     keys = keys.ravel()
     keys.sort()
-    return _left_over(keys, None, vertices)
-
-
-def _unbalanced(
-    unpaired: tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]], places: Float[np.ndarray, "v d"]
-) -> Int[np.ndarray, "e 2"]:
-    """Of unpaired edges, those that don't cancel either against others with ends at the same places."""
-    edges, balance = unpaired
+    # Most edges are settled so, without a look at coordinates; others may cancel edges with ends at the same places.
+    edges, balance = _left_over(keys, None, len(xy))
     used, local = np.unique(edges, return_inverse=True)
-    a, b = used[first_equal(places[used])][local].reshape(-1, 2).T
-    keys = _key(a, b, len(places), out=np.empty(len(edges), dtype=np.int64))
+    a, b = used[first_equal(xy[used])][local].reshape(-1, 2).T
+    keys = _key(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))
     order = np.argsort(keys)
-    return _left_over(keys[order], balance[order], len(places))[0]
+    return _left_over(keys[order], balance[order], len(xy))[0]
 
 
 def _key(

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal, get_args
-
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int, UInt8
 from numpy.typing import ArrayLike
@@ -14,10 +12,7 @@ from hulldown.geometry.predicates import ORIENT_BOUND, TINY
 from hulldown.geometry.rays import BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward
-from hulldown.placement.sheet_map import FEW_SHEETS, MOST_SHEETS, SheetMap
-from hulldown.placement.top_sheet import TopSheet
-
-Method = Literal["certified", "refined", "float32"]
+from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
 
 
 class Terrain:
@@ -67,8 +62,6 @@ class Terrain:
         else:
             self._caster = RayCaster(mesh if every else Mesh(mesh.vertices, mesh.faces[top.mesh_face], mesh.name))
         self._apart = 4.0 * HEIGHT_ULPS * float(np.spacing(np.abs(self._bounds[:, 2]).max()))
-        several = self._sheets.many.any()
-        self._top = TopSheet(self._sheets, top, boxes, self._apart, self._guess) if several else None
 
     @property
     def mesh(self) -> Mesh:
@@ -80,28 +73,24 @@ class Terrain:
         """Lowest and highest corner of the ground; infinite in x and y for a plane."""
         return self._bounds.copy()
 
-    def top_hits(self, xy: ArrayLike, *, method: Method = "certified", threads: int = 1) -> Hits:
-        """Return the highest ground at each point.
+    def top_hits(self, xy: ArrayLike, *, threads: int = 1) -> Hits:
+        """Return the highest ground at each point: the exact face, its height, and its normal.
+
+        The height is within 8 ulp of the ground's largest |z|, and the normal within 1e-12 radians.
 
         Parameters
         ----------
         xy
             (n, 2) meters, in the mesh's frame; anywhere.
-        method
-            "float32": Embree's answer. "refined": height and normal of Embree's face in float64.
-            "certified": the exact face; its height within 8 ulp of the ground's
-            largest |z|, its normal within 1e-12 radians.
         threads
             How many threads share the work.
 
         Raises
         ------
         ValueError
-            If `xy` has another shape or a number that is not finite, or the method is unknown.
+            If `xy` has another shape or a number that is not finite.
         """
         points = checked(xy, "xy", ("n", 2))
-        if method not in get_args(Method):
-            raise ValueError(f"method: expected one of {get_args(Method)}, got {method!r}")
         n = len(points)
         if self._plane:
             up = np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -110,42 +99,23 @@ class Terrain:
             return Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
         # Filled block by block: first touching so much memory takes time, which threads share.
         hits = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int32))
-        answer = {"float32": self._float32, "refined": self._refined, "certified": self._certified}[method]
 
         def block(i: Int[np.ndarray, " k"]) -> None:
             # Some points are so far away that only their being outside can be computed.
             with np.errstate(over="ignore", invalid="ignore"):
-                answer(points, i, hits)
+                self._answer(points, i, hits)
 
         in_threads(block, coherent_blocks(points), threads=threads if n > BLOCK else min(threads, 1))
         return hits
 
-    def _float32(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
-        face, z, normal = self._caster.down_in_full(*_columns(points, i))
-        normal *= np.where(normal[:, 2] < 0, -1.0, 1.0)[:, None]
-        normal /= np.sqrt(np.einsum("ij,ij->i", normal, normal))[:, None]
-        self._write(hits, i, face, z, normal)
-
-    def _refined(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
-        x, y = _columns(points, i)
-        face = self._caster.down(x, y).astype(np.intp)
-        z, normal = self._ground.heights(face, x, y), upward(self._ground.slope[face])
-        missed = face < 0
-        z[missed], normal[missed] = np.nan, np.nan
-        self._write(hits, i, face, z, normal)
-
-    def _certified(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
+    def _answer(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
         """Accept Embree's face if all sheets are found, and the point is certainly inside; else compute exactly."""
         x, y = _columns(points, i)
         proposal = self._caster.down(x, y).astype(np.intp)
         accepted, z, slope = self._inside(proposal, x, y)
         sheets = self._sheets.count(x, y)
-        alone = sheets == 1
-        if self._top is not None:
-            many = np.flatnonzero(accepted & (sheets > FEW_SHEETS))
-            alone[many] = self._top.has(x[many], y[many], z[many])
-        several = np.flatnonzero(accepted & ~alone & (sheets > 1) & (sheets <= MOST_SHEETS))
-        accepted &= alone
+        several = np.flatnonzero(accepted & (sheets > 1) & (sheets <= MOST_SHEETS))
+        accepted &= sheets == 1
         if len(several):
             here = x[several], y[several]
             accepted[several] = self._finds_all(sheets[several], *here, z[several], slope[several])
@@ -159,17 +129,6 @@ class Terrain:
             tops = self._exact.tops(x[rest], y[rest], proposed[somewhere])
             face[rest], z[rest], normal[rest] = tops.face, tops.z, tops.normal
         self._write(hits, i, face, z, normal)
-
-    def _guess(
-        self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
-    ) -> tuple[Complex[np.ndarray, " k"], Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Return slope and height of the top face that float32 finds, and the height of the next one below, or nan."""
-        g = self._ground
-        with np.errstate(over="ignore", invalid="ignore"):
-            face = self._caster.down(x, y).astype(np.intp)
-            slope, z = g.slope[face], g.heights(face, x, y)
-            second = self._below(x, y, z, slope)
-            return slope, z, np.where((face < 0) | (second < 0), np.nan, g.heights(second, x, y))
 
     def _below(
         self,

@@ -78,7 +78,7 @@ def configs(draw):
         placement={
             "margin": draw(st.floats(0.3, 1.0)),
             "max_slope_deg": draw(st.floats(8.0, 40.0)),
-            "rule": draw(st.sampled_from(["averaged", "least_squares", "support"])),
+            "rule": draw(st.sampled_from(["averaged", "support"])),
             "contact": draw(st.sampled_from(["footprint", "box"])),
             "footprint": draw(st.integers(2, 6)),
             "max_gap": draw(st.floats(0.8, 3.0)),

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,12 +9,8 @@ from hypothesis import strategies as st
 
 from hulldown.benchmarks.top_hits_cases import cases
 from hulldown.geometry.meshes import Mesh
-from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import Ground
-from hulldown.placement.sheet_map import SheetMap
 from hulldown.placement.terrain import Terrain
-from hulldown.placement.top_sheet import TopSheet
-from hulldown.tests.oracles.top_hits import angle, exact_tops, on_face
+from hulldown.tests.oracles.top_hits import angle, exact_tops
 
 HEIGHT_ULPS = 8  # relative to the largest |z| of the ground, as top_hits promises
 NORMAL_ERROR = 1e-12  # radians, also promised
@@ -193,38 +187,3 @@ def test_certified_equals_the_exact_rule_on_every_hard_case_and_on_some_together
 @pytest.mark.parametrize("case", list(cases(60)), ids=lambda case: case[0])
 def test_certified_equals_the_exact_rule_on_thousands_of_faces(case):
     assert_exact(case[1], 0, xy=case[2])
-
-
-@given(
-    st.one_of(stacks(), st.lists(hard_meshes(), min_size=4, max_size=6).map(lambda some: together(*some))), st.data()
-)
-def test_only_the_highest_face_is_above_the_planes_of_the_top_sheet_whatever_they_were_guessed_from(mesh, data):
-    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
-    ground = Ground.of(mesh)
-    boxes = ground.boxes()
-    terrain = Terrain(mesh)
-
-    def guess(x, y):
-        slope = rng.normal(0, data.draw(st.sampled_from([0.0, 0.1])), (len(x), 2)).view(complex)[:, 0]
-        first = terrain.top_hits(np.column_stack([x, y])).z - rng.choice([0.0, 0.0, 0.5], size=len(x))
-        return slope, first, first - rng.choice([1e-3, 0.3, 1.0, 2.0], size=len(x))
-
-    corners = mesh.vertices[mesh.faces[ground.mesh_face]]
-    bounds = np.stack([boxes[0, :2].min(axis=1), boxes[1, :2].max(axis=1)])
-    sheets = SheetMap(mesh.vertices, ground.corners, bounds, ExactGround(ground, *boxes).count)
-    highest = np.abs(mesh.vertices[:, 2]).max()
-    top = TopSheet(sheets, ground, boxes, 4 * HEIGHT_ULPS * float(np.spacing(highest)), guess)
-    for point in points_on(mesh, rng, 6):
-        p = [Fraction(float(v)) for v in point]
-        near = np.flatnonzero(((point >= boxes[0, :2].T) & (point <= boxes[1, :2].T)).all(axis=1))
-        over = [hit for face in near if (hit := on_face(int(face), corners[face], p))]
-        for hit in over:
-            if strictly(corners[hit.face], p) and top.has(*np.array([[*point, float(hit.z)]]).T)[0]:
-                assert all(other.z < hit.z for other in over if other is not hit)
-
-
-def strictly(corners, p):
-    """Whether p is inside a triangle and not on its edges, exactly."""
-    a, b, c = ([Fraction(float(v)) for v in corner[:2]] for corner in corners)
-    sides = [(u[0] - p[0]) * (v[1] - p[1]) - (u[1] - p[1]) * (v[0] - p[0]) for u, v in ((a, b), (b, c), (c, a))]
-    return min(sides) > 0 or max(sides) < 0

@@ -27,7 +27,7 @@ class PlacementSection(Section):
     """middle share of the scenery's extent in which targets are placed"""
     max_slope_deg: float = Field(default=30.0, ge=0, lt=90)
     """steepest ground under the vehicle's origin and the whole vehicle"""
-    rule: Literal["averaged", "least_squares", "support"] = "support"
+    rule: Literal["averaged", "support"] = "support"
     """how the resting plane is found ("averaged": the paper)"""
     contact: Literal["footprint", "box"] = "footprint"
     """what touches the ground: "footprint", tracks, wheels, and belly; "box", as in the paper, a plate under the
