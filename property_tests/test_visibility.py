@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.transforms import rigid
@@ -100,20 +99,6 @@ def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: flo
     for hiders in (Scene(Plane(-1.0)), Scene(Plane(-1.0), world.obstacles), world):
         passed = hiders.passed(camera_rays, poses, reach=reach)[which]
         np.testing.assert_array_equal(passed == 0.0, hiders.occluded(*rays, max_distance=reach[which]))
-
-
-@given(seeds, st.integers(0, 60), lenses, st.booleans())
-def test_a_camera_sees_the_sky_where_its_rays_meet_nothing(seed: int, k: int, lens: Intrinsics, level: bool) -> None:
-    rng = np.random.default_rng(seed)
-    scene = boulders(rng, k)
-    pose = cameras(seed, 0.0 if level else rng.uniform(-0.5, 0.5), 1)[0]
-    if k and rng.random() < 0.5:  # inside a boulder, or beside it
-        pose[:3, 3] = rng.uniform(*scene.bounds[0]) + rng.choice([0.0, 1.0]) * rng.normal(size=3)
-    camera, world = Camera(lens.resized(40, 30), pose), Scene(Plane(-1.0), scene)
-    pixel = np.indices((30, 40))[::-1].reshape(2, -1).T + 0.5
-    along = camera.ray_directions(pixel)
-    free = ~world.occluded(np.broadcast_to(camera.position, along.shape), along)
-    np.testing.assert_array_equal(world.sees_sky(camera), free)
 
 
 @given(seeds, st.floats(0.05, 0.8))

@@ -21,8 +21,7 @@ from hulldown.reading.pieces.formats import first_bytes
 from hulldown.reading.reader_process import Job, ask_reader, found_by
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
-MENDED_NAME, MAP_NAME = "mended.exr", "map.npy"
-MAP_ROWS = 256  # of a map: 0.7 degrees each
+MENDED_NAME = "mended.exr"
 CHECKED = 8  # raised when the checks or repairs of a file change
 BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
 FEW = 1e-3  # of the pixels may be infinite: suns and their glare
@@ -50,7 +49,6 @@ class Hdri:
     path: Path  # the rendered file: the original, or its repaired copy in the cache
     sha256: str  # digest of the file's bytes
     light: SkyLight  # its light on open land, and whether it shows open land
-    map_file: Path  # a small map of it in the cache, see `sky_map`
     mended_sha256: str = ""  # digest of the repaired pixels; empty if the file is rendered unchanged
     notes: tuple[str, ...] = ()
 
@@ -151,11 +149,6 @@ def read_hdris(
     return read
 
 
-def sky_map(hdri: Hdri) -> Float[np.ndarray, "_ _ 3"]:
-    """Radiance as an equirectangular map: linear Rec. 709, the zenith in the first row, +x in the middle."""
-    return np.load(hdri.map_file, allow_pickle=False).astype(np.float64)
-
-
 def refuse_no_hdri(path: Path) -> None:
     """Raise if a file doesn't begin like an HDRI."""
     if not first_bytes(path).startswith(MAGIC):
@@ -168,4 +161,4 @@ def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     if found is None:
         return None
     rendered = entry / MENDED_NAME if found.mended_sha256 else path
-    return Hdri(rendered, digest, found.light, entry / MAP_NAME, found.mended_sha256, found.notes)
+    return Hdri(rendered, digest, found.light, found.mended_sha256, found.notes)

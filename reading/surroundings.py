@@ -31,10 +31,10 @@ def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
     return bool(below.size and below.std() > PLAIN * below.mean())
 
 
-def small_map(pixels: Float[np.ndarray, "h w 3"], *, rows: int = ROWS) -> Float[np.ndarray, "m n 3"]:
-    """Means over squares of an equirectangular picture, about `rows` high; the zenith is in the first row."""
+def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
+    """Means over squares of an equirectangular picture, about `ROWS` high; the zenith is in the first row."""
     height, width = pixels.shape[:2]
-    step = max(1, height // rows)
+    step = max(1, height // ROWS)
     cut = pixels[::-1][: height // step * step, : width // step * step]
     return np.asarray(cut.reshape(height // step, step, width // step, step, 3).mean(axis=(1, 3), dtype=np.float64))
 

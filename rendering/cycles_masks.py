@@ -15,7 +15,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.masks import decode, iou, mask_box
-from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
 from hulldown.dataset.images import Label
@@ -25,12 +24,9 @@ from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.rows import not_annotated
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
-from hulldown.dataset.verification.look import appearance
 from hulldown.geometry.indices import spread
 from hulldown.planning.inputs.loading import Library
-from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan, read_plan
-from hulldown.rendering.annotations import Segmenter
 from hulldown.rendering.blender.messages import MaskJob
 from hulldown.rendering.jobs import mask_job, readable
 from hulldown.rendering.outline import Outline
@@ -39,9 +35,6 @@ from hulldown.rendering.process import Confinement
 
 ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers
 SAME = 0.99  # least IoU of masks that are equal up to float32 at their edges
-# Change along a vehicle's outline from which it seems to be there: 97 % of 67 vehicles in pictures had more, and 1.6 %
-# of 248 that weren't there.
-INTRUDER = 4.0
 FEW_PIXELS = 2  # largest difference of masks so small that one pixel exceeds the IoU's limit
 
 
@@ -101,13 +94,7 @@ def verify_masks(
     first = outline.first_annotations(reservation)
     maps = cycles_masks(plan, chosen, library)
     rows: list[MaskRow] = []
-    segmenter = Segmenter(library.shapes, library.assets.sceneries)
-    findings = [
-        finding
-        for i in chosen
-        if (row := plan[i]).empty
-        and (finding := _intruder(Path(dataset), names[reservation.image_offset + i + 1], row, segmenter))
-    ]
+    findings: list[Finding] = []
     for index, of_row in zip(chosen, maps, strict=True):
         image_id, row = reservation.image_offset + index + 1, plan[index]
         numbers = [(number, each) for number, each in enumerate(row.vehicles, start=1) if each.label != "none"]
@@ -127,25 +114,6 @@ def verify_masks(
             rows.append(measured)
             findings += [finding] if (finding := _judged(measured, MASK.read(label).area or 0.0)) else []
     return MaskReport(tuple(rows), tuple(findings))
-
-
-def _intruder(folder: Path, name: str, row: Row, segmenter: Segmenter) -> Finding | None:
-    """Return whether an empty background's picture shows the outline of the vehicle that it was framed on."""
-    try:
-        pixels = read_pixels(folder / name)
-    except DatasetError:  # found elsewhere
-        return None
-    mask = segmenter.mask(row, row.target)
-    if pixels.shape[:2] != mask.shape:
-        return None
-    look = appearance(pixels, mask, np.zeros_like(mask))
-    if look is None or not look.outline >= INTRUDER:
-        return None
-    problem = (
-        f"seems to show {row.target.vehicle!r}, which is left out of it: it changes along that outline "
-        f"({look.outline:.2f}, expected less than {INTRUDER})"
-    )
-    return Finding("warning", name, problem, look.outline)
 
 
 def compared(

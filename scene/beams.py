@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
-from itertools import product
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR
 from hulldown.geometry.cutouts import PASSED
-from hulldown.geometry.indices import numbered, rounds
+from hulldown.geometry.indices import rounds
 from hulldown.geometry.instances import InstancedScene, InstanceHits
-from hulldown.geometry.transforms import BOX_CORNERS, apply, invert_rigid, rotate
+from hulldown.geometry.transforms import BOX_CORNERS, apply, invert_rigid
 
 # Parts of a beam along its length: their boxes enclose less empty space than one box.
 LENGTHS = 8
 RAYS = 1 << 18  # pairs of ray and instance in memory at a time
-PAIRS = 1 << 16  # the same where rays and instances of one camera are paired
-BARELY = 1e-6  # meters ahead of a camera
-_EDGES = np.array([(i, i + step) for step in (1, 2, 4) for i in range(8) if not i & step]).T  # pairs of corners
 
 
 def passed_in_beams(
@@ -68,65 +63,6 @@ def nearest_in_beams(
     for ray, instance in _pairs(scene, camera_rays, world_from_camera, far.reshape(-1, camera_rays.count)):
         scene.cast_by(origins, along, ray, instance=instance, reach=far, hits=hits)
     return hits
-
-
-def hidden_in_view(scene: InstancedScene, camera: Camera, along: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Return whether anything lies along each ray from a camera, as by `scene.occluded`; faster for its whole picture.
-
-    `along`: directions in the world, at most a right angle from the optical axis.
-    """
-    hidden = np.zeros(len(along), dtype=bool)
-    x, y, z = rotate(camera.camera_from_world[:3, :3], along).T
-    u, v = x / z, y / z
-    start = np.broadcast_to(camera.position, along.shape)
-    instances, box = _in_view(scene, camera, np.stack([u, v], axis=1))
-    while len(instances):
-        # Only rays whose u is in the box are paired with it, and only so many boxes at a time: the nearest hide most.
-        left = np.flatnonzero(~hidden)
-        left = left[np.argsort(u[left])]
-        first = np.searchsorted(u[left], box[:, 0, 0], "left")
-        last = np.searchsorted(u[left], box[:, 1, 0], "right")
-        some = max(1, int(np.searchsorted(np.cumsum(last - first), PAIRS)))
-        pair, number = numbered((last - first)[:some])
-        ray = left[first[pair] + number]
-        met = np.flatnonzero((v[ray] >= box[pair, 0, 1]) & (v[ray] <= box[pair, 1, 1]))
-        met = met[np.argsort(ray[met], kind="stable")]
-        scene.occlude_by(start, along, ray[met], instance=instances[pair[met]], hidden=hidden)
-        instances, box = instances[some:], box[some:]
-    return hidden
-
-
-def _in_view(
-    scene: InstancedScene, camera: Camera, seen: Float[np.ndarray, "n 2"]
-) -> tuple[Int[np.ndarray, " p"], Float[np.ndarray, "p 2 2"]]:
-    """Instances that rays through points at unit depth may meet, nearest first, and boxes around them at unit depth."""
-    if not len(seen) or not len(scene.bounds):
-        return np.zeros(0, dtype=np.int64), np.zeros((0, 2, 2))
-    low, high = scene.bounds[:, 0], scene.bounds[:, 1]
-    middle = apply(camera.camera_from_world, (low + high) / 2.0)
-    radius = np.linalg.norm(high - low, axis=1)  # twice what the bounds need
-    inside = middle[:, 2] > -radius
-    for axis, side in product((0, 1), (-1.0, 1.0)):
-        edge = float((side * seen[:, axis]).max())
-        inside &= side * middle[:, axis] - edge * middle[:, 2] < radius * math.hypot(1.0, edge)
-    instance = np.flatnonzero(inside)
-    instance = instance[np.argsort(middle[instance, 2], kind="stable")]
-    local = apply(camera.camera_from_world, _corners(scene, instance))
-    ahead = local[..., 2].max(axis=1) > BARELY
-    instance, local = instance[ahead], local[ahead]
-    box = box_at_unit_depth(local)
-    partly = np.flatnonzero(local[..., 2].min(axis=1) <= NEAR)
-    # These end where their edges reach the camera's plane: far off, unless the camera is inside.
-    one, other = local[partly][:, _EDGES[0]], local[partly][:, _EDGES[1]]
-    leaves = (one[..., 2] > BARELY) != (other[..., 2] > BARELY)
-    share = (BARELY - one[..., 2]) / np.where(leaves, other[..., 2] - one[..., 2], 1.0)
-    ends = (one + share[..., None] * (other - one))[..., :2] / BARELY
-    ahead = local[partly, :, 2] > BARELY
-    corners = local[partly, :, :2] / np.where(ahead, local[partly, :, 2], 1.0)[..., None]
-    points, counts = np.concatenate([corners, ends], axis=1), np.concatenate([ahead, leaves], axis=1)[..., None]
-    box[partly, 0] = np.where(counts, points, np.inf).min(axis=1)
-    box[partly, 1] = np.where(counts, points, -np.inf).max(axis=1)
-    return instance, box
 
 
 def _corners(scene: InstancedScene, instance: Int[np.ndarray, " p"]) -> Float[np.ndarray, "p 8 3"]:

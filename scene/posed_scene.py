@@ -18,7 +18,7 @@ from hulldown.geometry.columns import put
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.rays import RayCaster, RayHits, in_threads
-from hulldown.scene.beams import hidden_in_view, nearest_in_beams, passed_in_beams
+from hulldown.scene.beams import nearest_in_beams, passed_in_beams
 from hulldown.scene.posed_vehicle import BATCH, PosedVehicle
 
 TILE = 64  # pixels, each way, that are traced together
@@ -215,21 +215,6 @@ class Scene:
             of = {"row": None if row is None else row[left]} if isinstance(thing, PosedVehicle) else {}
             blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], **of)
         return blocked
-
-    def sees_sky(self, camera: Camera) -> Bool[np.ndarray, " n"]:
-        """Return whether nothing lies along the ray through the center of each pixel of a camera, row by row.
-
-        As `occluded`, and faster in a wood.
-        """
-        along = camera.ray_directions(camera.intrinsics.pixel_centers)
-        free = np.ones(len(along), dtype=bool)
-        for _, _, thing in self._things():
-            left = np.flatnonzero(free)
-            if isinstance(thing, InstancedScene):
-                free[left] = ~hidden_in_view(thing, camera, along[left])
-            else:
-                free[left] = ~thing.occluded(np.broadcast_to(camera.position, (len(left), 3)), along[left])
-        return free
 
     def passed(
         self,

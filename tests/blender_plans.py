@@ -59,10 +59,18 @@ def job(row, assets, output, samples=4):
     return render_job(row, assets, settings, output)
 
 
-def draw(folder, turns, samples=4):
-    """Pictures by a new Blender of rows, each with its assets, in this order."""
+def draw(folder, turns, samples=4, *, as_planned=True):
+    """Pictures by a new Blender of rows, each with its assets, in this order; they must show the rows."""
+    from hulldown.tests.oracles.rendered import assert_shows_row
+
     with Blender(folder / "logs" / "log") as blender:
-        return [drawn(blender, job(row, assets, folder / f"{n}.png", samples)) for n, (row, assets) in enumerate(turns)]
+        found = [
+            drawn(blender, job(row, assets, folder / f"{n}.png", samples)) for n, (row, assets) in enumerate(turns)
+        ]
+    for picture, (row, assets) in zip(found, turns, strict=True):
+        if as_planned:
+            assert_shows_row(picture, row, assets)
+    return found
 
 
 def drawn(blender, job):

@@ -26,7 +26,7 @@ def library_of(assets, folder=Path()):
     def files(names):
         return {name: moved(exported, folder / f"{name}.blend") for name in names}
 
-    hdris = {name: Hdri(folder / f"{name}.exr", "", EVEN, Path()) for name in assets.hdris}
+    hdris = {name: Hdri(folder / f"{name}.exr", "", EVEN) for name in assets.hdris}
     return Library(assets, files([*assets.vehicles, *assets.distractors]), files(assets.sceneries), hdris)
 
 

@@ -152,8 +152,15 @@ def gray(path):
     hdri(path, pixels)
 
 
+def bright_side(path):
+    """A sky that is three times as bright at azimuth 0 as behind, for pictures whose sky has to be the planned one."""
+    azimuth = math.pi - (np.arange(128) + 0.5) / 128 * 2.0 * math.pi
+    hdri(path, np.tile(0.4 + 0.2 * np.cos(azimuth), (64, 1)))
+
+
 def hdri(path, radiance):
-    """Write a gray sky, with the zenith in the first row."""
+    """Write a gray sky, with the zenith in the first row, and its radiance beside it for `oracles.rendered`."""
+    np.save(path.with_suffix(".npy"), radiance)
     _write(np.repeat(radiance[::-1, :, None], 3, axis=2), str(path))
 
 
@@ -186,9 +193,9 @@ def main(folder):
     save(folder / "ground.blend")
     sunny = np.full((128, 256), 0.1)
     sunny[38:44, 100:106] = 120.0  # 30 degrees high; it gives the ground three times as much light as the rest
-    np.save(folder / "sunny.npy", sunny)
     hdri(folder / "sunny.exr", sunny)
     sky(folder / "sky.exr")
+    bright_side(folder / "bright_side.exr")
     gray(folder / "gray.exr")
 
 

@@ -20,6 +20,8 @@ from msgspec.structs import replace
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
 from hulldown.dataset.provenance import read_failures
+from hulldown.planning.inputs.loading import load_planned_library
+from hulldown.planning.plan_file import read_plan
 from hulldown.reading.confinement.landlock import abi
 from hulldown.rendering.pool import Engine
 from hulldown.rendering.process import Limits
@@ -27,6 +29,7 @@ from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import IMAGES, plan_in, run_python, run_script
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, digests, rendering, wait_for
+from hulldown.tests.oracles.rendered import assert_shows_plan
 
 pytestmark = pytest.mark.blender
 THOROUGH = pytest.mark.thorough
@@ -37,8 +40,9 @@ def folder(tmp_path_factory):
     """A plan, and its dataset by a run on this machine, in `whole`."""
     made = tmp_path_factory.mktemp("cluster")
     run_script("render_worlds.py", made)
-    plan_in(made)
-    render_plan(made / "plan.jsonl", made / "whole", engine=Engine(device="cpu"))
+    plan = read_plan(plan_in(made))
+    render_plan(plan.path, made / "whole", engine=Engine(device="cpu"))
+    assert_shows_plan(made / "whole", plan, load_planned_library(plan))
     return made
 
 

@@ -1,10 +1,10 @@
-"""The even color that replaces high surroundings, by the law that `verify` uses."""
+"""The even color that replaces high surroundings, by the law of the oracle of rendered pictures."""
 
 import numpy as np
 import pytest
 
 from hulldown.camera.backdrop import even_color, fade
-from hulldown.dataset.verification.check_skies import radiance
+from hulldown.tests.oracles.rendered import radiance
 
 
 def street():

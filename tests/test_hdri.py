@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris, sky_map
+from hulldown.reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.surroundings import backdrop, small_map
 
@@ -150,7 +150,6 @@ def test_a_sky_is_read_in_the_color_space_of_its_file(written: Path, tmp_path: P
     one, two = read_hdris([written / "rec709.exr", written / "acescg.exr"], tmp_path)
     assert one.sha256 != two.sha256
     assert two.light.irradiance == pytest.approx(one.light.irradiance, rel=1e-4)
-    np.testing.assert_allclose(sky_map(two), sky_map(one), rtol=1e-4)
 
 
 @pytest.mark.blender
@@ -161,10 +160,9 @@ def test_a_repaired_sky_is_rendered_and_has_its_own_hash(written: Path, tmp_path
     assert [doubt.kind for doubt in sun.repairs] == [DoubtKind.REPAIRED]
     assert sun.path != written / "sun.exr"
     assert sun.sha256 != sun.mended_sha256
-    assert sky_map(sun).max() <= 5000.0, "pictures are compared with the rendered sky"
     sound = read_hdris([sun.path], tmp_path / "cache")[0]
     assert (sound.path, sound.notes) == (sun.path, ())
-    np.testing.assert_allclose(sky_map(sound), sky_map(sun), rtol=2e-3)  # half floats
+    assert sound.light.irradiance == pytest.approx(sun.light.irradiance, rel=2e-3)  # half floats
     elsewhere = read_hdris([written / "sun.exr"], tmp_path / "another")[0]
     assert elsewhere.mended_sha256 == sun.mended_sha256, "the same bytes wherever it is repaired"
     sun.path.write_bytes(b"\x76\x2f\x31\x01")

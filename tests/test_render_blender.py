@@ -35,19 +35,20 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels, run_python
 from hulldown.tests.clusters import digests, wait_for
+from hulldown.tests.oracles.rendered import assert_shows_plan
 from hulldown.tests.plan_lines import altered
 from hulldown.tests.render_plans import moved
 
 pytestmark = pytest.mark.blender
 CONFIG = {
     "assets": {
-        "hdris": ["gray.exr", "sky.exr"],
+        "hdris": ["gray.exr", "sky.exr", "bright_side.exr"],
         "sceneries": [{"path": f"{name}.blend"} for name in ("field", "centimeters", "map")],
     },
     "budget": {"images_per_class": 8, "images_per_position": 1},
     "camera": {"visible_fraction": [0.2, 1.0], "truncated_fraction": [0.0, 0.6], "framing": 1.0},
     "placement": {"vehicles_per_image": [1, 2], "companion_distance": [9.0, 20.0]},
-    "light": {"hdris": ["gray"], "exposure": 0.0, "exposure_error_ev": 0.0},
+    "light": {"hdris": ["bright_side"], "exposure": 0.0, "exposure_error_ev": 0.0},
     "render": {"width": 128, "height": 72, "samples": 4, "denoise": False, "bounces": 2},
 }
 
@@ -61,6 +62,7 @@ def plan(own_worlds):
 def dataset(plan, library, own_worlds):
     report = render_plan(plan.path, own_worlds / "dataset", library=library)
     assert report.complete
+    assert_shows_plan(own_worlds / "dataset", plan, library)
     return own_worlds / "dataset"
 
 

@@ -5,7 +5,6 @@ import math
 
 import numpy as np
 import pytest
-from PIL import Image
 
 from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.images import Label
@@ -114,18 +113,3 @@ def test_an_amodal_mask_that_cycles_does_not_render_is_an_error(rendered):
 
 def test_the_box_error_of_an_invisible_vehicle_is_infinite():
     assert compared("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK & False, MASK & False).box_error == math.inf
-
-
-def test_a_vehicle_in_an_empty_background_is_a_warning(tmp_path, render, monkeypatch):
-    row = make_row(0, width=64, height=64, bbox=[25.6, 25.6, 12.8, 12.8], background=True, label="none")
-    plan, dataset = write_plan(tmp_path, [row]), tmp_path / "d"
-    render(plan, dataset)
-    nothing = [np.zeros((1, 64, 64), np.uint8)]
-    monkeypatch.setattr("hulldown.rendering.cycles_masks.cycles_masks", lambda *_, **__: nothing)
-    assert verify_masks(dataset, plan, count=1, library=CUBES).findings == ()
-    picture = np.zeros((64, 64, 3), np.uint8)
-    picture[26:38, 26:38] = 200
-    Image.fromarray(picture).save(dataset / "images" / "00000001.png")
-    (finding,) = verify_masks(dataset, plan, count=1, library=CUBES).findings
-    assert (finding.severity, finding.where) == ("warning", "images/00000001.png")
-    assert "'cube', which is left out" in finding.problem

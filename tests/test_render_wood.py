@@ -6,6 +6,7 @@ import pytest
 from hulldown.rendering.cycles_masks import cycles_masks, verify_masks
 from hulldown.rendering.supervisor import render_plan
 from hulldown.tests.blender_plans import make_plan
+from hulldown.tests.oracles.rendered import assert_shows_plan
 
 pytestmark = pytest.mark.blender
 
@@ -24,6 +25,7 @@ def plan(own_worlds):
 
 def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, library, tmp_path):
     assert render_plan(plan.path, tmp_path / "dataset", library=library).complete
+    assert_shows_plan(tmp_path / "dataset", plan, library)
     report = verify_masks(tmp_path / "dataset", plan.path, count=len(plan), library=library)
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows) >= 0.99

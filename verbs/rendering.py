@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-from functools import cache, partial
 from pathlib import Path
 
 from hulldown.base.errors import HulldownError
@@ -79,13 +78,13 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
-    assets = cache(partial(planned_library, arguments.plan, arguments))
-    findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast, assets=assets)
+    findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast)
     checked = 0
     if arguments.masks:
         from hulldown.rendering.cycles_masks import verify_masks
 
-        measured = verify_masks(arguments.dataset, arguments.plan, assets(), count=arguments.masks)
+        library = planned_library(arguments.plan, arguments)
+        measured = verify_masks(arguments.dataset, arguments.plan, library, count=arguments.masks)
         checked = len(measured.rows)
         findings += measured.findings
         if not arguments.json:

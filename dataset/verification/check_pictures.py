@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, UInt8
+from jaxtyping import Bool
 
 from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.picture_files import UPRIGHT, read_picture, size_problem
@@ -20,22 +20,14 @@ from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.placed_pictures import own_picture
 from hulldown.dataset.store.seals import PICTURE_KEY, digest
-from hulldown.dataset.verification.look import check_looks, is_rendered
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
+from hulldown.dataset.verification.target_appearance import check_appearances, is_rendered
 
 CHECKERS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
 LARGEST = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
-Look = Callable[[Image, UInt8[np.ndarray, "h w 3"]], Iterable[Finding]]
 
 
-def check_pictures(
-    folder: Path,
-    coco: Coco,
-    *,
-    fast: bool,
-    look: Look | None,
-    progress: Callable[[int, int], None],
-) -> Iterator[Finding]:
+def check_pictures(folder: Path, coco: Coco, *, fast: bool, progress: Callable[[int, int], None]) -> Iterator[Finding]:
     """Find problems with a dataset's picture files."""
     images = coco["images"]
     sound = sound_images(coco)
@@ -46,7 +38,7 @@ def check_pictures(
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
-            results = pool.map(lambda image: _check(folder, image, sound.get(image["id"]), fast=fast, look=look), chunk)
+            results = pool.map(lambda image: _check(folder, image, sound.get(image["id"]), fast=fast), chunk)
             for done, (image, (findings, found, hashed)) in enumerate(
                 zip(chunk, results, strict=True), start=start + 1
             ):
@@ -91,7 +83,7 @@ def _linked_elsewhere(folder: Path, images: Sequence[Record]) -> Iterator[Findin
 
 
 def _check(
-    folder: Path, record: Record, image: Image | None, *, fast: bool, look: Look | None
+    folder: Path, record: Record, image: Image | None, *, fast: bool
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
     """Return a picture's problems, the hash of its bytes, and a photograph's perceptual hash.
 
@@ -116,9 +108,7 @@ def _check(
     if picture.size != stated:
         findings.append(Finding("error", name, size_problem(picture, stated)))
     elif picture.pixels is not None and is_rendered(record) and image is not None:
-        findings += check_looks(image, picture.pixels)
-        if look is not None:
-            findings += look(image, picture.pixels)
+        findings += check_appearances(image, picture.pixels)
     actual = digest(picture.content)
     recorded = record.get(PICTURE_KEY)
     if recorded is not None and recorded != actual:

@@ -11,9 +11,9 @@ from pathlib import Path
 
 from pycocotools.coco import COCO
 
-from hulldown.base.errors import DatasetError, HulldownError
+from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, json_with_repeats, read_file
-from hulldown.base.terminal import reading_status, reporting
+from hulldown.base.terminal import reporting
 from hulldown.dataset.records import (
     Finding,
     check_annotations,
@@ -26,9 +26,7 @@ from hulldown.dataset.rows import check_planned
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import check_pictures
-from hulldown.dataset.verification.check_skies import sky_check
-from hulldown.planning.inputs.loading import Library, load_planned_library
-from hulldown.planning.plan_file import Plan, read_plan
+from hulldown.planning.plan_file import read_plan
 
 
 def verify(
@@ -36,8 +34,6 @@ def verify(
     plan: str | os.PathLike[str] | None = None,
     *,
     fast: bool = False,
-    cache: str | os.PathLike[str] | None = None,
-    assets: Callable[[], Library] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
     """Find everything that is wrong with a dataset.
@@ -47,14 +43,9 @@ def verify(
     dataset
         Its folder, or a `Dataset`.
     plan
-        A plan that it was rendered from: names, sizes, poses, classes, and boxes are compared row by row, and the
-        skies in pictures with the plan's HDRIs.
+        A plan that it was rendered from: names, sizes, poses, classes, and boxes are compared row by row.
     fast
         Whether to skip opening pictures and comparing hashes.
-    cache
-        The cache of the plan's assets; None: next to the plan.
-    assets
-        Reads the plan's assets, in place of `load_planned_library` with that cache.
     progress
         Called with (done, all) after each image; None: a bar in a terminal or notebook.
 
@@ -77,19 +68,13 @@ def verify(
     """
     folder = Path(dataset)
     coco = read_coco(folder)
-    findings, look = [], None
-    planned = None if plan is None else read_plan(plan)
-    if planned is not None and not fast:
-        try:
-            look = sky_check(planned, coco, assets or partial(_assets, planned, cache))
-        except HulldownError as error:
-            findings.append(Finding("warning", planned.path.name, f"skies are not looked at: {error}"))
+    findings: list[Finding] = []
     findings += check_categories(coco["categories"])
     findings += check_images(coco["images"])
     findings += check_annotations(coco)
     findings += check_reservations(coco)
-    if planned is not None:
-        findings += check_planned(coco, planned)
+    if plan is not None:
+        findings += check_planned(coco, read_plan(plan))
     findings += _check_loading(folder)
     if is_cut_off(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
@@ -97,13 +82,8 @@ def verify(
     if not fast:
         findings += check_seals(coco)
     with reporting("checking", progress) as advance:
-        findings += check_pictures(folder, coco, fast=fast, look=look, progress=advance)
+        findings += check_pictures(folder, coco, fast=fast, progress=advance)
     return findings
-
-
-def _assets(plan: Plan, cache: str | os.PathLike[str] | None) -> Library:
-    with reading_status() as reading:
-        return load_planned_library(plan, cache=cache, progress=reading)
 
 
 def _check_loading(folder: Path) -> Iterator[Finding]:

@@ -13,20 +13,19 @@ from jaxtyping import Float
 from hulldown.assets.skylight import SkyLight, level_irradiance
 from hulldown.base.errors import AssetError
 from hulldown.reading.blender.api.buffers import pixels
-from hulldown.reading.hdri import MAP_NAME, MAP_ROWS, MENDED_NAME, FoundSky, mend
+from hulldown.reading.hdri import MENDED_NAME, FoundSky, mend
 from hulldown.reading.reader_process import Job
 from hulldown.reading.surroundings import backdrop, shows_land, small_map
 
 
 def read_picture(job: Job) -> FoundSky:
-    """Check a picture; write its small map, and a repaired copy if needed."""
+    """Check a picture; write a repaired copy if needed."""
     image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:
         radiance, notes = mend(_radiance(image))
     finally:
         bpy.data.images.remove(image)
     mended = hashlib.sha256(np.ascontiguousarray(radiance, "<f4").tobytes()).hexdigest() if notes else ""
-    np.save(job.file(MAP_NAME), small_map(radiance, rows=MAP_ROWS).astype(np.float32))
     if notes:
         _write(radiance, str(job.file(MENDED_NAME)))
     red, green, blue = level_irradiance(radiance).tolist()

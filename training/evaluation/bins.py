@@ -17,7 +17,7 @@ from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, conditions_of, numbers_of, sides_of
 from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.verification.look import appearance
+from hulldown.dataset.verification.target_appearance import target_appearance
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
@@ -69,7 +69,7 @@ def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
 
 @lru_cache(maxsize=2)  # the detectors of a study are evaluated on the same pictures, one after the other
 def measured_contrast(labels: Labels) -> Float[np.ndarray, " g"]:
-    """Return the contrast of each target, (g,), 1 for black on white; see `dataset.verification.look`.
+    """Return the contrast of each target, (g,), 1 for black on white; see `dataset.verification.target_appearance`.
 
     It's nan if a label has no mask, or its picture can't be read.
     """
@@ -89,7 +89,8 @@ def _of_image(labels: Labels, boxes: list[int]) -> list[float]:
         masks = np.stack([decode(MASK.read(labels.annotations[k]).segmentation, *image.size) for k in boxes])
     except (DatasetError, ValueError):  # evaluating doesn't need the picture
         return [np.nan] * len(boxes)
-    looks = [appearance(picture, mask, np.delete(masks, row, axis=0).any(axis=0)) for row, mask in enumerate(masks)]
+    others = (np.delete(masks, row, axis=0).any(axis=0) for row in range(len(masks)))
+    looks = [target_appearance(picture, *each) for each in zip(masks, others, strict=True)]
     return [np.nan if look is None else look.contrast / 255.0 for look in looks]
 
 

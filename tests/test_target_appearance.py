@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from hulldown.annotate.masks import encode, mask_box
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.verification.look import appearance
+from hulldown.dataset.verification.target_appearance import target_appearance
 from hulldown.dataset.verification.verify import verify
 from hulldown.tests.editing import append
 
@@ -64,14 +64,6 @@ def test_a_barely_visible_target_is_found_with_its_contrast(tmp_path, apart, sev
     assert [(each.severity, each.figure) for each in found] == ([(severity, apart)] if severity else [])
 
 
-def test_the_picture_of_another_row_is_found(tmp_path):
-    (first, mask), (second, other) = scene(1), scene(3)
-    assert not (mask & other).any()
-    found = dataset(tmp_path, [second, first], [mask, other])
-    assert [(each.severity, each.where) for each in found] == [("error", f"images/{i}.png") for i in (0, 1)]
-    assert all("does not show its labels" in each.problem and each.figure < 0.8 for each in found)
-
-
 def plain_car():
     """A car whose windows and shadows have much steeper edges than its outline, on ground without texture."""
     _, mask = scene(0)
@@ -100,11 +92,5 @@ def test_photographs_are_skipped(tmp_path):
     assert dataset(tmp_path, [np.zeros_like(picture)], [mask], taken="at night") == []
 
 
-def test_a_large_target_is_sampled_and_an_empty_mask_has_no_appearance():
-    picture, mask = scene(3)
-    small, large = (
-        appearance(np.kron(picture, np.ones((k, k, 1), np.uint8)), np.kron(mask, np.ones((k, k), bool)), others)
-        for k, others in ((1, NOBODY), (20, np.kron(NOBODY, np.ones((20, 20), bool))))
-    )
-    assert large.contrast == pytest.approx(small.contrast, rel=0.2)
-    assert appearance(picture, NOBODY, NOBODY) is None
+def test_an_empty_mask_has_no_appearance():
+    assert target_appearance(scene(3)[0], NOBODY, NOBODY) is None
