@@ -7,8 +7,8 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 DEMO ?= hulldown-demo
 STUDY ?= hulldown-study
-# tanks, or cars from above; COCO folders `train` and `dev` of photographs of them, which aren't part of the project; a file for the backbone, if not
-# torchvision's.
+# tanks, or cars from above; COCO folders `train` and `dev` of photographs of them, which aren't part of the project; a folder of weights, if not the
+# hub's.
 SET ?= tanks
 PHOTOGRAPHS ?= ../shared/photographs/$(SET)
 WEIGHTS ?=
@@ -50,12 +50,12 @@ $(TRAINING_STAMP): $(STAMP)
 demo: setup ## build demo assets, plan, render, annotate: ends in hulldown-demo/contact_sheet.png (DEMO=folder: elsewhere)
 	$(BIN)/hulldown demo --output $(DEMO)
 
-study: setup-training ## what rendered images are worth beside stand-ins for photographs: 20 minutes; ends in a report (STUDY=folder: elsewhere)
+study: setup-training ## what rendered images are worth beside stand-ins for photographs: half an hour; ends in a report (STUDY=folder: elsewhere)
 	$(BIN)/python -m hulldown.benchmarks.stand_ins $(STUDY)
 	$(BIN)/hulldown study run $(STUDY)/study.toml -o $(STUDY)/study
 	$(BIN)/hulldown study report $(STUDY)/study
 
-photographs: setup-training ## what renders are worth beside photographs: half an hour (SET=cars, PHOTOGRAPHS=folder, WEIGHTS=file); ends in a report below STUDY
+photographs: setup-training ## what renders are worth beside photographs: hours (SET=cars, PHOTOGRAPHS=folder, WEIGHTS=folder); ends in a report below STUDY
 	$(BIN)/python -m hulldown.benchmarks.photographs $(SET) $(STUDY)/$(SET) $(PHOTOGRAPHS) $(if $(WEIGHTS),--weights $(WEIGHTS))
 	test -e $(STUDY)/$(SET)/renders.jsonl || $(BIN)/hulldown plan $(STUDY)/$(SET)/renders.toml -o $(STUDY)/$(SET)/renders.jsonl
 	$(BIN)/hulldown render $(STUDY)/$(SET)/renders.jsonl -o $(STUDY)/$(SET)/renders

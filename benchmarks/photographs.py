@@ -100,7 +100,7 @@ SETS = {
             "render.height": 240,
         },
         fractions=[1.0, 0.25, 0.1, 0.05],
-        resolution=192,
+        resolution=320,
     ),
     "cars": Photographed(  # from above
         vehicles=[_car("civilian_car", 3.0), _car("panel_van", 1.0)],
@@ -150,7 +150,7 @@ def main() -> None:
     parser.add_argument("set", choices=sorted(SETS))
     parser.add_argument("folder", type=Path)
     parser.add_argument("photographs", type=Path, help="folder of the COCO folders train and dev")
-    parser.add_argument("--weights", type=Path, help="of the backbone; default: torchvision's download")
+    parser.add_argument("--weights", type=Path, help="a folder to start from; default: from the Hugging Face hub")
     arguments = parser.parse_args()
     folder, shown = arguments.folder, SETS[arguments.set]
     train, test = (arguments.photographs.resolve() / name for name in ("train", "dev"))

@@ -176,7 +176,7 @@ seeds = [0]
 
 [train]
 model = "small"
-budget = 12000
+budget = 2400
 resolution = 160
 """,
 }

@@ -8,7 +8,7 @@ import os
 import re
 import tempfile
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -99,11 +99,18 @@ def video() -> bytes:
 
 @cache
 def weights() -> bytes:
-    from hulldown.training.detectors.center_points import CenterNetwork
-    from hulldown.training.detectors.small import save_small
-    from hulldown.training.run_folder import content_of
+    import torch
 
-    return bytes(content_of(save_small(CenterNetwork(1), ["tank"], (64, 48))))
+    content = io.BytesIO()
+    torch.save({"model": {"class_embed.bias": torch.zeros(3)}, "args": {"class_names": ["tank"]}}, content)
+    return content.getvalue()
+
+
+@cache
+def tensors(name: str) -> bytes:
+    from hulldown.tests.networks import tiny_weights
+
+    return Path(tiny_weights(), name).read_bytes()
 
 
 def foreign(folder: Path) -> None:
@@ -122,6 +129,7 @@ BESIDE: dict[str, dict[str, Callable[[], bytes]]] = {
         "y/data.yaml": lambda: b"names:\n  0: tank\n  1: truck\n",
     },
     "v": {"v/1.png": lambda: picture("PNG")},
+    "w": {f"w/{name}": partial(tensors, name) for name in ("config.json", "preprocessor_config.json")},
 }
 # The path of the changed file, its content, and what reads it, given the path.
 READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = {
@@ -165,9 +173,14 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
     "draws": ("d.csv", lambda: DRAWS, lambda path: read_draws(path, ["s"], [["1.png"]])),
     "study": ("study.json", lambda: encoded(STUDY), lambda path: read_manifest(path.parent)),
     "weights": ("w.pt", weights, lambda path: load_detector(path, "cpu")),
+    "tensors": (
+        "w/model.safetensors",
+        partial(tensors, "model.safetensors"),
+        lambda path: load_detector(path.parent, "cpu"),
+    ),
     "video": ("v.mp4", video, read_video),
 }
-UNSOUND = ("glTF", "study")  # as the files above are
+UNSOUND = ("glTF", "study", "weights")  # as the files above are
 OPENED_BY_OTHERS = ("blend", "elevations", "orthophoto", "classes")  # or skipped, if they aren't regular
 ODD = (
     *(b"", b"0", b"-1", b"1e308", b"5e-324", b"1e999", b"NaN", b".inf", b"1" + b"0" * 400, b"2147483648", b"[]", b"{}"),

@@ -10,24 +10,15 @@ import torch
 
 from hulldown.base.errors import HulldownError
 from hulldown.cli import main
-from hulldown.tests.networks import CLASSES, SIZE, nano_weights, small_weights
+from hulldown.tests.networks import CLASSES, nano_weights, write_small_weights
 from hulldown.training.detectors import detr
-from hulldown.training.detectors.small import MIN_SCORE
 from hulldown.training.inputs.data import network_pictures
 from hulldown.training.onnx_model import export_model
 from hulldown.training.predict import load_detector
 
 
-def of_small(found, width, height):
-    """Boxes as corners in pixels, scores, labels."""
-    boxes, scores, labels = (part[0] for part in found)
-    kept = scores >= MIN_SCORE
-    boxes = boxes[kept] * ([width / SIZE[0], height / SIZE[1]] * 2)
-    return boxes.clip(0.0, [width, height] * 2), scores[kept], labels[kept]
-
-
-def of_detr(found, width, height):
-    """The same by the published rule: the best pairs of query and class, with boxes from center and size."""
+def decoded(found, width, height):
+    """Boxes as corners in pixels, scores, and labels of the best pairs of query and class, RF-DETR's published rule."""
     boxes, logits = found[0][0], found[1][0]
     scores = 1.0 / (1.0 + np.exp(-logits))
     best = np.argsort(-scores, axis=None, kind="stable")[: len(boxes)]
@@ -41,19 +32,25 @@ def of_detr(found, width, height):
 @pytest.mark.parametrize("kind", ["small", "nano"])
 def test_onnxruntime_gives_the_detectors_results(kind, tmp_path, capsys):
     torch.manual_seed(0)
-    torch.save(small_weights() if kind == "small" else nano_weights(tmp_path), tmp_path / "weights.pt")
-    assert main(["export_model", str(tmp_path / "weights.pt"), "-o", str(tmp_path / "model.onnx"), "--json"]) == 0
+    weights = tmp_path / "weights"
+    if kind == "small":
+        write_small_weights(weights)
+    else:
+        torch.save(nano_weights(tmp_path), weights)
+    assert main(["export_model", str(weights), "-o", str(tmp_path / "model.onnx"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["classes"] == list(CLASSES)
     session = onnxruntime.InferenceSession(tmp_path / "model.onnx", providers=["CPUExecutionProvider"])
     assert json.loads(session.get_modelmeta().custom_metadata_map["classes"]) == list(CLASSES)
-    detector = load_detector(tmp_path / "weights.pt", "cpu")
+    detector = load_detector(weights, "cpu")
     rng = np.random.default_rng(0)
     for height, width in ((54, 96), (90, 40)):
         picture = rng.integers(0, 255, (height, width, 3), dtype=np.uint8)
-        given = network_pictures([picture], SIZE if kind == "small" else (64, 64))
-        given = given.float() if kind == "small" else detr.normalized(given)
+        given = network_pictures([picture], (64, 64))
+        given = given / 255 if kind == "small" else detr.normalized(given)
         found = session.run(None, {"input": given.numpy()})
-        corners, scores, labels = (of_small if kind == "small" else of_detr)(found, width, height)
+        corners, scores, labels = decoded(found, width, height)
+        if kind == "small":  # what it finds is in the picture
+            corners = corners.clip(0.0, [width, height] * 2)
         expected = detector.detect([picture])[0]
         assert len(expected.score) > 5
         order, same = (np.argsort(-s, kind="stable") for s in (scores, expected.score))

@@ -12,7 +12,7 @@ from PIL import Image
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.cli import main
 from hulldown.tests.editing import edit, write_dataset
-from hulldown.tests.networks import RUN, small_weights
+from hulldown.tests.networks import RUN, write_small_weights
 from hulldown.training.detectors.detector import Detections, weights_of
 from hulldown.training.detectors.tiled import TiledDetector
 from hulldown.training.evaluation.labels import read_labels
@@ -26,7 +26,7 @@ def run(tmp_path_factory):
     """A finished run whose untrained network finds something almost everywhere."""
     folder = tmp_path_factory.mktemp("run")
     torch.manual_seed(0)
-    torch.save(small_weights(), folder / "weights.pt")
+    write_small_weights(folder / "weights")
     (folder / "run.json").write_text(json.dumps(RUN))
     return folder
 
@@ -137,7 +137,7 @@ def test_pictures_need_no_records(run, data, video, tmp_path, what):
     (data / "annotations.json").unlink()
     names = sorted((data / "images").iterdir())
     given = {"folder": data, "pattern": f"{data}/**/*.png", "one": names[0], "several": names[:2], "video": video}[what]
-    done = predict(run / "weights.pt", given, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.1)
+    done = predict(run / "weights", given, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.1)
     found = json.loads((tmp_path / "found.json").read_text())
     info = json.loads((tmp_path / "found.json.info.json").read_text())
     count = {"one": 1, "several": 2}.get(what, 5)

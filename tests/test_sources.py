@@ -13,6 +13,7 @@ from PIL import Image
 from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.dataset.exports.export import export
 from hulldown.tests.editing import edit
+from hulldown.tests.networks import tiny_weights
 from hulldown.tests.test_augment import TABLE, augmentation
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
@@ -125,7 +126,7 @@ def test_a_record_that_training_cannot_use_is_named(tmp_path, change, message):
         (lambda path: path.write_bytes(path.read_bytes()[:-400]), r"0002\.png: cannot be read as a picture"),
         (lambda path: Image.new("RGB", (5, 5)).save(path), r"0002\.png: is 5 x 5 pixels, its record has 96 x 54"),
         ({"budget": 0}, r"budget = 0: expected greater than or equal to 1"),
-        ({"model": "nano", "resolution": 100, "weights": "none"}, r"expected a multiple of 32 for nano; take 96"),
+        ({"model": "nano", "resolution": 100, "weights": "none"}, "resolution = 100: expected a multiple of 32"),
         ({"model": "nano", "weights": "nowhere.pth"}, r"nowhere\.pth: no such run"),
         ({"shares": {"real": 0.5, "made": 0.5}}, r"shares\.made: no source has this name; there are real"),
         ({"augmentation": augmentation(("Sheer", {"p": 1.0}))}, r"augmentation: Albumentations .* has no Sheer"),
@@ -237,20 +238,19 @@ def test_a_subset_needs_no_extra():
 
 def test_run_json_describes_the_run(tmp_path):
     dataset = make_dataset(tmp_path / "set", 8)
-    settings = {"model": "small", "weights": "none", "resolution": 64, "budget": 9, "batch": 4}
+    settings = {"model": "small", "weights": tiny_weights(), "resolution": 64, "budget": 9, "batch": 4}
     told = []
     keys = {"settings": settings, "valid": dataset, "workers": 0, "device": "cpu", "say": told.append}
     run = train({"real": dataset, "made": dataset}, tmp_path / "run", **keys)
     assert msgspec.json.decode(msgspec.json.encode(run)) == json.loads((tmp_path / "run" / "run.json").read_text())
-    assert (run.status, run.steps, run.effective_batch, run.resolution) == ("finished", 3, 4, (64, 48))
+    assert (run.status, run.steps, run.effective_batch, run.resolution) == ("finished", 3, 4, (64, 64))
     assert run.sources["real"].drawn + run.sources["made"].drawn == 9
     assert set(valid := run.figures.valid) == {"ap", "ap50", "ap75"}
-    curve = (tmp_path / "run" / "validation.csv").read_text().splitlines()
-    assert curve[0] == "step,ap,ap50,ap75"
-    assert [line.split(",")[0] for line in curve[1:]] == ["1", "2", "3"]
-    assert [float(n) for n in curve[-1].split(",")[1:]] == pytest.approx([valid[key] for key in valid], abs=1e-5)
-    with Image.open(tmp_path / "run" / "loss.png") as picture:
-        picture.load()
+    table = (tmp_path / "run" / "metrics" / "version_0" / "metrics.csv").read_text().splitlines()
+    assert table[0] == "step,train/learning_rate,train/loss,valid/ap,valid/ap50,valid/ap75"
+    rows = [[float(n) for n in line.split(",")] for line in table[1:]]
+    assert [row[0] for row in rows] == [1, 2, 3]
+    assert rows[-1][3:] == pytest.approx([valid[key] for key in valid], abs=1e-5)
     assert train({"real": dataset, "made": dataset}, tmp_path / "run", **keys) == run
     assert told[-1].endswith("is finished already")
 

@@ -9,24 +9,23 @@ from contextlib import closing
 import numpy as np
 import pytest
 import tomlkit
-import torch
 from filelock import FileLock
 from PIL import Image
 
 from hulldown.base.errors import HulldownError
 from hulldown.cli import main
 from hulldown.tests.editing import edit
-from hulldown.tests.networks import RUN
-from hulldown.tests.test_train import CONFIG, in_child
+from hulldown.tests.networks import RUN, tiny_weights
+from hulldown.tests.test_train import CONFIG, in_child, weights
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.run_folder import LOCK_NAME, RunFolder
 from hulldown.training.study.arms import ARM_KINDS, arm_draws
 from hulldown.training.study.config import load_study
-from hulldown.training.study.manifest import predictions_paths, read_manifest, settle, study_runs
+from hulldown.training.study.manifest import draws_path, predictions_paths, read_manifest, settle, study_runs
 from hulldown.training.study.run_process import run_one
 from hulldown.training.study.runs import RunOptions, in_processes, read_failures, run_study
 
-SMALL = {"model": "small", "weights": "none", "resolution": 64, "budget": 24, "batch": 4}
+SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}  # with the weights of `tiny_weights`
 NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "none", "queries": 8, "groups": 1}
 FAST = {"name": "fast", "base": "mixed", "train": {"warmup": 0.5}}
 
@@ -40,7 +39,7 @@ def written(folder, path, *, train=SMALL, **keys):
     """A study.toml for the pictures."""
     folders = {name: str(folder / name) for name in ("real", "synthetic", "test")}
     default = {"arms": ["real", "mixed"], "fractions": [1.0, 0.5], "seeds": [0]}
-    path.write_text(tomlkit.dumps(folders | default | keys | {"train": train}))
+    path.write_text(tomlkit.dumps(folders | default | keys | {"train": {"weights": tiny_weights(), **train}}))
     return path
 
 
@@ -86,10 +85,9 @@ def tree(out):
     found = {}
     for run in manifest.runs:
         folder = out / "runs" / run.folder
-        state = torch.load(folder / "weights.pt", weights_only=True)["model"]
         found[run.name] = (
-            {key: value.numpy().tobytes() for key, value in state.items()},
-            (folder / "draws.csv").read_bytes(),
+            {key: value.numpy().tobytes() for key, value in weights(folder).items()},
+            draws_path(out, run).read_bytes(),
             [path.read_bytes() for path in sorted(folder.glob("test-*.json")) if ".info" not in path.name],
         )
     return found
@@ -319,14 +317,13 @@ def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path)
 def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_path):
     (tmp_path / "w.pth").write_bytes(b"weights")
     other = {"name": "other", "base": "mixed", "train": {"model": "nano", "weights": "w.pth"}}
-    train = {"model": "small", "weights": "none", "budget": 24, "batch": 6}
+    train = {"model": "small", "budget": 24, "batch": 6}
     study = settled(pictures, tmp_path, arms=["mixed", other], fractions=[1.0], train=train)
     mixed, other = (run.settings for run in study.runs)
-    assert (mixed.resolution, mixed.batch, mixed.learning_rate, mixed.schedule) == (256, 6, 2e-3, "cosine")
-    assert (other.resolution, other.batch, other.learning_rate, other.schedule) == (384, 6, 1e-4, "step")
-    assert mixed.augmentation
-    assert not other.augmentation
-    assert (mixed.weights, other.weights) == ("none", str(tmp_path / "w.pth"))
+    assert (mixed.resolution, mixed.batch, mixed.accumulate, mixed.schedule) == (320, 6, 1, "cosine")
+    assert (other.resolution, other.batch, other.accumulate, other.schedule) == (384, 6, 4, "step")
+    assert mixed.augmentation != other.augmentation
+    assert (mixed.weights, other.weights) == (tiny_weights(), str(tmp_path / "w.pth"))
 
 
 def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs_or_a_class(pictures, tmp_path):

@@ -1,27 +1,27 @@
-import hashlib
 import json
 import os
 import signal
 import traceback
 from pathlib import Path
-from unittest.mock import Mock
 
+import huggingface_hub.constants
 import numpy as np
 import pytest
 import torch
+from safetensors.torch import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
-from torchvision.models import shufflenet_v2_x1_0
 
 from hulldown.base.errors import HulldownError
-from hulldown.tests.networks import CLASSES, nano_module, small_weights
+from hulldown.tests.editing import edit
+from hulldown.tests.networks import RUN, nano_module, tiny_weights, write_small_weights
 from hulldown.tests.training_pictures import make_dataset
-from hulldown.training import fit_detr, fit_small
-from hulldown.training.detectors import small as small_detector
+from hulldown.training import fit_detr, fit_transformers
+from hulldown.training.detectors.transformers_detector import starting_network
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.fitting import seed_weights
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import load_settings
-from hulldown.training.predict import load_detector, validation_figures
+from hulldown.training.predict import load_detector, predict, validation_figures
 from hulldown.training.train import train
 
 CONFIG = {"settings": {"budget": 47}, "classes": ["square"], "data": {}, "valid": None, "weights_sha256": None}
@@ -33,7 +33,7 @@ def pictures(tmp_path_factory):
 
 
 def small(**changes):
-    base = {"model": "small", "weights": "none", "resolution": 64, "budget": 47, "batch": 4, "accumulate": 2}
+    base = {"model": "small", "weights": tiny_weights(), "resolution": 64, "budget": 47, "batch": 4, "accumulate": 2}
     return load_settings(None, base | changes)
 
 
@@ -62,17 +62,22 @@ def train_and_die(data, out, settings, at=None, **more):
             os.kill(os.getpid(), signal.SIGKILL)
 
     return in_child(
-        lambda: train(data, out, settings=settings, device="cpu", checkpoint_every=4, progress=progress, **more)
+        lambda: train(data, out, settings=settings, device="cpu", checkpoint_every_s=0.0, progress=progress, **more)
     )
 
 
 def weights(run: Path) -> dict:
-    return torch.load(run / "weights.pt", weights_only=True)
+    folder = run / "weights"
+    return load_file(folder / "model.safetensors") if folder.exists() else torch.load(run / "weights.pt")["model"]
 
 
-def rows(path: Path) -> list[list[str]]:
-    """The fields of each line of a CSV file after its first."""
-    return [line.split(",") for line in path.read_text().splitlines()[1:]]
+def metrics(run: Path) -> list[dict[str, float]]:
+    """The rows of a run's tables, over all of its starts."""
+    rows = []
+    for path in sorted((run / "metrics").glob("version_*/metrics.csv")):
+        keys, *lines = (line.split(",") for line in path.read_text().splitlines())
+        rows += [{key: float(value) for key, value in zip(keys, line, strict=True) if value} for line in lines]
+    return rows
 
 
 @pytest.mark.parametrize(
@@ -84,31 +89,29 @@ def rows(path: Path) -> list[list[str]]:
     ],
     ids=["small", "nano once", "nano"],
 )
-def test_a_killed_run_ends_like_an_undisturbed_one(pictures, tmp_path, monkeypatch, settings, kills):
-    # No network draws numbers by itself; with a loss that does, each step must be seeded.
-    exact = fit_small.center_loss
-    monkeypatch.setattr(fit_small, "center_loss", lambda *given: exact(*given) * (1 + torch.rand(())))
-    data = {"demo": pictures}
-    assert train_and_die(data, tmp_path / "alone", settings, workers=0) == 0
-    measured = {"workers": 1, "valid": make_dataset(tmp_path / "valid", 4)}  # which changes no weights
+def test_a_killed_run_continues_from_its_checkpoint(pictures, tmp_path, settings, kills):
+    data, out, steps = {"demo": pictures}, tmp_path / "run", settings.steps
+    measured = {"workers": 1, "valid": make_dataset(tmp_path / "valid", 4)}
     for at in kills:
-        assert train_and_die(data, tmp_path / "killed", settings, at=at, **measured) == -signal.SIGKILL
-        assert json.loads((tmp_path / "killed" / "run.json").read_text())["status"] == "running"
-    assert train_and_die(data, tmp_path / "killed", settings, **measured) == 0
-    alone, killed = weights(tmp_path / "alone"), weights(tmp_path / "killed")
-    assert alone["model"].keys() == killed["model"].keys()
-    for key, value in alone["model"].items():
-        assert torch.equal(value, killed["model"][key]), key
-    losses = [[row[:3] for row in rows(tmp_path / name / "metrics.csv")] for name in ("alone", "killed")]
-    assert losses[0] == losses[1]
-    curve = rows(tmp_path / "killed" / "validation.csv")
-    assert len(curve) == (6 if settings.budget == 12 else 10)
-    assert int(curve[-1][0]) == len(losses[0])
-    run = json.loads((tmp_path / "killed" / "run.json").read_text())
-    assert (run["status"], run["steps"]) == ("finished", len(losses[0]))
-    assert sum(source["drawn"] for source in run["sources"].values()) == settings.budget
-    assert not list((tmp_path / "killed").glob("*.ckpt"))
-    detector = load_detector(tmp_path / "killed", "cpu")
+        assert train_and_die(data, out, settings, at=at, **measured) == -signal.SIGKILL
+        assert json.loads((out / "run.json").read_text())["status"] == "running"
+        checkpoint = torch.load(out / "checkpoint.ckpt", weights_only=True)
+        assert checkpoint["global_step"] == at - 1
+    told = []
+
+    def progress(what, done, total):
+        told.append((what, done, total))
+
+    run = train(data, out, settings=settings, device="cpu", progress=progress, **measured)
+    resumed = [(done, total) for what, done, total in told if what == "training"]
+    assert resumed == [(step, steps) for step in range(kills[-1], steps + 1)]
+    assert (run.status, run.steps) == ("finished", steps)
+    assert sum(source.drawn for source in run.sources.values()) == settings.budget
+    logged = [row for row in metrics(out) if "train/learning_rate" in row]
+    assert logged[-1]["step"] == steps
+    assert {"train/loss", "valid/ap", "valid/ap50", "valid/ap75"} <= logged[-1].keys()
+    assert not list(out.glob("*.ckpt"))
+    detector = load_detector(out, "cpu")
     assert detector.classes == ("square", "disc")
     images = [np.zeros((30, 50, 3), dtype=np.uint8), np.zeros((54, 96, 3), dtype=np.uint8)]
     for found, image in zip(detector.detect(images), images, strict=True):
@@ -119,96 +122,93 @@ def test_a_killed_run_ends_like_an_undisturbed_one(pictures, tmp_path, monkeypat
         assert (found.xywh[:, :2] >= -1e-3).all()
         assert (corner <= np.array(image.shape[1::-1]) + 1e-3).all()
     with pytest.raises(HulldownError, match=r"the run in this folder has settings.seed = 0, not 1"):
-        train(data, tmp_path / "killed", settings=settings.model_copy(update={"seed": 1}), **measured)
+        train(data, out, settings=settings.model_copy(update={"seed": 1}), **measured)
 
 
-def test_small_starts_from_weights_and_their_classes(tmp_path):
-    torch.save(small_weights(), tmp_path / "weights.pt")
-    given = weights(tmp_path)["model"]
-    for classes in (CLASSES, ("tank", "cube", "truck")):
-        made = small_detector.starting_network(classes, tmp_path / "weights.pt").state_dict()
-        assert all(torch.equal(made[key], given[key]) for key in given if not key.startswith("heat."))
-        for key in ("heat.weight", "heat.bias"):
-            for label, row in zip(CLASSES, given[key], strict=True):
-                assert torch.equal(made[key][classes.index(label)], row)
-
-
-def test_training_starts_from_given_weights(pictures, tmp_path):
-    torch.save(small_weights(), tmp_path / "weights.pt")
-    still = small(weights=str(tmp_path / "weights.pt"), budget=8, learning_rate=1e-9)
-    train({"demo": pictures}, tmp_path / "run", settings=still, workers=0, device="cpu")
-    given, made = weights(tmp_path)["model"], weights(tmp_path / "run")["model"]
-    torch.testing.assert_close(made["head.0.weight"], given["head.0.weight"], rtol=0, atol=1e-7)
+def test_a_run_that_is_killed_after_its_last_step_keeps_its_averaged_weights(pictures, tmp_path, monkeypatch):
+    data, out, settings = {"demo": pictures}, tmp_path / "run", small(budget=16, learning_rate=0.01)
+    with monkeypatch.context() as patch:
+        patch.setattr(fit_transformers, "save_transformers", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+        assert train_and_die(data, out, settings, workers=0) == -signal.SIGKILL
+    checkpoint = torch.load(out / "checkpoint.ckpt", weights_only=True)
+    average = checkpoint["callbacks"]["RFDETREMACallback"]["average_model_state_dict"]
+    run = train(data, out, settings=settings, workers=0, device="cpu")
+    assert (run.status, run.figures.final_loss) == ("finished", None)
+    same = {key: value for key, value in weights(out).items() if f"module.model.{key}" in average}  # others are renamed
+    assert len(same) > 100
+    assert all(torch.equal(value, average[f"module.model.{key}"]) for key, value in same.items())
+    assert any(not torch.equal(value, checkpoint["state_dict"][f"model.{key}"]) for key, value in same.items())
 
 
 @pytest.mark.parametrize("freeze", ["none", "encoder"])
-def test_small_starts_from_a_pretrained_backbone_that_can_be_frozen(pictures, tmp_path, freeze):
-    torch.manual_seed(1)
-    backbone = shufflenet_v2_x1_0().state_dict()
-    torch.save(backbone, tmp_path / "weights.pt")
-    pretrained = small(weights=str(tmp_path / "weights.pt"), budget=8, freeze=freeze)
-    train({"demo": pictures}, tmp_path / "run", settings=pretrained, workers=0, device="cpu")
-    made = {key.removeprefix("backbone."): value for key, value in weights(tmp_path / "run")["model"].items()}
-    kept = {key for key, value in backbone.items() if key in made and torch.equal(value, made[key])}
-    convolutions = {key for key, value in backbone.items() if key in made and value.ndim == 4}
-    assert len(convolutions) > 50
-    assert kept >= backbone.keys() & made.keys() if freeze == "encoder" else not kept & convolutions
-    near = [(backbone[key] - made[key]).abs().max() for key in convolutions]
-    assert max(near) < 1e-3  # it started from there, and has a tenth of the learning rate
+def test_small_starts_from_weights_and_its_backbone_can_be_frozen(pictures, tmp_path, freeze):
+    settings = small(budget=8, freeze=freeze, learning_rate=1e-5)
+    train({"demo": pictures}, tmp_path / "run", settings=settings, workers=0, device="cpu")
+    given, made = load_file(Path(tiny_weights()) / "model.safetensors"), weights(tmp_path / "run")
+    moved = {key for key in given if not torch.equal(given[key], made[key])}
+    assert {key for key in moved if "encoder" in key}
+    assert bool([key for key in moved if ".backbone." in key]) == (freeze == "none")
+    assert all((given[key] - made[key]).abs().max() < 1e-3 for key in given if key.endswith("weight"))
 
 
-def test_a_backbone_that_cannot_be_downloaded_is_a_one_line_error(pictures, tmp_path, monkeypatch):
-    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path / "hub"))
-    monkeypatch.setattr(torch.hub, "download_url_to_file", Mock(side_effect=OSError("no network")))
-    with pytest.raises(HulldownError, match=r"\(no network\); put shufflenetv2_x1-.*\.pth into .*hub/checkpoints"):
-        train({"demo": pictures}, tmp_path / "run", settings=small(weights=None), workers=0, device="cpu")
-    torch.save({"conv1.0.weight": torch.zeros(1)}, tmp_path / "weights.pt")
-    with pytest.raises(HulldownError, match=r"weights\.pt: has no backbone of the small model"):
-        train({"demo": pictures}, tmp_path / "run", settings=small(weights=str(tmp_path / "weights.pt")), workers=0)
+def test_a_run_with_other_classes_starts_from_the_weights_of_a_run(tmp_path):
+    write_small_weights(tmp_path / "before" / "weights", classes=("tank", "cube", "truck"))
+    (tmp_path / "before" / "run.json").write_text(json.dumps(RUN))
+    network, _ = starting_network(small(weights=str(tmp_path / "before")), ("square", "disc"))
+    assert network.config.id2label == {0: "square", 1: "disc"}
+    given, made = load_file(tmp_path / "before" / "weights" / "model.safetensors"), network.state_dict()
+    assert torch.equal(given["model.enc_output.0.weight"], made["model.enc_output.0.weight"])
+    assert made["model.enc_score_head.bias"].shape == (2,)
+
+
+def test_d_fine_nano_has_its_published_size():
+    network, processor = starting_network(small(weights="none", resolution=160), ("tank",))
+    assert 3.6e6 < sum(parameter.numel() for parameter in network.parameters()) < 3.9e6
+    assert network.config.num_queries == 10 * 10 + 5 * 5  # a cell of each stride has one
+    assert not processor.do_normalize
+
+
+def test_a_hub_without_network_and_other_weights_are_one_line_errors(pictures, tmp_path, monkeypatch):
+    monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", True)
+    monkeypatch.setenv("HF_HOME", str(tmp_path / "hub"))
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "half").mkdir()
+    (tmp_path / "half" / "model.safetensors").write_bytes(b"nothing")
+    for named, words in (
+        (None, "ustc-community/dfine-nano-coco: cannot be loaded"),
+        ("someone/some-detector", "someone/some-detector: cannot be loaded .*; name a run"),
+        (str(tmp_path / "empty"), r"run\.json: no such file"),
+        (str(tmp_path / "half"), "half: cannot be loaded"),
+    ):
+        with pytest.raises(HulldownError, match=words) as error:
+            train({"demo": pictures}, tmp_path / "run", settings=small(weights=named), workers=0, device="cpu")
+        assert "\n" not in str(error.value)
     assert not (tmp_path / "run").exists()
 
 
-def test_a_finished_run_is_extended(pictures, tmp_path):
-    data, run = {"demo": pictures}, tmp_path / "run"
-    with pytest.raises(HulldownError, match=r"config\.json: no such file"):
-        train(data, run, settings=small(), more_budget=16, workers=0)
-    run.mkdir()
-    for config, named in (({}, "`settings`"), (CONFIG | {"settings": {"budget": "many"}}, r"\$\.settings\.budget")):
-        (run / "config.json").write_text(json.dumps(config))
-        with pytest.raises(HulldownError, match=rf"config\.json: isn't the config of a run \(.*{named}"):
-            train(data, run, settings=small(), more_budget=16, workers=0)
-    (run / "config.json").unlink()
-    whole = train(data, tmp_path / "whole", settings=small(budget=47 + 16 + 8), workers=0, device="cpu")
-    train(data, run, settings=small(), workers=0, device="cpu")
-    before = (run / "weights.pt").read_bytes()
-    assert train_and_die(data, run, small(), at=1, more_budget=16, workers=0) == -signal.SIGKILL
-    assert train_and_die(data, run, small(), more_budget=16, workers=0) == 0
-    assert (run / "before-47" / "weights.pt").read_bytes() == before
-    extended = train(data, run, settings=small(), more_budget=8, workers=0, device="cpu")
-    assert extended.status == "finished"
-    assert (run / "before-63" / "run.json").exists()
-    assert whole.budget == 71
-    drawn = [row[1:] for name in ("before-47", "before-63", ".") for row in rows(run / name / "draws.csv")]
-    assert drawn == [row[1:] for row in rows(tmp_path / "whole" / "draws.csv")]
-    before, config = (run / "before-63" / "weights.pt").read_bytes(), json.loads((run / "config.json").read_text())
-    assert config["weights_sha256"] == hashlib.sha256(before).hexdigest()
-
-
 def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
-    data, valid = {"demo": pictures}, make_dataset(tmp_path / "valid", 6)
-    good = small(budget=240, batch=6, accumulate=1, learning_rate=8e-3)
-    assert train_and_die(data, tmp_path / "good", good, workers=0) == 0
-    worse = {"budget": 60, "weights": str(tmp_path / "good" / "weights.pt"), "learning_rate": 0.03, "warmup": 0.5}
-    settings = good.model_copy(update={**worse, "keep": "best", "logger": "tensorboard"})
-    run = train(data, tmp_path / "run", settings=settings, valid=valid, workers=0, device="cpu")
-    curve = rows(tmp_path / "run" / "validation.csv")
-    assert run.figures.valid["ap50"] == pytest.approx(max(float(row[2]) for row in curve), abs=1e-5)
-    assert run.figures.valid["step"] < run.steps
+    """Labels are what the starting weights find, so that training makes them worse."""
+    valid = make_dataset(tmp_path / "valid", 6)
+    torch.manual_seed(0)
+    start = write_small_weights(tmp_path / "start", classes=("square", "disc"))
+    predict(start, valid, tmp_path / "found.json", device="cpu")
+    found = [one for one in json.loads((tmp_path / "found.json").read_text()) if one["score"] > 0.5]
+    assert len(found) > 5
+    labels = [one | {"id": k, "iscrowd": 0, "area": 1.0} for k, one in enumerate(found, 1)]
+    edit(valid, lambda coco: coco.update(annotations=labels))
+    keys = {"budget": 80, "accumulate": 1, "learning_rate": 0.03, "warmup": 0.9, "logger": "tensorboard"}
+    settings = small(weights=str(start), keep="best", **keys)
+    run = train({"demo": pictures}, tmp_path / "run", settings=settings, valid=valid, workers=0, device="cpu")
+    curve = [row for row in metrics(tmp_path / "run") if "valid/ap50" in row]
+    assert len(curve) == 10
+    best = max(curve, key=lambda row: row["valid/ap50"])
+    assert run.figures.valid["ap50"] == pytest.approx(best["valid/ap50"], abs=1e-9)
+    assert run.figures.valid["step"] == best["step"] < run.steps
     again = validation_figures(load_detector(tmp_path / "run", "cpu"), read_labels(valid))
     assert again["ap50"] == pytest.approx(run.figures.valid["ap50"], abs=1e-9)
     logged = EventAccumulator(str(tmp_path / "run" / "tensorboard")).Reload()
     assert len(logged.Scalars("train/loss")) == run.steps
-    assert [event.step for event in logged.Scalars("valid/ap50")] == [int(row[0]) for row in curve]
+    assert [event.step for event in logged.Scalars("valid/ap50")] == [int(row["step"]) for row in curve]
     with pytest.raises(HulldownError, match="--valid"):
         train({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)
 
@@ -219,11 +219,10 @@ def test_a_training_that_diverges_names_the_learning_rate(pictures, tmp_path, se
     wild = settings(budget=95, learning_rate=1.0, weight_decay=100.0)
     for _ in range(2):  # and again, from its checkpoint
         with pytest.raises(HulldownError, match=r"diverged in step \d+; lower learning_rate \(1\)") as error:
-            train({"demo": pictures}, tmp_path / "run", settings=wild, workers=0, device="cpu", checkpoint_every=1)
+            train({"demo": pictures}, tmp_path / "run", settings=wild, workers=0, device="cpu", checkpoint_every_s=0.0)
         assert error.value.path == tmp_path / "run"
-        assert not (tmp_path / "run" / "weights.pt").exists()
+        assert not list((tmp_path / "run").glob("weights*"))
         assert json.loads((tmp_path / "run" / "run.json").read_text(), parse_constant=pytest.fail)["figures"] == {}
-        assert np.isfinite([[float(value) for value in row] for row in rows(tmp_path / "run" / "metrics.csv")]).all()
 
 
 def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
@@ -231,7 +230,7 @@ def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
     for freeze in ("none", "encoder"):
         run = tmp_path / freeze
         train({"demo": pictures}, run, settings=nano(budget=4, freeze=freeze), workers=0, device="cpu")
-        start[freeze] = {key: value for key, value in weights(run)["model"].items() if ".encoder." in key}
+        start[freeze] = {key: value for key, value in weights(run).items() if ".encoder." in key}
     seed_weights(nano())
     fresh = nano_module(nano(), ("square", "disc"), tmp_path).model.state_dict()
     moved = {name: sum(not torch.equal(state[key], fresh[key]) for key in state) for name, state in start.items()}
@@ -242,6 +241,8 @@ def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
 
 def test_rf_detr_gets_boxes_as_centers_and_sizes_in_shares_of_the_picture():
     corners = torch.tensor([[8.0, 10.0, 24.0, 30.0]])
-    _, (target,) = fit_detr.collated([Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))])
+    _, (target,) = fit_detr.collate_examples(
+        [Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))]
+    )
     torch.testing.assert_close(target["boxes"], torch.tensor([[0.2, 0.5, 0.2, 0.5]]))
     assert (target["labels"].tolist(), target["area"].tolist()) == ([1], [320.0])

@@ -2,28 +2,38 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import torch
 from torch import Tensor
 from torchvision.ops import box_convert
 
-from hulldown.training.detectors.detector import RunFigures
-from hulldown.training.detectors.detr import DetrDetector, detr_configs, normalized, save_detr
-from hulldown.training.fitting import Training, seed_weights
+from hulldown.base.files import replace_file
+from hulldown.training.detectors.detector import WEIGHTS_NAME
+from hulldown.training.detectors.detr import (
+    DetrDetector,
+    detr_configs,
+    normalized,
+    saved_detr,
+    starting_module,
+    starting_weights,
+)
+from hulldown.training.fitting import Trainee, seed_weights
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.settings import Settings
 
 with quiet():
     from rfdetr.training.callbacks.ema import RFDETREMACallback
-    from rfdetr.training.module_model import RFDETRModelModule
     from rfdetr.training.trainer import build_trainer
     from rfdetr.utilities.tensors import collate_fn
 
 
-def collated(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
+def collate_examples(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
     """Return the pictures of a batch, and their targets, as RF-DETR's own collation makes them."""
     pictures, targets = collate_fn([_target(k, example) for k, example in enumerate(batch)])
     return pictures, list(targets)
@@ -45,19 +55,24 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
     return normalized(example.picture), target
 
 
-def fit_detr(training: Training) -> RunFigures:
-    """Train RF-DETR; returns figures of run.json."""
-    model_config, train_config = detr_configs(
-        training.settings, training.classes, training.batches.steps, weights=training.weights, device=training.device,
-        folder=training.folder.path,
-    )  # fmt: skip
-    seed_weights(training.settings)
-    module = RFDETRModelModule(model_config, train_config)
-    names, resolution = dict(enumerate(training.classes)), int(model_config.resolution)
-    return training.fit(
-        module, RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
+def detr_trainee(settings: Settings, classes: Sequence[str], device: torch.device, folder: Path) -> Trainee:
+    """Return RF-DETR to train, from the weights that the settings name."""
+    weights = starting_weights(settings)
+    model_config, train_config = detr_configs(settings, classes, weights=weights, device=device, folder=folder)
+    seed_weights(settings)
+    module = starting_module(model_config, train_config, weights)
+    names, resolution = dict(enumerate(classes)), int(model_config.resolution)
+
+    def save(network: Any, run: Path) -> None:
+        content = io.BytesIO()  # PyTorch hides the reason of a full disk
+        torch.save(saved_detr(module, classes, network), content)
+        replace_file(run / WEIGHTS_NAME, content.getbuffer())
+
+    return Trainee(
+        module,
+        RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
         partial(build_trainer, train_config, model_config),
-        collate=collated,
-        detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, training.device),
-        saved=partial(save_detr, module, training.classes),
-    )  # fmt: skip
+        collate=collate_examples,
+        detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, device),
+        save=save,
+    )

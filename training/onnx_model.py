@@ -16,16 +16,15 @@ from hulldown.training.inputs.extra import quiet, require_extra
 from hulldown.training.predict import load_detector
 
 if TYPE_CHECKING:
-    from hulldown.training.detectors.small import SmallDetector
+    from hulldown.training.detectors.transformers_detector import TransformersDetector
 
-SMALL_INPUT = "input: (1, 3, h, w) RGB, 0 to 255"
-SMALL_OUTPUT = "boxes: (1, k, 4) left, top, right, bottom in pixels of the input; scores: (1, k); labels: (1, k)"
-DETR_INPUT = "input: (1, 3, h, w) RGB, 0 to 1, less ImageNet's mean, over its standard deviation"
-DETR_OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes + 1) logits"
+INPUT = "input: (1, 3, h, w) RGB, 0 to 1"
+NORMALIZED_INPUT = f"{INPUT}, less ImageNet's mean, over its standard deviation"
+OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
 
 
 def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) -> dict[str, object]:
-    """Write a detector as ONNX: RF-DETR with its own exporter, `small` with PyTorch's.
+    """Write a detector as ONNX: RF-DETR with its own exporter, a detector of transformers with PyTorch's.
 
     Examples
     --------
@@ -35,7 +34,7 @@ def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) ->
     require_extra()
     import onnx
 
-    from hulldown.training.detectors.small import SmallDetector
+    from hulldown.training.detectors.transformers_detector import TransformersDetector
 
     output = Path(output)
     if output.suffix.lower() != ".onnx":
@@ -43,12 +42,14 @@ def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) ->
     make_room(output)
     weights = weights_of(Path(run))
     detector = load_detector(weights, "cpu")
-    if isinstance(detector, SmallDetector):
-        content, taken, given = _small(detector), SMALL_INPUT, SMALL_OUTPUT
+    if isinstance(detector, TransformersDetector):
+        content, normalized = _transformers(detector), bool(detector.processor.do_normalize)
     else:
-        content, taken, given = _detr(weights), DETR_INPUT, DETR_OUTPUT
+        content, normalized = _detr(weights), True
     model = onnx.load_from_string(content)
-    about: dict[str, object] = {"classes": list(detector.classes), "input": taken, "output": given}
+    about: dict[str, object] = {
+        "classes": list(detector.classes), "input": NORMALIZED_INPUT if normalized else INPUT, "output": OUTPUT
+    }  # fmt: skip
     onnx.helper.set_model_props(
         model, {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
     )
@@ -56,29 +57,27 @@ def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) ->
     return about
 
 
-def _small(detector: SmallDetector) -> bytes:
+def _transformers(detector: TransformersDetector) -> bytes:
     import torch
 
-    from hulldown.training.detectors.center_points import peaks
-    from hulldown.training.detectors.small import MOST_OBJECTS
-
-    network, (width, height) = detector.network, detector.size
+    width, height = detector.size
 
     class Found(torch.nn.Module):
-        """The network with its peaks, without a score threshold."""
+        """The network with RF-DETR's outputs."""
 
         def __init__(self) -> None:
             super().__init__()
-            self.network = network
+            self.network = detector.network
 
         def forward(self, pictures: torch.Tensor) -> tuple[torch.Tensor, ...]:
-            return peaks(self.network(pictures), MOST_OBJECTS)
+            found = self.network(pixel_values=pictures)
+            return found.pred_boxes, found.logits
 
     content = io.BytesIO()
-    with quiet():
+    with quiet(), torch.no_grad():
         torch.onnx.export(
             Found(), (torch.zeros(1, 3, height, width),), content, dynamo=False,  # whose successor needs onnxscript
-            input_names=["input"], output_names=["boxes", "scores", "labels"],
+            input_names=["input"], output_names=["dets", "labels"],
         )  # fmt: skip
     return content.getvalue()
 

@@ -18,15 +18,10 @@ from PIL import Image
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
-from hulldown.base.outside import json_of, sha256_of
+from hulldown.base.outside import json_of
 from hulldown.base.terminal import reporting
 from hulldown.pictures.drawing import Overlay, draw
-from hulldown.training.detectors.detector import (
-    Detector,
-    chosen_device,
-    read_weights,
-    weights_of,
-)
+from hulldown.training.detectors.detector import Detector, chosen_device, weights_digest, weights_of
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import INFO_SUFFIX, NewCategory, PredictionInfo, predictions_of
@@ -63,14 +58,14 @@ class Predicted:
 
 
 def load_detector(path: Path | str, device: str = "auto") -> Detector:
-    """Return the detector of a run folder or of a weights file."""
+    """Return the detector of a run folder, or of weights: a file of RF-DETR, or a folder of transformers."""
     require_extra()
     path = weights_of(Path(path))
     chosen = chosen_device(device)
-    if "hulldown" in read_weights(path):
-        from hulldown.training.detectors.small import load_small
+    if path.is_dir():
+        from hulldown.training.detectors.transformers_detector import load_transformers
 
-        return load_small(path, device=chosen)
+        return load_transformers(path, device=chosen)
     from hulldown.training.detectors.detr import load_checkpoint
 
     return load_checkpoint(path, device=chosen)
@@ -161,20 +156,12 @@ def predict(
     return Predicted(len(found.images), len(results), already, unknown, dict(counts))
 
 
-def validation_figures(
-    detector: Detector, labels: Labels, *, progress: Callable[[int, int], None] = lambda done, total: None
-) -> dict[str, float]:
-    """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined.
-
-    `progress` is called with (images done, all).
-    """
+def validation_figures(detector: Detector, labels: Labels) -> dict[str, float]:
+    """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined."""
     pictures = Pictures.of(labels)
     ids, _ = _category_ids(detector.classes, pictures)
-    done: dict[int, Found] = {}
-    for found in _detected(detector, pictures, ids, range(len(labels.images)), BATCH):
-        done |= found
-        progress(len(done), len(labels.images))
-    results = [one for found in done.values() for one in found]
+    batches = _detected(detector, pictures, ids, range(len(labels.images)), BATCH)
+    results = [one for batch in batches for found in batch.values() for one in found]
     predictions = predictions_of(results, labels, path=labels.path, name="validation")
     summary = average_precision(labels, predictions)
     return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}
@@ -241,7 +228,7 @@ def _draw(
 
 def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
     """Return a key of the results: weights, classes, images, and tiles."""
-    digest = hashlib.sha256(sha256_of(weights_of(run)).encode())
+    digest = hashlib.sha256(weights_digest(weights_of(run)).encode())
     images = [[image.id, image.file_name, *image.size] for image in pictures.images]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.category_ids.items()), tile]))
     return digest.hexdigest()

@@ -13,14 +13,22 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from hulldown.base.errors import ConfigError, DatasetError
+from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
-from hulldown.base.outside import DATA, read_file, sha256_of
+from hulldown.base.outside import sha256_of
 from hulldown.base.terminal import progress_bars, watched
 from hulldown.base.terminal import say as show_line
-from hulldown.training.detectors.detector import DrawsPerImage, Run, RunFigures, RunSource, chosen_device
+from hulldown.training.detectors.detector import (
+    DrawsPerImage,
+    Run,
+    RunFigures,
+    RunSource,
+    chosen_device,
+    weights_digest,
+    weights_of,
+)
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.inputs.draws import Draws, draws_text, make_draws, read_draws, source_shares
+from hulldown.training.inputs.draws import Draws, make_draws, read_draws, source_shares
 from hulldown.training.inputs.extra import quiet, require_extra
 from hulldown.training.inputs.settings import Settings, load_settings
 from hulldown.training.inputs.sources import (
@@ -30,13 +38,16 @@ from hulldown.training.inputs.sources import (
     read_sources,
     shared_pictures,
 )
-from hulldown.training.run_folder import RunConfig, RunData, RunFolder, extension, opened
+from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, alone_in, finished_run
 
 if TYPE_CHECKING:
     import torch
 
+    from hulldown.training.fitting import Trainee
+
 AUGMENTATION_NAME = "augmentation.json"
-VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "albumentations", "opencv-python-headless", "numpy")
+VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "transformers", "albumentations",
+            "opencv-python-headless", "numpy")  # fmt: skip
 
 
 def train(
@@ -46,10 +57,9 @@ def train(
     settings: Settings | Mapping[str, object] | None = None,
     valid: str | os.PathLike[str] | None = None,
     draws_file: str | os.PathLike[str] | None = None,
-    more_budget: int | None = None,
     workers: int | None = None,
     device: str = "auto",
-    checkpoint_every: int | None = None,
+    checkpoint_every_s: float = 60.0,
     progress: Callable[[str, int, int], None] | None = None,
     say: Callable[[str], None] | None = None,
 ) -> Run:
@@ -68,15 +78,12 @@ def train(
         A dataset on which results are measured, without effect on the training.
     draws_file
         A file of draws in the form of `training.inputs.draws.draws_text`, as many as the budget; None: sampled.
-    more_budget
-        Extend the finished run in `out` by this many draws, with a new schedule; `settings.budget` and
-        `settings.weights` are ignored then. The old run moves to a folder ``before-N`` in it.
     workers
         Processes that read and augment pictures; None: by the machine. Pixels don't depend on it.
     device
         ``"auto"``, ``"cpu"``, ``"gpu"``, or PyTorch's name of a device, such as ``"cuda:1"``.
-    checkpoint_every
-        Steps between checkpoints; None: one a minute.
+    checkpoint_every_s
+        Seconds between checkpoints.
     progress
         Called with (title, steps done, all); None: bars in a terminal or notebook.
     say
@@ -100,8 +107,7 @@ def train(
     """
     require_extra()
     # Not at the top: this module can be imported without the extra.
-    from hulldown.training.detectors.small import small_size
-    from hulldown.training.fitting import Training
+    from hulldown.training.fitting import Training, fit
     from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.inputs.data import DrawnExamples
 
@@ -110,98 +116,72 @@ def train(
     if progress is None and watched():
         with progress_bars() as bars:
             return train(
-                data, out, settings=settings, valid=valid, draws_file=draws_file, more_budget=more_budget,
-                workers=workers, device=device, checkpoint_every=checkpoint_every, progress=bars, say=say or show_line,
+                data, out, settings=settings, valid=valid, draws_file=draws_file, workers=workers, device=device,
+                checkpoint_every_s=checkpoint_every_s, progress=bars, say=say or show_line,
             )  # fmt: skip
     progress, say = progress or (lambda what, done, total: None), say or (lambda line: None)
-    out, after, draws_file = Path(out), 0, None if draws_file is None else Path(draws_file)
+    out, draws_file = Path(out), None if draws_file is None else Path(draws_file)
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
-    if more_budget is not None:
-        after = extension(out, more_budget)
-        weights_before = str(RunFolder(RunFolder(out).before(after)).weights.resolve())
-        settings = settings.model_copy(update={"budget": more_budget, "weights": weights_before})
     Augmenter(settings.augmentation)  # refuses a wrong one before anything is written
     chosen = chosen_device(device)
-    small = settings.model == "small"
-    weights = usable_weights(settings)
     classes, sources = read_sources(data)
     shares = source_shares({source.name: len(source) for source in sources}, settings.shares)
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
     labels = read_labels(Path(valid)) if valid is not None else None
     settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
-    if weights is not None and not small and settings.weights is not None:
-        from hulldown.training.detectors.detr import check_weights
-
-        check_weights(weights, settings, classes)
     checked = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
     for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
         say(f"warning: {shared}: the result on it flatters")
-    size = small_size(settings.resolution) if small else (settings.resolution, settings.resolution)
+    named = Path(settings.weights or "none")
     config = RunConfig(
         settings=settings.model_dump(mode="json", exclude={"logger"}),
         classes=list(classes),
         data={source.name: RunData(len(source), checked[source.name].sha256) for source in sources},
         valid=RunData(len(held_back[0]), checked["valid"].sha256) if held_back else None,
-        weights_sha256=None if weights is None else sha256_of(weights),
-        after=after,
+        weights_sha256=weights_digest(weights_of(named)) if named.exists() else None,
         draws_sha256=None if draws_file is None else sha256_of(draws_file),
     )
-    with opened(out, config) as folder:
-        if (run := folder.finished()) is not None:
-            say(f"{out}: is finished already")
-            return run
-        draws = _draws(folder, sources, settings, shares=shares, draws_file=draws_file, after=after)
-        run = _description(settings, size, classes, data, sources, draws, chosen)
-        folder.write(run)
-        text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it
-        replace_file(out / AUGMENTATION_NAME, f"{text}\n".encode())
-        examples = DrawnExamples(sources, draws, size, settings.augmentation, masks=bool(settings.masks))
-        with quiet():
-            if small:
-                from hulldown.training.fit_small import fit_small as fit
-            else:
-                from hulldown.training.fit_detr import fit_detr as fit
-            figures = fit(
-                Training(
-                    settings, classes, examples, folder, weights=weights, device=chosen,
-                    workers=_workers() if workers is None else workers, checkpoint_every=checkpoint_every,
-                    valid=labels, progress=progress, say=say,
-                )
-            )  # fmt: skip
-        run = replace(run, status="finished", figures=figures)
-        folder.write(run)
-        folder.checkpoint.unlink(missing_ok=True)
-        folder.best.unlink(missing_ok=True)
+    if (run := finished_run(out, config)) is not None:
+        say(f"{out}: is finished already")
         return run
-
-
-def _draws(
-    folder: RunFolder, sources: Sequence[LabeledPictures], settings: Settings, *,
-    shares: Sequence[float], draws_file: Path | None, after: int,
-) -> Draws:  # fmt: skip
-    """Return the draws of a run: those in its folder, those of a file, or new ones that follow the first `after`."""
-    names, files = [source.name for source in sources], [source.file_names for source in sources]
-    if draws_file is not None and not folder.draws.exists():
-        replace_file(folder.draws, read_file(draws_file, partial(DatasetError, path=draws_file), most=DATA))
-    if not folder.draws.exists():
-        draws = make_draws(list(map(len, sources)), after + settings.budget, seed=settings.seed, shares=shares)
-        replace_file(folder.draws, draws_text(draws.take(slice(after, None)), names, files))
-    draws = read_draws(folder.draws, names, files)
+    sizes = list(map(len, sources))
+    if draws_file is None:
+        draws = make_draws(sizes, settings.budget, seed=settings.seed, shares=shares)
+    else:
+        draws = read_draws(draws_file, [source.name for source in sources], [source.file_names for source in sources])
     if len(draws) != settings.budget:
         raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")
-    return draws
+    with quiet():
+        trainee = prepare_trainee(settings, classes, chosen, out)
+        with alone_in(out, marker=CONFIG_NAME, what="run"):
+            folder = RunFolder(out)
+            folder.write(config)
+            run = _description(settings, classes, data, sources, draws, chosen)
+            folder.write(run)
+            text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it
+            replace_file(out / AUGMENTATION_NAME, f"{text}\n".encode())
+            size = (settings.resolution, settings.resolution)
+            examples = DrawnExamples(sources, draws, size, settings.augmentation, masks=bool(settings.masks))
+            training = Training(
+                settings, examples, folder, device=chosen, workers=_workers() if workers is None else workers,
+                checkpoint_every_s=checkpoint_every_s, valid=labels, progress=progress,
+            )  # fmt: skip
+            run = replace(run, status="finished", figures=fit(trainee, training))
+            folder.write(run)
+            folder.checkpoint.unlink(missing_ok=True)
+    return run
 
 
-def usable_weights(settings: Settings) -> Path | None:
-    """Return the file that training starts from; None: random weights."""
+def prepare_trainee(settings: Settings, classes: Sequence[str], device: torch.device, folder: Path) -> Trainee:
+    """Return the network to train, with its starting weights, which are downloaded if necessary."""
     if settings.model == "small":
-        from hulldown.training.detectors import small
+        from hulldown.training.fit_transformers import transformers_trainee
 
-        return small.starting_weights(settings)
-    from hulldown.training.detectors import detr
+        return transformers_trainee(settings, classes, device)
+    from hulldown.training.fit_detr import detr_trainee
 
-    return detr.starting_weights(settings)
+    return detr_trainee(settings, classes, device, folder)
 
 
 def _workers() -> int:
@@ -210,24 +190,22 @@ def _workers() -> int:
 
 
 def _description(
-    settings: Settings, size: tuple[int, int], classes: tuple[str, ...], data: Mapping[str, str | os.PathLike[str]],
+    settings: Settings, classes: tuple[str, ...], data: Mapping[str, str | os.PathLike[str]],
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> Run:  # fmt: skip
     """run.json of a new run."""
-    from hulldown.training.inputs.data import Batches
-
     counts = draws.counts(list(map(len, sources)))
     return Run(
         status="running",
         model=settings.model,
-        resolution=size,
+        resolution=(settings.resolution, settings.resolution),
         classes=classes,
         budget=settings.budget,
         seed=settings.seed,
         effective_batch=settings.effective_batch,
         batch=settings.batch,
         accumulate=settings.accumulate,
-        steps=Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
+        steps=settings.steps,
         masks=settings.masks,
         sources={
             source.name: RunSource(

@@ -31,10 +31,11 @@ def _run(arguments: argparse.Namespace) -> int:
 
     config = load_study(arguments.config)
     require_extra()
+    from hulldown.training.detectors.detector import chosen_device
     from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.study.manifest import settle
     from hulldown.training.study.runs import RunOptions, run_study
-    from hulldown.training.train import usable_weights
+    from hulldown.training.train import prepare_trainee
 
     Augmenter(config.train.augmentation)  # refuses a wrong one
     manifest = settle(config)
@@ -44,7 +45,8 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.dry_run:
         _dry_run(arguments, manifest, options)
         return DONE
-    usable_weights(config.train)
+    # Downloads the weights once, or refuses them, before a run begins.
+    prepare_trainee(config.train, manifest.classes, chosen_device(arguments.device), arguments.output)
     scheduler = scheduler_of(arguments)
     with progress_bars() as advance, training_workers(scheduler) if scheduler else nullcontext() as launch:
         done = run_study(manifest, arguments.output, options=options, launch=launch, progress=advance, say=say)

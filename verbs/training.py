@@ -56,7 +56,7 @@ def _train(arguments: argparse.Namespace) -> None:
 
     run = train(
         dict(arguments.data), arguments.output, settings=settings, valid=arguments.valid,
-        more_budget=arguments.more_budget, workers=arguments.workers, device=arguments.device, say=say,
+        workers=arguments.workers, device=arguments.device, say=say,
     )  # fmt: skip
     show_result(arguments, run)
     if found := run.figures.valid:
@@ -147,7 +147,7 @@ def add(verbs: Subparsers) -> None:
 
     sub = add_verb(
         verbs, "train", _train, "train a detector under a fixed budget",
-        "Reads datasets; writes RUN with weights, metrics, config, and draws. Other settings are the config's, "
+        "Reads datasets; writes RUN with weights, metrics, and config. Other settings are the config's, "
         "or the model's defaults. The same command continues a stopped run.",
         resumes=True,
     )  # fmt: skip
@@ -164,20 +164,15 @@ def add(verbs: Subparsers) -> None:
     sub.add_argument("--resolution", type=at_least_one, help="input size in pixels (default: the model's)")
     sub.add_argument(
         "--weights",
-        metavar="FILE",
-        help="starting weights of RF-DETR or small, or none (default: RF-DETR's pretrained ones)",
-    )
-    sub.add_argument(
-        "--more-budget",
-        type=at_least_one,
-        metavar="N",
-        help="extend the finished run RUN by N draws, from its weights",
+        metavar="WEIGHTS",
+        help="where to start: a file of RF-DETR; a folder, or name at the Hugging Face hub, of small; a run; or none "
+        "(default: the model's pretrained ones)",
     )
     sub.add_argument(
         "--keep", choices=("end", "best"), help="weights of the end (default), or of the best --valid AP50"
     )
     sub.add_argument("--freeze", choices=("none", "encoder"), help="encoder or backbone isn't trained (default: none)")
-    sub.add_argument("--logger", choices=("tensorboard", "wandb", "mlflow", "csv"), help="also log there")
+    sub.add_argument("--logger", choices=("tensorboard", "wandb", "mlflow"), help="also log there")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument("--workers", type=int, help="processes that augment pictures (default: one per core but one)")
 
@@ -186,7 +181,7 @@ def add(verbs: Subparsers) -> None:
         "Reads a run or weights, and pictures; writes COCO results. The same command continues after a stop.",
         resumes=True,
     )  # fmt: skip
-    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a file of weights")
+    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or weights")
     sub.add_argument(
         "pictures", nargs="+", metavar="PICTURES",
         help="a dataset, a video, or pictures, folders, and patterns such as 'photographs/*.jpg'",
@@ -208,7 +203,7 @@ def add(verbs: Subparsers) -> None:
         verbs, "export_model", _export_model, "write a detector as ONNX",
         "Reads a run or weights; writes an ONNX file, whose metadata name classes, input, and output.",
     )  # fmt: skip
-    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or a file of weights")
+    sub.add_argument("detector", type=Path, metavar="RUN", help="folder of a finished training, or weights")
     sub.add_argument("-o", "--output", type=Path, metavar="MODEL", required=True, help="an .onnx file")
 
     sub = add_verb(

@@ -20,18 +20,20 @@ from msgspec import Struct
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular
-from hulldown.base.outside import read_json
+from hulldown.base.outside import read_json, sha256_of
 
 if TYPE_CHECKING:
     import torch
 
-RUN_NAME, WEIGHTS_NAME = "run.json", "weights.pt"
+RUN_NAME = "run.json"
+WEIGHTS_NAME, WEIGHTS_FOLDER = "weights.pt", "weights"  # of RF-DETR, and of a detector of transformers
+TRANSFORMERS_FILES = ("config.json", "preprocessor_config.json", "model.safetensors")  # in a folder of weights
 # Exceptions of unpickling damaged bytes, or of loading them into a network.
 DAMAGED = (
     *(RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, OSError),
     *(pickle.UnpicklingError, struct.error, zipfile.BadZipFile, MemoryError, NotImplementedError, RecursionError),
 )
-_REMEDY = "name a folder of `hulldown train`, its weights.pt, or a checkpoint of RF-DETR"
+_REMEDY = "name a folder of `hulldown train`, its weights, or a checkpoint of RF-DETR"
 _KINDS = {
     b"\x89PNG": "a PNG picture",
     b"\xff\xd8\xff": "a JPEG picture",
@@ -67,9 +69,6 @@ class RunFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
     final_loss: float | None = None
     seconds: float | None = None
     seconds_per_step: float | None = None
-    images_per_second: float | None = None
-    waited_for_data_share: float | None = None
-    peak_memory_mb: float | None = None
     valid: dict[str, float] | None = None
 
 
@@ -118,17 +117,23 @@ def read_run(folder: Path) -> Run:
 
 
 def weights_of(path: Path) -> Path:
-    """Return the weights file of a finished run; other paths are returned unchanged."""
-    if not path.is_dir():
+    """Return the weights of a finished run, a file or a folder; other paths are returned unchanged."""
+    if not path.is_dir() or (path / TRANSFORMERS_FILES[-1]).exists():
         return path
     if read_run(path).status != "finished":
         problem, remedy = "training is running, not finished", "run the same `hulldown train` again"
         raise HulldownError(problem, path=path, remedy=remedy)
-    return path / WEIGHTS_NAME
+    folder = path / WEIGHTS_FOLDER
+    return folder if folder.exists() else path / WEIGHTS_NAME
+
+
+def weights_digest(path: Path) -> str:
+    """Return the SHA-256 of weights: of a file, or of the tensors in a folder."""
+    return sha256_of(path / TRANSFORMERS_FILES[-1] if path.is_dir() else path)
 
 
 def read_weights(path: Path) -> dict[str, object]:
-    """Read a weights file of hulldown or RF-DETR; code in it is refused, not run."""
+    """Read a weights file of RF-DETR; code in it is refused, not run."""
     refuse = partial(HulldownError, path=path, remedy=_REMEDY)
     try:
         with open_regular(path) as file:

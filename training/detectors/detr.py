@@ -25,13 +25,13 @@ from torchvision.ops import box_convert
 from torchvision.transforms.functional import normalize
 
 from hulldown.base.errors import HulldownError
-from hulldown.training.detectors.center_points import DEVIATION, MEAN
 from hulldown.training.detectors.detector import (
     DAMAGED,
     Detections,
     first_line,
     read_weights,
     refuse_odd_numbers,
+    weights_of,
 )
 from hulldown.training.inputs.data import network_pictures
 from hulldown.training.inputs.extra import quiet
@@ -42,7 +42,6 @@ with quiet():  # its dependencies give deprecation warnings
     from rfdetr import RFDETR
     from rfdetr.assets.coco_classes import COCO_CLASSES
     from rfdetr.assets.model_weights import download_pretrain_weights, get_model_cache_dir
-    from rfdetr.models.weights import load_pretrain_weights
     from rfdetr.training.callbacks.best_model import BestModelCallback
     from rfdetr.training.module_model import RFDETRModelModule
 
@@ -52,26 +51,17 @@ CONFIGS = {
     "medium": rf_config.RFDETRMediumConfig,
     "large": rf_config.RFDETRLargeConfig,
 }
+MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colors, from 0 to 1
 COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
 def starting_weights(settings: Settings) -> Path | None:
     """Return the file that training starts from; RF-DETR's own is downloaded if necessary."""
-    fields = CONFIGS[settings.model].model_fields
-    step = int(fields["patch_size"].default) * int(fields["num_windows"].default)
-    if settings.resolution % step:
-        near = max(step, round(settings.resolution / step) * step)
-        raise HulldownError(
-            f"resolution = {settings.resolution}: expected a multiple of {step} for {settings.model}",
-            remedy=f"take {near}",
-        )
     if settings.weights == "none":
         return None
     if settings.weights is not None:
-        path = Path(settings.weights)
-        read_weights(path)
-        return path
-    name = str(fields["pretrain_weights"].default)
+        return weights_of(Path(settings.weights))
+    name = str(CONFIGS[settings.model].model_fields["pretrain_weights"].default)
     path = Path(get_model_cache_dir()) / name
     if path.is_file():
         return path
@@ -90,35 +80,31 @@ def starting_weights(settings: Settings) -> Path | None:
     return path
 
 
-def check_weights(path: Path, settings: Settings, classes: Sequence[str]) -> None:
-    """Load weights into the settings' network; refuse those that don't fit."""
-    _check_kind(path, read_weights(path))
-    cpu = torch.device("cpu")
-    with quiet():
-        # The network is first built without the file, whose fault those errors aren't.
-        bare, full = (
-            detr_configs(settings, classes, 1, weights=weights, device=cpu, folder=path.parent)
-            for weights in (None, path)
-        )
-        network = RFDETRModelModule(*bare).model
-        try:
-            load_pretrain_weights(network, full[0])
-        except DAMAGED as error:
-            raise HulldownError(
-                f"does not fit {settings.model} ({first_line(error)})", path=path, remedy="name weights of that model"
-            ) from None
-        refuse_odd_numbers(network, path)
+def starting_module(model_config: Any, train_config: Any, weights: Path | None) -> RFDETRModelModule:
+    """Return RF-DETR's module with the weights of its config, which are refused if they don't fit."""
+    if weights is None:
+        return RFDETRModelModule(model_config, train_config)
+    _check_kind(weights, read_weights(weights))
+    try:
+        module = RFDETRModelModule(model_config, train_config)
+    except DAMAGED as error:
+        name = type(model_config).__name__
+        raise HulldownError(
+            f"does not fit {name} ({first_line(error)})", path=weights, remedy="name weights of that model"
+        ) from None
+    refuse_odd_numbers(module.model, weights)
+    return module
 
 
 def _check_kind(path: Path, found: Mapping[str, object]) -> None:
     """Refuse a file of tensors that isn't RF-DETR's."""
     state = found.get("model", found.get("state_dict"))
-    if "hulldown" in found or not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
+    if not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
         raise HulldownError("has no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
 
 
 def detr_configs(
-    settings: Settings, classes: Sequence[str], steps: int, *, weights: Path | None, device: torch.device, folder: Path
+    settings: Settings, classes: Sequence[str], *, weights: Path | None, device: torch.device, folder: Path
 ) -> tuple[Any, Any]:
     """RF-DETR's own two configs for a run."""
     model = CONFIGS[settings.model](
@@ -134,7 +120,7 @@ def detr_configs(
         lr=settings.learning_rate,
         lr_encoder=1.5 * settings.learning_rate,  # RF-DETR's own ratio
         weight_decay=settings.weight_decay,
-        lr_scheduler=partial(LambdaLR, lr_lambda=partial(rate_factor, settings=settings, steps=steps)),
+        lr_scheduler=partial(LambdaLR, lr_lambda=partial(rate_factor, settings=settings, steps=settings.steps)),
         lr_scheduler_interval="step",
         batch_size=settings.batch,
         grad_accum_steps=settings.accumulate,
@@ -158,7 +144,7 @@ def normalized(pictures: Tensor) -> Tensor:
     return normalize(pictures.float() / 255, MEAN, DEVIATION)
 
 
-def save_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
+def saved_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
     """Return the contents of a weights file, which `rfdetr.RFDETR.from_checkpoint` opens too."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     config = BestModelCallback._serialize_model_config(module, state)

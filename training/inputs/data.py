@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -11,6 +12,7 @@ import torch
 from jaxtyping import Float, Int, UInt8
 from torch.utils.data import Dataset, Sampler
 
+from hulldown.base.errors import HulldownError
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.draws import Draws
 from hulldown.training.inputs.samples import Sample
@@ -28,7 +30,7 @@ class Example:
     class_index: Int[torch.Tensor, " n"]
 
 
-class DrawnExamples(Dataset[Example]):
+class DrawnExamples(Dataset[Example | HulldownError]):
     """A PyTorch dataset of augmented draws at the network's size."""
 
     def __init__(
@@ -48,9 +50,13 @@ class DrawnExamples(Dataset[Example]):
     def __len__(self) -> int:
         return len(self.draws)
 
-    def __getitem__(self, k: int) -> Example:
+    def __getitem__(self, k: int) -> Example | HulldownError:
+        """Return draw k, or why it can't be read: PyTorch's loader would add its traceback to an exception."""
         cv2.setNumThreads(0)  # its threads compete with the loader's workers and the network
-        return example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
+        try:
+            return example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
+        except HulldownError as error:
+            return error
 
     def _sample(self, k: int) -> Sample:
         """Return the sample of draw k before augmentation. Small datasets are kept in memory, since reading is slow."""
@@ -87,33 +93,17 @@ def example(sample: Sample, size: tuple[int, int]) -> Example:
 
 
 class Batches(Sampler[list[int]]):
-    """The batches of each step, in order.
+    """Draws in batches, in order, from the batch `first` on; Lightning counts those before it."""
 
-    All steps have the same number of draws, except the last, which has the rest of the budget. A step's batches
-    are as even as possible. So every draw has the same weight and is used once.
-    """
-
-    def __init__(self, draws: int, *, batch: int, parts: int, first: int = 0) -> None:
-        whole = batch * parts
-        ends = [*range(whole, draws, whole), draws]
-        # A rest too small for all batches is added to the step before.
-        if len(ends) > 1 and ends[-1] - ends[-2] < parts:
-            del ends[-2]
-        self._steps = list(zip([0, *ends[:-1]], ends, strict=True))
-        self._parts, self._first = parts, first
-
-    @property
-    def steps(self) -> int:
-        """Number of steps."""
-        return len(self._steps)
+    def __init__(self, draws: int, *, batch: int, first: int = 0) -> None:
+        self._draws, self._batch, self._first = draws, batch, first
 
     def __len__(self) -> int:
-        """Return the number of batches, including those before `first`, which Lightning skips."""
-        return len(self._steps) * self._parts
+        return math.ceil(self._draws / self._batch)
 
     def __iter__(self) -> Iterator[list[int]]:
-        for start, end in self._steps[self._first :]:
-            yield from (piece.tolist() for piece in np.array_split(np.arange(start, end), self._parts))
+        for start in range(self._first * self._batch, self._draws, self._batch):
+            yield list(range(start, min(start + self._batch, self._draws)))
 
 
 def network_pictures(

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 
 from hulldown.base.errors import HulldownError
 
-PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "albumentations", "cv2", "onnx")
+PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "transformers", "albumentations", "cv2", "onnx")
 
 
 def require_extra() -> None:
@@ -24,8 +24,9 @@ def require_extra() -> None:
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Silence routine messages of Lightning and RF-DETR; errors are shown."""
-    loggers = [logging.getLogger(name) for name in ("pytorch_lightning", "lightning_fabric", "rf-detr")]
+    """Silence routine messages of Lightning, RF-DETR, and transformers; errors are shown."""
+    names = ("pytorch_lightning", "lightning_fabric", "rf-detr", "transformers", "huggingface_hub")
+    loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.ERROR)

@@ -26,10 +26,10 @@ _NAME_A_FILE = f"name an Albumentations file (docs/training.md), or {', '.join(K
 _RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step", "augmentation": "table1"}
 _DEFAULTS: Mapping[str, Mapping[str, object]] = {
     "small": {
-        "resolution": 256,
-        "batch": 12,
+        "resolution": 320,
+        "batch": 8,
         "accumulate": 1,
-        "learning_rate": 2e-3,
+        "learning_rate": 1e-4,
         "schedule": "cosine",
         "augmentation": "mild",
     },
@@ -45,11 +45,11 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    model: Model = Field("medium", description="small for a CPU; nano to large are RF-DETR's")
+    model: Model = Field("medium", description="small: D-FINE nano, for a CPU; nano to large are RF-DETR's")
     budget: int = Field(25_000, ge=1, description="pictures drawn, with replacement")
     seed: int = Field(0, ge=0, lt=2**63, description="of draws, augmentation and weights")
-    resolution: int = Field(ge=32, le=4096, description="pixels: of a side, of small the width")
-    weights: str | None = Field(None, description="file to start from, or none; default: the model's own")
+    resolution: int = Field(ge=32, le=4096, multiple_of=32, description="pixels of the input's sides")
+    weights: str | None = Field(None, description="where to start, or none; default: the model's own")
     batch: int = Field(ge=1, description="pictures that go through the network at once")
     accumulate: int = Field(ge=1, description="batches in a step: their gradients are added")
     learning_rate: float = Field(gt=0.0, le=1.0, description="at its highest")
@@ -61,11 +61,11 @@ class Settings(BaseModel):
     augmentation: dict[str, object] = Field(description="the contents of an Albumentations file")
     masks: bool | None = Field(None, description="boxes of turned pictures follow masks; default: if all have one")
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
-    queries: int | None = Field(None, ge=1, description="objects that RF-DETR can find in a picture")
+    queries: int | None = Field(None, ge=1, description="objects that can be found in a picture")
     groups: int | None = Field(None, ge=1, description="groups of queries that RF-DETR trains side by side")
     freeze: Literal["none", "encoder"] = Field("none", description="encoder or backbone, if it isn't trained")
     keep: Literal["end", "best"] = Field("end", description="weights of the end, or those of the best validation AP50")
-    logger: Literal["tensorboard", "wandb", "mlflow", "csv"] | None = Field(None, description="also log there")
+    logger: Literal["tensorboard", "wandb", "mlflow"] | None = Field(None, description="also log there")
 
     @model_validator(mode="before")
     @classmethod
@@ -79,6 +79,11 @@ class Settings(BaseModel):
     def effective_batch(self) -> int:
         """Pictures per step."""
         return self.batch * self.accumulate
+
+    @property
+    def steps(self) -> int:
+        """Steps of the run; the last may have fewer pictures."""
+        return math.ceil(self.budget / self.effective_batch)
 
 
 def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> dict[str, object]:

@@ -112,8 +112,8 @@ def load_study(path: Path | str) -> StudyConfig:
 
 
 def _weights_seen_from(folder: Path, weights: str | None) -> str | None:
-    """`Settings.weights`, of which a file is relative to a folder."""
-    return weights if weights in (None, "none") else str(folder / weights)
+    """`Settings.weights`, of which files and folders are relative to a folder."""
+    return str(folder / weights) if weights is not None and (folder / weights).exists() else weights
 
 
 def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: Path | None = None) -> None:

@@ -11,7 +11,6 @@ from typing import Literal
 import numpy as np
 
 from hulldown.training.detectors.detector import RUN_NAME, read_run
-from hulldown.training.inputs.data import Batches
 from hulldown.training.study.manifest import RUNS_NAME, Manifest
 from hulldown.training.study.runs import RunOptions, is_finished
 
@@ -43,7 +42,7 @@ def overview(study: Path, manifest: Manifest) -> list[RunState]:
             photographs=run.photographs,
             synthetic_images=synthetic,
             draws=settings.budget,
-            steps=Batches(settings.budget, batch=settings.batch, parts=settings.accumulate).steps,
+            steps=settings.steps,
             draws_per_photograph=run.drawn.get("real", 0) / max(1, run.photographs),
             draws_per_synthetic_image=run.drawn.get("synthetic", 0) / max(1, synthetic),
             state="finished" if is_finished(study, manifest, run) else "begun" if begun else "new",

@@ -15,10 +15,11 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.base.files import replace_file
-from hulldown.base.outside import read_json, sha256_of
+from hulldown.base.outside import read_json
 from hulldown.base.terminal import reporting
 from hulldown.base.toml_files import validated
 from hulldown.dataset.records import read_usable
+from hulldown.training.detectors.detector import weights_digest, weights_of
 from hulldown.training.inputs.draws import draws_text
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
@@ -185,9 +186,8 @@ def predictions_paths(study: Path, manifest: Manifest, run: PlannedRun) -> dict[
 
 def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
     """Return a hash of everything that determines a run."""
-    weights = None
-    if settings.weights not in (None, "none"):
-        weights = sha256_of(Path(str(settings.weights)))
+    named = Path(settings.weights or "none")
+    weights = weights_digest(weights_of(named)) if named.exists() else None
     made_of = {
         "settings": settings.model_dump(mode="json", exclude={"weights", "logger"}),
         "weights": weights or settings.weights,
