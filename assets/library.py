@@ -48,8 +48,6 @@ class Assets:
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
     # light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory
     skies: Mapping[str, SkyLight] = field(default_factory=dict)
-    # names of vehicles and distractors whose files have no material, so that they can't be painted
-    without_material: frozenset[str] = frozenset()
     # photographs that cameras follow; None: the planner reads those that the config names
     photographs: Photographs | None = None
 

@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Iterator, Mapping
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
@@ -26,14 +27,23 @@ def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
         raise ConfigError(f"isn't TOML: {error}", path=path) from None
 
 
-def validated(model: type[Model], data: Mapping[str, object], path: Path | None) -> Model:
-    """Return the model that the data of a file describes."""
+def validated(
+    model: type[Model],
+    data: Mapping[str, object],
+    path: Path | None,
+    *,
+    removed: Mapping[str, str] = MappingProxyType({}),
+) -> Model:
+    """Return the model that the data of a file describes.
+
+    `removed`: what to use instead of keys ("section.key") and values ("section.key = 'value'") of earlier versions.
+    """
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
         first, *more = error.errors(include_url=False)
         tail = f" (and {len(more)} more)" if more else ""
-        raise ConfigError(_explained(first, model) + tail, path=path) from None
+        raise ConfigError(_explained(first, model, removed) + tail, path=path) from None
 
 
 # Pydantic's terms for Python types, as TOML's.
@@ -50,11 +60,14 @@ _ALLOWED = {
 }
 
 
-def _explained(error: ErrorDetails, top: type[BaseModel]) -> str:
+def _explained(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, str]) -> str:
     """Return one line for one of pydantic's errors: key, value, what is allowed."""
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
-    if error["type"] == "extra_forbidden":
+    is_unknown, declared = error["type"] == "extra_forbidden", ".".join(s for s in steps if isinstance(s, str))
+    if instead := removed.get(declared if is_unknown else f"{declared} = {shown(error['input'])}"):
+        return f"{key} is gone; {instead}"
+    if is_unknown:
         section = [s for s in steps[:-1] if isinstance(s, str)]
         near = _nearest(str(steps[-1]), section, top)
         hint = f"did you mean {near}?" if near else f"known here: {', '.join(sorted(_fields(section, top)))}"

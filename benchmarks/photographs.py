@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.base.files import replacing
-from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, GLOSS, PAINT, SCENERY_FILES, TANK
+from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, GLOSS, PLAIN, SCENERY_FILES, TANK
 from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.planning.config.template import config_text
 
@@ -80,7 +80,7 @@ SETS = {
             {
                 "path": f"vehicles/{name}.blend",
                 "category": "tank",
-                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], **PAINT}],
+                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], "colors": PLAIN}],
             }
             for name, category in CATEGORY.items()
             if category == TANK

@@ -19,24 +19,19 @@ CATEGORY = {
     "sam_rails": LAUNCHER,
     "sam_turret": LAUNCHER,
 }
-# Army vehicles keep their camouflage as often as not, faded or fresh, or wear one plain color.
-PAINT: dict[str, object] = {
-    "colors": ["own", "own", "own", "#5b6146", "#94835e", "#4d5154"],
-    "hue_deg": [-6.0, 6.0],
-    "saturation": [0.75, 1.2],
-    "value": [0.75, 1.3],
-}
+# Army vehicles keep their camouflage as often as not, or wear one plain color.
+PLAIN = ["own", "own", "own", "#5b6146", "#94835e", "#4d5154"]
 CAMOUFLAGE = {"mbt_slab": "Desert_Blocks", "sam_turret": "Forest_Blocks"}  # where the material has another name
 GLOSS = ["#d9dad6", "#8d9194", "#2b2d30", "#16191c", "#7d1f1c", "#23406e", "#3b4a3a", "#b9ad92"]
 # What is no target: distractor -> the keys that the config gives it. The file is distractors/<name>.blend.
 DISTRACTORS: dict[str, dict[str, object]] = {
-    "civilian_car": {"weight": 1.5, "paint": [{"materials": ["Paint"], "colors": GLOSS, "value": [0.8, 1.2]}]},
-    "panel_van": {"paint": [{"materials": ["Paint"], "colors": ["own", "own", *GLOSS], "value": [0.9, 1.1]}]},
-    "container": {"paint": [{"materials": ["Paint"], "hue_deg": [-30.0, 30.0], "value": [0.7, 1.3]}]},
+    "civilian_car": {"weight": 1.5, "paint": [{"materials": ["Paint"], "colors": GLOSS}]},
+    "panel_van": {"paint": [{"materials": ["Paint"], "colors": ["own", "own", *GLOSS]}]},
+    "container": {"paint": [{"materials": ["Paint"], "colors": ["own", "#7d3a1c", "#6b6a1f", "#23406e", "#8d9194"]}]},
     "bale_stack": {"forward": "+x", "sceneries": ["temperate_hills"]},
     "tractor_trailer": {
         "sceneries": ["temperate_hills"],
-        "paint": [{"materials": ["Paint"], "colors": ["own", "#9a2a1d", "#25508c", "#b58a1c"], "value": [0.8, 1.1]}],
+        "paint": [{"materials": ["Paint"], "colors": ["own", "#9a2a1d", "#25508c", "#b58a1c"]}],
     },
     "burnt_hull": {"turret": "", "gun": ""},
 }

@@ -9,7 +9,7 @@ from types import MappingProxyType
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replacing
 from hulldown.base.terminal import reporting
-from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PAINT, SCENERY_FILES, TANK, TRUCK
+from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PLAIN, SCENERY_FILES, TANK, TRUCK
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.planning.config.template import config_text
 
@@ -98,7 +98,7 @@ def project_text(*, small: bool = False, values: Mapping[str, object] = NOTHING)
             {
                 "path": f"vehicles/{name}.blend",
                 "category": category,
-                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], **PAINT}],
+                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], "colors": PLAIN}],
             }
             for name, category in CATEGORY.items()
         ],

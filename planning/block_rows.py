@@ -35,7 +35,7 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
     """Return a row for each image of the block's positions that have a place, in the block's order."""
     block, views, table = planned.block, planned.views, planned.table
     config, draws, image, owner, held = block.config, block.draws, block.image, block.owner, block.positions
-    instances = _of_instances(planned, assets)
+    instances = _of_instances(planned)
     target = np.flatnonzero(table.role == Role.TARGET)
     background = held.background[owner].tolist()
     roles, labels = ["target"] * len(image), ["none" if is_empty else "full" for is_empty in background]
@@ -143,7 +143,7 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
     return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
 
 
-def _of_instances(planned: Planned, assets: Assets) -> dict[str, Sequence[object]]:
+def _of_instances(planned: Planned) -> dict[str, Sequence[object]]:
     """Return columns with the fields of each instance that don't depend on the camera."""
     block, table, settled = planned.block, planned.table, planned.table.settled
     turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
@@ -160,7 +160,7 @@ def _of_instances(planned: Planned, assets: Assets) -> dict[str, Sequence[object
         "bounds": bounds_in_rows(table),
         "geo": geo_in_rows(table.world_from_vehicle, block.site),
         "track_id": _tracks(planned),
-        "paint": _coats(planned, assets),
+        "paint": _coats(planned),
     }
 
 
@@ -172,7 +172,7 @@ def _tracks(planned: Planned) -> list[int | None]:
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
-def _coats(planned: Planned, assets: Assets) -> list[list[Coat]]:
+def _coats(planned: Planned) -> list[list[Coat]]:
     """Draw the coats of each instance, by its number among the instances of its role with a place."""
     block, table = planned.block, planned.table
     places = np.zeros(len(table), dtype=np.int64)
@@ -184,7 +184,7 @@ def _coats(planned: Planned, assets: Assets) -> list[list[Coat]]:
     for model in np.unique(table.model).tolist():
         of_model = np.flatnonzero(table.model == model)
         name = table.fleet.models[model].shape.name
-        paint = () if name in assets.without_material else block.config.paint_of(name)
+        paint = block.config.paint_of(name)
         position = block.positions.number[table.row[of_model]]
         sampled = draw_coats(paint, block.draws, position=position, place=places[of_model])
         for i, coat in zip(of_model.tolist(), sampled, strict=True):

@@ -8,23 +8,21 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
 from msgspec import structs
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.projection import NEAR
-from hulldown.geometry.color import LUMINANCE, linear_color
+from hulldown.geometry.color import linear_color
 from hulldown.planning.inputs.loading import Library
-from hulldown.planning.plan.coats import Coat
+from hulldown.planning.plan.coats import Coat, color_of_material
 from hulldown.planning.plan.row import PlannedVehicle, Row
 from hulldown.reading.confinement.landlock import asset_folders
-from hulldown.reading.pieces.paintable import MaterialRow, painted
+from hulldown.reading.pieces.asset_report import MaterialRow
 from hulldown.rendering.blender.messages import (
     CameraInput,
     CyclesSettings,
     LightInput,
     MaskJob,
-    PaintInput,
     RenderJob,
     VehicleInput,
 )
@@ -88,21 +86,10 @@ def _vehicle(vehicle: PlannedVehicle, library: Library, row: Row) -> VehicleInpu
     return VehicleInput(str(exported.tidy.resolve()), parts.tolist(), _paint(vehicle.paint, exported.report.materials))
 
 
-def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> list[PaintInput]:
-    """Return the paint of each painted material."""
-    rows = {row.name: row for row in materials}
-    return [
-        PaintInput(
-            material=name,
-            mean=float(np.dot(LUMINANCE, rows[name].color)),
-            color=None if (color := coats[k].color) is None else linear_color(color),
-            hue=coats[k].hue_deg / 360.0,
-            saturation=coats[k].saturation,
-            value=coats[k].value,
-            everywhere=bool(rows[name].left_alone),
-        )
-        for name, k in painted(materials, [coat.materials for coat in coats]).items()
-    ]
+def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> dict[str, tuple[float, float, float]]:
+    """Return the linear color of each painted material, by its name."""
+    colors = {row.name: color_of_material(row.name, coats) for row in materials}
+    return {name: linear_color(color) for name, color in colors.items() if color is not None}
 
 
 Asset = TypeVar("Asset")

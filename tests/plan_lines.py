@@ -21,7 +21,7 @@ VEHICLE = {
     **{"bbox": [5.0, 4.0, 10.0, 6.0], "bbox_amodal": [5.0, 4.0, 10.0, 7.0], "visible_fraction": 0.75},
     **{"truncated_fraction": 1 / 7, "slope_deg": 2.0, "gap": 0.1, "penetration": 0.0, "tries": 1, "label": "full"},
     **{"bounds": [[-3.0, -1.5, 0.0], [3.0, 1.5, 2.5]], "air_contrast": 0.9},
-    "paint": [{"materials": ["camo*"], "color": "#4b5320", "hue_deg": -3.5, "saturation": 1.0, "value": 0.9}],
+    "paint": [{"materials": ["camo*"], "color": "#4b5320"}],
 }
 IMAGE = {
     **{"scenery": "hills", "position": 0, "shot": 0, "world_from_camera": POSE, "fov_x_deg": 50.0, "width": 32},

@@ -18,7 +18,7 @@ from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, 
 from hulldown.tests.shapes import surface
 
 ASSETS = small_assets(distractors=True)
-PAINT = [{"materials": ["*"], "hue_deg": [-9, 9]}]
+PAINT = [{"materials": ["*"], "colors": ["#4b5320", "#94835e"]}]
 CONFIG = small_config(
     seed=3,
     assets={

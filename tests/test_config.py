@@ -180,24 +180,26 @@ INSTEAD = [  # a line of the config, its replacement, and the error
     *(
         (TANK, f"{TANK}\npaint = {paint}", f"assets.vehicles[0].paint{message}")
         for paint, message in (
-            ("{}", "[0]: expected colors, hue_deg, saturation or value: nothing would be changed"),
+            ("{}", "[0].materials is missing"),
+            ("{ materials = ['camo'] }", "[0].colors is missing"),
+            ("{ materials = ['camo'], colors = [] }", "[0].colors = []: expected at least one"),
+            ("{ colors = ['own'] }", "[0].materials is missing"),
+            ("{ materials = [], colors = ['own'] }", "[0].materials = []: expected at least one"),
             (
-                "{ materials = ['camo'] }",
-                "[0]: expected colors, hue_deg, saturation or value: nothing would be changed",
+                "{ materials = ['*'], colors = ['green'] }",
+                "[0].colors[0] = 'green': expected a color such as '#4b5320', or 'own'",
             ),
-            ("{ colors = ['green'] }", "[0].colors[0] = 'green': expected a color such as '#4b5320', or 'own'"),
-            ("{ colors = ['#4b53'] }", "[0].colors[0] = '#4b53': expected a color"),
-            ("{ colors = [7] }", "[0].colors[0] = 7: expected a color"),
-            (
-                "{ colors = ['own'], hue_deg = [10, -10] }",
-                "[0].hue_deg = [10, -10]: expected a number or [low, high] with -180 <= low <= high <= 180",
-            ),
-            ("{ colors = ['own'], value = -1 }", "[0].value = -1: expected a number or"),
-            ("{ colors = ['own'], materials = [] }", "[0].materials = []: expected at least one"),
+            ("{ materials = ['*'], colors = ['#4b53'] }", "[0].colors[0] = '#4b53': expected a color"),
+            ("{ materials = ['*'], colors = [7] }", "[0].colors[0] = 7: expected a color"),
+            ("{ materials = ['*'], colors = ['own'], value = 2 }", "[0].value is gone; list the `colors`"),
             ("'green'", " = 'green': expected a list"),
         )
     ),
-    (TANK, TANK + "\npaint = { colours = ['own'] }", "did you mean assets.vehicles.paint.colors?"),
+    (
+        TANK,
+        TANK + "\npaint = { materials = ['*'], colors = ['own'], colours = ['own'] }",
+        "did you mean assets.vehicles.paint.colors?",
+    ),
     (TANK, f'{TANK}\n[[assets.vehicles]]\npath = "b/t72.blend"\n{TANK}', "assets: 2 vehicles are called 't72'"),
     *(("140", x, "isn't TOML: ") for x in ("9" * 5000, "[" * 2000)),
     ("140", f"[0x{'f' * 5000}]", "budget.images_per_class = an integer of thousands of digits"),

@@ -122,7 +122,7 @@ def test_files_with_equal_names_get_different_asset_names(tmp_path: Path) -> Non
     found = [
         FoundFile(Path("vehicles/tanks/a/scene.gltf"), "vehicle", ("a", "name with \x1b[2J")),
         FoundFile(Path("trucks/scene.gltf"), "vehicle", ()),
-        FoundFile(Path("lone.glb"), "vehicle", ()),
+        FoundFile(Path("lone.glb"), "vehicle", (), material="Body"),
         FoundFile(Path("hills.blend"), "scenery", ()),
         FoundFile(Path("day/sky.exr"), "hdri", ()),
         FoundFile(Path("night/sky.exr"), "hdri", ()),
@@ -136,6 +136,9 @@ def test_files_with_equal_names_get_different_asset_names(tmp_path: Path) -> Non
         ("assets/lone.glb", "lone", "vehicle"),
     ]
     assert assets.hdris == ("assets/day/sky.exr",)
+    assert not assets.vehicles[2].paint
+    path.write_text(path.read_text(encoding="utf-8").replace("\n# paint = ", "\npaint = "), encoding="utf-8")
+    assert [entry.materials for entry in Config.read(path).assets.vehicles[2].paint] == [("Body",)]
     assert "# not used: assets/night/sky.exr: is called as day/sky.exr is" in path.read_text(encoding="utf-8")
     assert "# name with \\x1b[2J" in path.read_text(encoding="utf-8")
     assert missing_kinds(found) == []

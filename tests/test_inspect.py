@@ -16,8 +16,7 @@ from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
 from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, write_pictures
-from hulldown.reading.pieces.asset_report import FileReport, ObjectRow
-from hulldown.reading.pieces.paintable import MaterialRow
+from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, ObjectRow
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 from hulldown.tests.test_found_assets import SKY
@@ -232,8 +231,8 @@ def shown(monkeypatch: pytest.MonkeyPatch, table: Table, **console: object) -> s
 
 
 def test_a_name_with_a_line_break_stays_in_one_line() -> None:
-    odd = replace(report(), materials=(MaterialRow("Ty\nre", 1.0, (0.0, 0.0, 0.0), "is rubber"),))
-    assert odd.lines()[-1] == "materials left alone: Ty\\nre (is rubber)"
+    odd = replace(report(), materials=(MaterialRow("Ty\nre", 1.0),))
+    assert odd.lines()[-1] == "materials: Ty\\nre (100 %)"
 
 
 def test_a_piped_table_has_whole_names_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -75,7 +75,7 @@ OUT_OF_RANGE = [
     ("weather", {"visibility_m": 9.0, "kind": "hail"}), ("weather", {}),
     ("hdri_yaw_deg", 361), ("slope_deg", -1.0), ("slope_deg", 91.0), ("gap", -0.1), ("penetration", -0.1),
     ("position", -1), ("shot", 2**63), ("tries", -1), ("tries", 1.5), ("width", 65537), ("height", 10**400),
-    ("paint", [{}]), ("paint", [{"materials": ["*"], "color": "red"}]), ("paint", [{"materials": ["*"], "value": -1}]),
+    ("paint", [{}]), ("paint", [{"materials": ["*"], "color": "red"}]), ("paint", [{"materials": "*"}]),
     ("sample_seed", 2**64), ("rejected", {"small": -1}), ("rejected", {"bored": 1}),
     ("rejected", []), ("articulation", {"gun": 1e300}),
     ("articulation", {"turret": "left"}),

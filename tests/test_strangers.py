@@ -15,7 +15,6 @@ from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.planning.appearance.hdri_land import land_above_horizon
-from hulldown.planning.config.paint_section import PaintEntry, paint_doubts
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
@@ -24,7 +23,6 @@ from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, refuse_missing
 from hulldown.reading.pieces.doubt import DoubtKind, warnings_of
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.paintable import SEVERAL, parts_left_alone
 from hulldown.reading.pieces.roles import PieceRole
 from hulldown.reading.reader_process import ask_reader, exported_by, job_for
 from hulldown.reading.surroundings import shows_land
@@ -132,8 +130,7 @@ def read(tmp_path_factory):
 
 
 def test_only_materials_that_an_mtl_names_glass_are_glass(read):
-    rows = {row.name: row.left_alone for row in read["max"].report.materials}
-    assert rows == {"body": "", "window": "it is transparent"}
+    assert {row.name: row.clear for row in read["max"].report.materials} == {"body": False, "window": True}
 
 
 @pytest.mark.parametrize(
@@ -189,8 +186,9 @@ def test_an_unambiguous_texture_near_the_file_is_found(read):
     )
     assert any("Tire.PNG" in doubt and "differ" in doubt for doubt in doubts)
     assert [missing.path.endswith("Tire.PNG") for missing in read["moved"].report.missing] == [True]
-    (skin,) = (row for row in read["moved"].report.materials if row.name == "body")
-    assert skin.color[0] < 0.2
+    picture = np.asarray(Image.open(read["moved"].picture).convert("RGB")).astype(int)
+    dark = (np.ptp(picture, axis=2) < 8) & (picture.max(axis=2) < 120)
+    assert dark.mean() > 0.05, "as skin.png is"
 
 
 def test_ground_far_below_the_main_ground_is_dropped(read):
@@ -243,27 +241,6 @@ def test_fog_is_gray_unless_the_light_has_a_color(light, kept):
     gray = light @ LUMINANCE * np.ones(3)
     np.testing.assert_allclose(airlight("fog", light), gray + kept * (light - gray))
     assert not airlight("fog", np.zeros(3)).any()
-
-
-def test_a_material_is_painted_only_if_it_is_one_color_and_leaves_out_tires(read):
-    rows = {name: read[name].report.materials[0] for name in ("max", "atlas", "glass", "plain")}
-    assert rows["max"].left_alone == "", "its wheels are named"
-    assert rows["atlas"].left_alone == rows["glass"].left_alone == SEVERAL
-    assert "nothing tells" in rows["plain"].left_alone
-    (doubt,) = paint_doubts([PaintEntry(colors=("#4b5320",))], [rows["plain"]])
-    assert "give its whole name" in doubt.text
-
-
-@pytest.mark.parametrize(
-    ("names", "materials", "kept"),
-    [
-        (["hull", "wheel_l", "rear window", "Track guard"], [1, 1, 1, 1], [False, True, True, False]),
-        (["hull", "wheel_l", "wheel_r", "turret"], [1, 2, 1, 1], [False, False, True, False]),
-        (["light tank 1", "light tank 2", "light tank 3", "antenna"], [1, 1, 1, 1], [False] * 4),
-    ],
-)
-def test_parts_are_left_unpainted_by_name(names, materials, kept):
-    assert parts_left_alone(names, np.ones(4), materials).tolist() == kept
 
 
 def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp_path):

@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from numpy.typing import ArrayLike
 
 from hulldown.planning.config.paint_section import OWN, PaintEntry
 from hulldown.planning.plan.coats import Coat
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, between
+from hulldown.planning.search.random_streams import Purpose, RandomStreams
 
 COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the target's is 0
-_NUMBERS = 4  # drawn for each coat: color, hue, saturation, value
 
 
 def draw_coats(
@@ -30,20 +29,12 @@ def draw_coats(
     n, kinds = len(position), len(paint)
     if not kinds:
         return [[] for _ in range(n)]
-    u = draws.uniform(Purpose.PAINT, position, place, count=_NUMBERS * kinds).reshape(n, kinds, _NUMBERS)
-    columns = [_coats(entry, u[:, k]) for k, entry in enumerate(paint)]
-    return [list(coats) for coats in zip(*columns, strict=True)]
+    sizes = np.array([len(entry.colors) for entry in paint])
+    drawn = draws.uniform(Purpose.PAINT, position, place, count=kinds).reshape(n, kinds)
+    choices = np.minimum((drawn * sizes).astype(np.int64), sizes - 1).tolist()
+    return [[_coat(entry, choice) for entry, choice in zip(paint, row, strict=True)] for row in choices]
 
 
-def _coats(entry: PaintEntry, u: Float[np.ndarray, "n 4"]) -> list[Coat]:
-    choice = np.minimum((u[:, 0] * len(entry.colors)).astype(np.int64), len(entry.colors) - 1).tolist()
-    spreads = (entry.hue_deg, entry.saturation, entry.value)
-    # Adding zero turns -0.0 into 0.0.
-    hue, saturation, value = (
-        (np.round(between(*spread, u[:, 1 + i]), 9) + 0.0).tolist() for i, spread in enumerate(spreads)
-    )
-    colors = [None if not entry.colors or entry.colors[c] == OWN else entry.colors[c] for c in choice]
-    return [
-        Coat(list(entry.materials), color, *shift)
-        for color, shift in zip(colors, zip(hue, saturation, value, strict=True), strict=True)
-    ]
+def _coat(entry: PaintEntry, choice: int) -> Coat:
+    color = entry.colors[choice]
+    return Coat(list(entry.materials), None if color == OWN else color)

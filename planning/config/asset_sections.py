@@ -102,7 +102,7 @@ class ModelEntry(FileEntry):
     )
     """points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints"""
     paint: Paint = ()
-    """colors of its materials: a table, or several"""
+    """tables of `materials`, patterns of their names, and `colors`, of which one is drawn"""
     sceneries: Patterns = ()
     """patterns of its sceneries; empty: all"""
 

@@ -17,13 +17,12 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 
 from hulldown.planning.config.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
-from hulldown.planning.config.paint_section import PaintEntry
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.section import Section
 
 PAGE = Path(__file__).parents[2] / "docs" / "config.md"
 ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
-    {"vehicle": VehicleEntry, "paint": PaintEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
+    {"vehicle": VehicleEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
 )
 _SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,6 +32,16 @@ from hulldown.planning.config.weather_section import WeatherSection
 
 if TYPE_CHECKING:
     from hulldown.planning.plan.lines import PlanFile
+
+
+# What to use instead of keys and values of earlier versions.
+REMOVED_KEYS = MappingProxyType(
+    {
+        f"assets.{kind}.paint.{key}": "list the `colors` to draw from"
+        for kind in ("vehicles", "distractors")
+        for key in ("hue_deg", "saturation", "value")
+    }
+)
 
 
 class Config(Section):
@@ -119,7 +130,7 @@ class Config(Section):
         ConfigError
             Naming file, key, value and what is allowed.
         """
-        config = validated(cls, sections, path)
+        config = validated(cls, sections, path, removed=REMOVED_KEYS)
         config._path = path
         return config
 

@@ -30,9 +30,14 @@ def config_text(
     distractors: Sequence[Mapping[str, object]] = (),
     values: Mapping[str, object] = MappingProxyType({}),
     notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    proposals: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
     remarks: Sequence[str] = (),
 ) -> str:
-    """Return a complete config for these assets, with a comment on every key."""
+    """Return a complete config for these assets, with a comment on every key.
+
+    `notes` and `proposals` are comments above an asset's entry and keys that are commented out below it, by its name or
+    path.
+    """
     given = {**_GIVEN, **values}
     blocks = [
         "# hulldown config. Every key has its default here; delete what you don't want to change.\n"
@@ -43,7 +48,9 @@ def config_text(
         + f"hdris = {_patterns(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
         *(_comment_on(kind) for kind in ENTRIES),
         *(
-            _comments(notes.get(str(entry.get("name", entry["path"])), ())) + _table(f"assets.{kind}", entry)
+            _comments(notes.get(name := str(entry.get("name", entry["path"])), ()))
+            + _table(f"assets.{kind}", entry)
+            + _comments([f"{key} = {toml_value(value)}" for key, value in proposals.get(name, {}).items()])
             for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
             for entry in listed
         ),

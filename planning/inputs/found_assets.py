@@ -34,6 +34,7 @@ KINDS = {
 }
 NO_CATEGORY = ("assets", "models", *KINDS)
 GROUNDS = 4  # names of ground objects in a comment
+EXAMPLE_COLOR = "#4b5320"  # of paint
 _PREFERENCE = (*SUFFIXES, *HDRI_SUFFIXES)  # of files with one name in several formats, the first is used
 NEEDED = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
 
@@ -44,7 +45,8 @@ class FoundFile:
 
     `path` is relative to the folder. `kind` is "vehicle", "scenery", "distractor", "hdri", or "" for an unusable file,
     whose notes begin with the reason. `keys` are those of a vehicle's entry: what reading had to guess, and for each of
-    a file's several vehicles keep and drop, and what its name ends in. `doubts` are among the notes.
+    a file's several vehicles keep and drop, and what its name ends in. `doubts` are among the notes. `material` is the
+    one with the largest area, or empty.
     """
 
     path: Path
@@ -52,6 +54,7 @@ class FoundFile:
     notes: tuple[str, ...]
     keys: Mapping[str, object] = field(default_factory=dict)
     doubts: tuple[Doubt, ...] = ()
+    material: str = ""
 
 
 def asset_files(folder: Path) -> list[Path]:
@@ -127,7 +130,8 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
             read(typed({**keys, **guessed}, Options))  # for the plan
         notes = (*why, *report.lines(), *_ground(report))
         keys = {**keys, **guessed, **({"name": name} if name else {})}
-        return FoundFile(path, folder_kind or report.kind, notes, keys, report.doubts)
+        material = report.materials[0].name if report.materials else ""
+        return FoundFile(path, folder_kind or report.kind, notes, keys, report.doubts, material)
 
     whole = read()
     if not whole.things:
@@ -182,7 +186,8 @@ def found_config(
     entries = {kind: [(entry_of(file), file) for file in found if file.kind == kind] for kind in set(KINDS.values())}
     patterns = {path: escape(listed[path]) for path in skies.values()}
     notes = {patterns[file.path]: file.notes for file in found if file.kind == "hdri" and file.path in patterns}
-    notes |= {str(entry.get("name", entry["path"])): file.notes for some in entries.values() for entry, file in some}
+    models_by_name = {str(entry.get("name", entry["path"])): f for some in entries.values() for entry, f in some}
+    notes |= {name: file.notes for name, file in models_by_name.items()}
     missing = [f"no {word} was found in {folder}, and at least one is needed" for word in missing_kinds(found)]
     return config_text(
         vehicles=[entry for entry, _ in entries["vehicle"]],
@@ -191,8 +196,13 @@ def found_config(
         hdris=list(patterns.values()),
         values=values,
         notes=notes,
+        proposals={name: _paint(file.material) for name, file in models_by_name.items() if file.material},
         remarks=[*missing, *(f"not used: {listed[file.path]}: {file.notes[0]}" for file in unused)],
     )
+
+
+def _paint(material: str) -> dict[str, object]:
+    return {"paint": [{"materials": [material], "colors": ["own", EXAMPLE_COLOR]}]}
 
 
 def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: Path) -> None:

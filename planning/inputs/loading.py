@@ -18,7 +18,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
-from hulldown.planning.config.paint_section import paint_doubts, paint_notes
+from hulldown.planning.config.paint_section import unmatched_pattern
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.changed_assets import refuse_changed
 from hulldown.planning.inputs.lengths import odd_length, refuse_odd_lengths, usual_text
@@ -31,6 +31,7 @@ from hulldown.reading.pieces.asset_report import refuse_missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
 from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.reader_process import Exported
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
@@ -126,7 +127,8 @@ def load_library(
     refuse_odd_lengths([(entry, exported.report) for entry, (exported, _) in files if isinstance(entry, ModelEntry)])
     needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
     refuse_missing(needed, strict=strict)
-    models = {e.name: _painted(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
+    models = {e.name: _with_length_doubt(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
+    _refuse_unmatched_paint(config, models)
     sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
 
     read_shapes = {name: load_vehicle(exported.bundle) for name, exported in models.items()}
@@ -157,22 +159,32 @@ def load_library(
         files=sources,
         distractors=shapes(listed.distractors),
         skies={name: sky.light for name, sky in skies.items()},
-        without_material=frozenset(name for name, exported in models.items() if not exported.report.materials),
     )
     annotated = [*assets.vehicles.values(), *(assets.distractors[e.name] for e in listed.distractors if e.category)]
     category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.folder)
     return Library(assets, models, sceneries, skies)
 
 
-def _painted(exported: Exported, entry: ModelEntry) -> Exported:
-    """Return the export with notes and doubts about the config's paint in its report."""
+def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
+    """Return the export with a doubt about a vehicle of unusual length; without a scale, it's refused."""
     report = exported.report
-    doubts = paint_doubts(entry.paint, report.materials)
-    if entry.scale is not None and (odd := odd_length(entry, report)):  # without a scale, it's refused
-        text = f"with its scale of {entry.scale:g} it is {length_said(max(report.size))} long, and {usual_text(*odd)}"
-        doubts.append(Doubt(DoubtKind.SCALE, text))
-    notes = paint_notes(entry.paint, report.materials)
-    return replace(exported, report=replace(report, doubts=(*report.doubts, *doubts), painted=tuple(notes)))
+    if entry.scale is None or not (odd := odd_length(entry, report)):
+        return exported
+    text = f"with its scale of {entry.scale:g} it is {length_said(max(report.size))} long, and {usual_text(*odd)}"
+    return replace(exported, report=replace(report, doubts=(*report.doubts, Doubt(DoubtKind.SCALE, text))))
+
+
+def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> None:
+    """Raise if a pattern of a vehicle's paint matches none of its materials."""
+    for entry in (*config.assets.vehicles, *config.assets.distractors):
+        materials = models[entry.name].report.materials
+        if (pattern := unmatched_pattern(entry.paint, materials)) is not None:
+            raise ConfigError(
+                f"paint of {entry.name!r}: {pattern!r} matches none of its materials: "
+                f"{quoted(row.name for row in materials) or 'it has none'}",
+                path=config.path,
+                remedy="name one of them, or take the pattern out",
+            )
 
 
 def load_planned_library(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Sequence
-from colorsys import hsv_to_rgb, rgb_to_hsv
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -110,13 +109,9 @@ def paint_of(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"
 
 
 def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
-    """Return the linear color of a vehicle in a preview: its first coat applied to its own color."""
-    if not coats:
-        return own
-    coat = coats[0]
-    hue, saturation, value = rgb_to_hsv(*(own.tolist() if coat.color is None else linear_color(coat.color)))
-    turned = (hue + coat.hue_deg / 360.0) % 1.0, min(saturation * coat.saturation, 1.0), min(value * coat.value, 1.0)
-    return np.array(hsv_to_rgb(*turned))
+    """Return the linear color of a vehicle in a preview: that of its first coat, or its own."""
+    color = coats[0].color if coats else None
+    return own if color is None else np.array(linear_color(color))
 
 
 def _hash(name: str) -> float:

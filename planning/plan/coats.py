@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Annotated
 
 from msgspec import Meta, Struct
+
+from hulldown.reading.pieces.naming import is_named
 
 
 class Coat(Struct, frozen=True, gc=False):
@@ -13,7 +16,8 @@ class Coat(Struct, frozen=True, gc=False):
     # patterns of names; the first coat that matches a material applies to it
     materials: list[Annotated[str, Meta(max_length=4096)]]
     color: Annotated[str, Meta(pattern="^#[0-9a-f]{6}$")] | None = None  # sRGB; None for the file's own
-    # hue_deg, saturation, value: rotation of the hue, and factors
-    hue_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
-    saturation: Annotated[float, Meta(ge=0, le=10)] = 1.0
-    value: Annotated[float, Meta(ge=0, le=10)] = 1.0
+
+
+def color_of_material(name: str, coats: Sequence[Coat]) -> str | None:
+    """Return the sRGB color that a material is painted in; None if it keeps its own."""
+    return next((coat.color for coat in coats if any(is_named(name, pattern) for pattern in coat.materials)), None)

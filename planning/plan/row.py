@@ -123,7 +123,7 @@ Air = Annotated[Weather | None, _is('null or {"visibility_m": meters above 0, "k
 Optics = Annotated[Sensor | None, _is('{"blur_px": pixels, ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
-Coats = Annotated[list[Coat], _is("a list of coats of paint", "1e-9")]
+Coats = Annotated[list[Coat], _is("a list of coats of paint")]
 PlaceOrNone = Annotated[OnMap | None, _is('{"crs": a name, "easting": meters, ...}')]
 FileName = Annotated[str, _is("a path like images/1.png", pattern=PICTURE_NAME)]
 _Files = _is("files by name")
@@ -159,7 +159,7 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
     tries: Annotated[Count, _plans("places tried for it, including its own")]
     label: Annotated[Label, _is('"full", "ignored" or "none"'), _plans("its label; ignored if it shows too little")]
     bounds: Annotated[Room, _plans("lowest and highest corner in its own frame, parts turned")]
-    paint: Annotated[Coats, _means("`materials`, `color`, `hue_deg`, `saturation`, `value`")]
+    paint: Annotated[Coats, _means("`materials`, `color`")]
     air_contrast: Annotated[Share, _means("share of its contrast left after haze")]
     geo: Annotated[PlaceOrNone, _means("place on the map, on a [GeoTIFF](terrain.md)")] = None
     track_id: Annotated[NumberOrNone, _means("the same in all images of a `sequence`, and in no others")] = None

@@ -97,9 +97,8 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     vehicle = build_vehicle(Path(job.path).stem, upright, job.options)
     drawn, shape = upright.drawn, vehicle.shape
     save(job.file("bundle.npz"), shape)
-    materials, unpainted = material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part)
     tidy = job.file("tidy.blend")
-    twin = write_vehicle(tidy, drawn, vehicle.piece_part, shape.vehicle_from_file, unpainted=unpainted)
+    twin = write_vehicle(tidy, drawn, vehicle.piece_part, shape.vehicle_from_file)
     picture = vehicle_picture(twin, shape.surface[0].bounds)
     save_picture(picture, job.file(PICTURE))
     report = FileReport(
@@ -113,7 +112,7 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
         parts=vehicle.parts,
         missing=_missing(drawn, vehicle.roles),
         axes=vehicle.axes,
-        materials=materials,
+        materials=material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part),
         things=vehicle.things,
     )
     if len(report.things) > 1:  # what else is odd about all of them together is of no use

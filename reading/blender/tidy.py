@@ -20,7 +20,7 @@ from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
 from hulldown.reading.blender.surfaces.input_nodes import keep_inputs, reads_places
-from hulldown.reading.blender.tidy_properties import INPUT, PART, REST, ROW, UNPAINTED
+from hulldown.reading.blender.tidy_properties import INPUT, PART, REST, ROW
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen, Value, Volume
 
 CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
@@ -71,21 +71,18 @@ def write_vehicle(
     drawn: Evaluated,
     piece_part: Sequence[int],
     vehicle_from_file: Float[np.ndarray, "4 4"],
-    *,
-    unpainted: Sequence[bool],
 ) -> Any:
-    """Write the pieces whose part is not -1; those that are `unpainted` keep the colors of the file."""
+    """Write the pieces whose part is not -1."""
     collection = bpy.data.collections.new("hulldown vehicle")
     placed = reads_places(bpy.data.materials)
     keep_inputs(bpy.data.materials, drawn.keys, drawn.places, None)
-    for i, (piece, part) in enumerate(zip(drawn.pieces, piece_part, strict=True)):
+    for piece, part in zip(drawn.pieces, piece_part, strict=True):
         if part < 0:
             continue
         rest = vehicle_from_file @ piece.pose
         obj = _object(piece, drawn.blocks[piece.mesh])
         obj[PART] = int(part)
         obj[REST] = rest.ravel().tolist()
-        obj[UNPAINTED] = unpainted[i]
         for axis in range(3 if placed else 0):
             obj[f"{ROW}{axis}"] = piece.pose[axis].tolist()
         collection.objects.link(obj)

@@ -15,7 +15,6 @@ from rich.table import Table
 
 from hulldown.base.errors import AssetError
 from hulldown.reading.pieces.doubt import Doubt
-from hulldown.reading.pieces.paintable import MaterialRow
 
 FAMILY = 6  # numbered copies from so many on share a row
 TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first
@@ -108,6 +107,16 @@ class PartRow:
 
 
 @dataclass(frozen=True, slots=True)
+class MaterialRow:
+    """A material of a vehicle."""
+
+    name: str
+    share: float  # of the vehicle's surface
+    clear: bool = False  # whether it's transparent, like glass
+    alpha: float = 1.0  # the least alpha of its shaders that isn't a texture's; 1 if it's opaque
+
+
+@dataclass(frozen=True, slots=True)
 class Missing:
     """A file, or a material's picture, that is "missing" or "unreadable"."""
 
@@ -145,7 +154,6 @@ class FileReport:
     written_by: str = ""  # the version of Blender that wrote the file, or the format
     axes: str = ""  # directions of a vehicle's up and nose in the file, with reasons
     materials: tuple[MaterialRow, ...] = ()  # materials of a vehicle's surface, largest share first
-    painted: tuple[str, ...] = ()  # parts that the config paints, one line each
     things: tuple[Thing, ...] = ()  # entries to list a vehicle's file by, if several things are in it
 
     def table(self) -> Table:
@@ -170,7 +178,8 @@ class FileReport:
             pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
             turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
             lines.append(f"{part.name} on {part.parent}: {turns}; {part.why}")
-        lines += [*_materials(self.materials), *self.painted]
+        if self.materials:
+            lines.append(f"materials: {', '.join(f'{row.name} ({100 * row.share:.0f} %)' for row in self.materials)}")
         # Names may break lines.
         return [line.replace("\n", "\\n") for line in (*lines, *(f"doubt: {doubt}" for doubt in self.doubts))]
 
@@ -202,14 +211,6 @@ class SkyReport:
     def lines(self) -> list[str]:
         """Return lines below the table."""
         return [*self.notes, *(f"doubt: {doubt}" for doubt in self.doubts)]
-
-
-def _materials(rows: Sequence[MaterialRow]) -> list[str]:
-    """Materials that can be painted, and reasons for the others."""
-    able = [f"{row.name} ({100 * row.share:.0f} %)" for row in rows if not row.left_alone]
-    others = [f"{row.name} ({row.left_alone})" for row in rows if row.left_alone]
-    lines = [f"materials that can be painted: {', '.join(able)}"] if able else []
-    return lines + ([f"materials left alone: {', '.join(others)}"] if others else [])
 
 
 def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:

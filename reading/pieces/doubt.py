@@ -35,7 +35,6 @@ class DoubtKind(StrEnum):
     NOT_READ = "not_read"
     TINTED = "tinted"
     NO_OPEN_LAND = "no_open_land"
-    PAINT = "paint"
     SCALE = "scale"
     COORDINATES = "coordinates"
     FORWARD = "forward"

@@ -111,16 +111,6 @@ BODY = (  # other parts of vehicles: a file with such names would name a turret 
     *("bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
 )
 
-NOT_PAINT = (  # materials that keep their color when a vehicle is painted, unless their names also have
-    *("tyre", "tire", "rubber", "track", "tread", "chain", "glass", "window", "windscreen"),
-    *("windshield", "lens", "lamp", "light", "headlight", "taillight", "reflector", "mirror", "chrome", "periscope"),
-    *("wheel", "rim", "interior", "cockpit", "seat", "dashboard", "decal", "logo", "insignia", "number plate"),
-    *("licence plate", "license plate"),
-    *("reifen", "gummi", "glas", "kette", "scheibe", "scheinwerfer", "pneu", "chenille", "vitre", "verre", "phare"),
-    *("guma", "opona", "vetro", "cingoli", "cristal", "rueda", "neumatico", "шина", "гусеница", "стекло"),
-)
-PAINT = ("paint", "painted", "camo", "camouflage", "body", "hull", "guard", "skirt", "lackierung", "lack")
-
 HELPERS = (
     *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp", "bounding box", "bbox", "occluder"),
     *("shadow catcher", "backdrop", "cyclorama", "skydome"),
@@ -195,6 +185,11 @@ def first_match(name: str, patterns: Iterable[str]) -> str | None:
     matched = [numbers[word] for word in _joined(name) if word in numbers]
     matched += [i for i, glob in globs if fnmatchcase(name.lower(), glob)]
     return patterns[min(matched)] if matched else None
+
+
+def is_named(name: str, pattern: str) -> bool:
+    """Return whether `pattern` is a name as a whole, or matches it as `first_match` does."""
+    return name.lower() == pattern.lower() or first_match(name, [pattern]) is not None
 
 
 @lru_cache(maxsize=4096)  # a name is held against many patterns, one after the other

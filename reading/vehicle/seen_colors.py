@@ -13,7 +13,6 @@ from scipy.ndimage import minimum_filter
 from hulldown.geometry.color import srgb_from_linear
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.paintable import CLEAR
 from hulldown.reading.pieces.wording import MOST_NAMES, quoted
 
 PAPER = 250.0  # gray around vehicles, of 255
@@ -42,7 +41,7 @@ def color_doubts(
     black = np.mean((high < BLACK) & (alpha >= OPAQUE))
     nearly_black = np.mean((high < NEARLY_BLACK) & (high - low < COLORLESS))
     white, ghostly = np.mean((low > WHITE) & (high - low < TINT)), np.mean(alpha < OPAQUE)
-    clear = [row for row in report.materials if row.left_alone == CLEAR]
+    clear = [row for row in report.materials if row.clear]
     doubts = []
 
     def doubt(kind: DoubtKind, share: np.floating, text: str) -> None:
@@ -69,7 +68,7 @@ def color_doubts(
         hint = f"; pictures beside it aren't used: {quoted(unused, most=4)}" if unused else ""
         which = f" ({named})" if named else ""
         text = f"white or light gray{which}, as if without its textures{hint}; put them on its materials in Blender"
-        doubt(DoubtKind.PALE, white, f"{text}, or set paint")
+        doubt(DoubtKind.PALE, white, text)
     return doubts
 
 

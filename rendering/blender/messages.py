@@ -16,25 +16,13 @@ Matrix = list[list[float]]  # (4, 4)
 
 
 @dataclass(frozen=True, slots=True)
-class PaintInput:
-    """The paint of a vehicle's material."""
-
-    material: str  # its name in the vehicle's file
-    mean: float  # mean luminance of its base color; paint keeps brightness relative to it
-    color: tuple[float, float, float] | None  # linear red, green, and blue that replace its own; None: its own
-    hue: float  # change of its hue, in turns
-    saturation: float
-    value: float
-    everywhere: bool  # whether wheels, windows, and the like are painted too
-
-
-@dataclass(frozen=True, slots=True)
 class VehicleInput:
     """A vehicle to place in the scenery."""
 
     tidy: str  # its tidy twin, by `reading.blender.tidy`
     world_from_parts: list[Matrix]  # poses of its parts, in meters
-    paint: list[PaintInput] = field(default_factory=list)
+    # linear red, green, and blue of each painted material, by its name in the vehicle's file
+    paint: dict[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,7 +27,7 @@ from hulldown.rendering.blender.fog import Fog
 from hulldown.rendering.blender.hdri_light import HdriWorld
 from hulldown.rendering.blender.lens import set_lens
 from hulldown.rendering.blender.messages import CameraInput, VehicleInput
-from hulldown.rendering.blender.paint_nodes import Paintable
+from hulldown.rendering.blender.paint_nodes import PaintedMaterials
 from hulldown.rendering.blender.streaks import Precipitation, falling
 from hulldown.rendering.blender.surfaces import Surfaces
 
@@ -54,7 +54,7 @@ class Stage:
         self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
         self.surfaces = Surfaces()
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
-        self._paintable: dict[str, Paintable] = {}  # of each of them
+        self._painted: dict[str, PaintedMaterials] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
         self._lowest = math.inf  # meters: height of the lowest vehicle
 
@@ -79,9 +79,9 @@ class Stage:
             for obj in collection.objects:
                 obj[PLANE] = above
                 pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
-            if self._paintable[path].is_first(vehicle.paint):
+            if self._painted[path].is_first(vehicle.paint):
                 self.surfaces.clear()  # paint is inserted below water and snow
-            self._paintable[path].paint(collection.objects, vehicle.paint)
+            self._painted[path].paint(collection.objects, vehicle.paint)
             placed.append(list(collection.objects))
         linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
         children = self.scene.collection.children
@@ -96,7 +96,7 @@ class Stage:
         self._vehicles[path] = copies
         if not copies:
             collection, materials = appended(path)
-            self._paintable[path] = Paintable(collection.objects, materials)
+            self._painted[path] = PaintedMaterials(collection.objects, materials)
             copies.append(collection)
             copies[0].use_fake_user = True  # keeps it from being purged while it's in no scene
             for obj in copies[0].objects:
@@ -115,7 +115,7 @@ class Stage:
         kept = MAX_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
         for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - kept)]:
             copies = self._vehicles.pop(path)
-            del self._paintable[path]
+            del self._painted[path]
             bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
             bpy.data.orphans_purge(do_recursive=True)
 
