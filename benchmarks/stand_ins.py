@@ -24,8 +24,8 @@ from PIL import Image, ImageFilter
 from hulldown.base.files import replacing
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.exports.split import SPLITS
+from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import COCO_NAME, read_coco
-from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY
 from hulldown.demo.catalog import CATEGORY
 from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.planning.config.schema import Config
@@ -154,7 +154,7 @@ def write_stand_ins(dataset: Path, out: Path, shares: tuple[float, float, float]
                 taken = photographed(np.asarray(picture.convert("RGB")), rng=np.random.default_rng([7, image["id"]]))
             path.unlink()  # it is a link to the render
             path.with_suffix(".jpg").write_bytes(taken)
-            bare = {key: value for key, value in image.items() if key not in (PICTURE_KEY, RECORD_KEY)}
+            bare = {key: value for key, value in image.items() if key != PICTURE_KEY}
             images.append({**bare, "file_name": path.with_suffix(".jpg").name})
         (unfinished / split / COCO_NAME).write_bytes(orjson.dumps({**coco, "images": images}))
     unfinished.rename(out)

@@ -29,7 +29,6 @@ from hulldown.dataset.store.entries import (
 )
 from hulldown.dataset.store.journal import MERGED, Journal
 from hulldown.dataset.store.reservations import Reservation
-from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, sealed
 
 LOCK_NAME = ".hulldown.lock"
 MERGE_EVERY_S = 30.0
@@ -205,8 +204,7 @@ class CocoDataset:
         image
             ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height``, and any other
             fields. An ``id`` is used as given, for ids reserved by `reserve`; without one it gets the next. With
-            ``picture_sha256``, the hash of its file, it and its annotations are sealed:
-            `dataset.verification.verify` finds what is changed later.
+            ``picture_sha256``, the hash of its file, `dataset.verification.verify` finds another picture.
         annotations
             Each with ``category`` (a name), ``bbox`` (xywh pixels), and any other fields. ``id`` as
             for images. ``area`` is the box's unless given, ``iscrowd`` 0, ``segmentation`` empty.
@@ -256,8 +254,7 @@ class CocoDataset:
             ids = {"id": label_id, "image_id": image_id, "category_id": category_ids[label.pop("category")]}
             defaults = {"area": label["bbox"][2] * label["bbox"][3], "iscrowd": 0, "segmentation": []}
             records.append({**ids, **defaults, **label, **ids})
-        seals = record.get(PICTURE_KEY) is not None
-        full, *of_image = (sealed(each) if seals or RECORD_KEY in each else each for each in records)
+        full, *of_image = records
         return {"image": full, "annotations": of_image} | ({"categories": categories} if categories else {})
 
     def merge(self) -> None:

@@ -12,7 +12,6 @@ from hulldown.assets.coco_types import Coco, Record
 from hulldown.base.outside import typed
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.store.declared import Keypoints, LabelRecord, Optics, Pose, fields_of
-from hulldown.dataset.store.seals import changed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,8 +62,8 @@ class Label:
         )
 
     def changed(self, **fields: object) -> Label:
-        """Return the label with other values of some fields of its record; a valid seal stays valid."""
-        return Label.of(changed(self.record, **fields), {self.category_id: self.category})
+        """Return the label with other values of some fields of its record."""
+        return Label.of({**self.record, **fields}, {self.category_id: self.category})
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -30,7 +30,6 @@ from hulldown.dataset.records import check_usable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.placed_pictures import confined, own_picture, place
 from hulldown.dataset.store.reservations import Reservation
-from hulldown.dataset.store.seals import broken
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,11 +157,6 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
                 f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
             )
     images, annotations = document.images, document.annotations
-    for kind, records in (("image", images), ("annotation", annotations)):
-        # Appending seals records anew, so a broken seal would become valid.
-        if (spoilt := next((record["id"] for record in records if broken(record)), None)) is not None:
-            problem = f"{kind} {spoilt} is not as it was recorded"
-            raise DatasetError(problem, path=folder, remedy="check it with `hulldown verify`")
     check_usable(folder, document.categories, images, annotations)
     for what, n, unique in (
         ("file names", len(images), document.file_names),

@@ -12,21 +12,31 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from msgspec import Struct
 
 from hulldown.annotate.masks import extent
 from hulldown.assets.coco_types import Coco, Record
 from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
+from hulldown.base.outside import typed
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import GHOST
 from hulldown.dataset.images import Category, Image, Label, LabeledImages
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.labels.types import LABEL_TYPES, LabelFields
-from hulldown.dataset.store.declared import CategoryRecord, ImageRecord, LabelRecord, View, fields_of, misfits
+from hulldown.dataset.store.declared import (
+    PICTURE_KEY,
+    CategoryRecord,
+    ImageRecord,
+    LabelRecord,
+    View,
+    fields_of,
+    misfits,
+)
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import place_of
+from hulldown.dataset.store.journal import read_journal
 from hulldown.dataset.store.reservations import reservations_of
-from hulldown.dataset.store.seals import PICTURE_KEY, RECORD_KEY, broken
 from hulldown.dataset.usable_labels import ROUNDED, beyond
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
@@ -232,24 +242,39 @@ def _gap(label: Label, image: Image) -> float:
     return 0.0
 
 
-def check_seals(coco: Coco) -> Iterator[Finding]:
-    """Find changed records, and unsealed ones among sealed ones."""
-    images = {image["id"]: image for image in coco["images"]}
+class _Line(Struct):
+    """An image's line of a journal."""
+
+    image: dict[str, object]
+    annotations: list[dict[str, object]]
+
+
+def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
+    """Find records that aren't as they were appended; images without a line in the journal are from elsewhere."""
+    lines: dict[str, _Line] = {}
+    for number, each in enumerate(read_journal(journal), start=1):
+        try:
+            if "image" in each:
+                written = typed(each, _Line)
+                lines[place_of(str(written.image.get("file_name")))] = written
+        except ValueError as error:
+            yield Finding("error", journal.name, f"line {number} does not fit ({error})")
+    labels: dict[str, dict[str, Record]] = {}
+    for label in coco["annotations"]:
+        labels.setdefault(str(label.get("image_id")), {})[f"annotation {label['id']}"] = label
     for image in coco["images"]:
-        yield from _seal_problems(_name(image), image, image)
-    for annotation in coco["annotations"]:
-        image_id = annotation.get("image_id")
-        image = images.get(image_id, {}) if isinstance(image_id, int) else {}
-        where = f"annotation {annotation['id']}"
-        yield from _seal_problems(f"{_name(image)}: {where}" if image else where, annotation, image)
-
-
-def _seal_problems(where: str, record: Record, image: Record) -> Iterator[Finding]:
-    if broken(record):
-        remedy = f"if the change is meant, set its {RECORD_KEY} to null"
-        yield Finding("error", where, f"was changed after it was recorded: its {RECORD_KEY} does not fit; {remedy}")
-    elif PICTURE_KEY in image and RECORD_KEY not in record:
-        yield Finding("warning", where, f"has no {RECORD_KEY}: it was added or changed by hand, or is damaged")
+        if (line := lines.get(place_of(_name(image)))) is None:
+            continue
+        found: dict[str, Record] = {"its record": image, **labels.get(str(image["id"]), {})}
+        wanted: dict[str, Record] = {
+            "its record": line.image,
+            **{f"annotation {label.get('id')}": label for label in line.annotations},
+        }
+        for what in dict.fromkeys([*wanted, *found]):
+            if found.get(what) != wanted.get(what):
+                how = "added" if what not in wanted else "deleted" if what not in found else "changed"
+                problem = f"{what} was {how} after it was recorded; if that's meant, delete {journal.name}"
+                yield Finding("error", _name(image), problem)
 
 
 def check_reservations(coco: Coco) -> Iterator[Finding]:

@@ -19,7 +19,7 @@ from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.labels.keypoints import KEYPOINTS
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import read_usable
-from hulldown.dataset.rows import image_record, label_records
+from hulldown.dataset.row_records import image_record, label_records
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.notebooks import ShownInNotebooks

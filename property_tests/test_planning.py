@@ -17,7 +17,7 @@ from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.attributes import numbers_of
 from hulldown.dataset.images import Image, Label
-from hulldown.dataset.rows import image_record, label_records
+from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
@@ -25,7 +25,6 @@ from hulldown.planning.check import known_poses, relabeled
 from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.planner import Planner
 from hulldown.planning.summary import summarize
-from hulldown.rendering.annotations import Segmenter
 from hulldown.tests.planning_assets import (
     DISTRACTOR_ENTRIES,
     VEHICLE_ENTRIES,

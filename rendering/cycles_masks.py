@@ -21,9 +21,9 @@ from hulldown.dataset.images import Label
 from hulldown.dataset.labels.amodal_mask import AMODAL_MASK
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import Finding, sound_images
-from hulldown.dataset.rows import not_annotated
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
+from hulldown.dataset.verification.check_plan import unlabeled_vehicle
 from hulldown.geometry.indices import spread
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import Plan, read_plan
@@ -101,7 +101,7 @@ def verify_masks(
         for label_id, (number, target) in enumerate(numbers, start=int(first[index])):
             record = labels.get(label_id)
             if record is None or record.get("image_id") != image_id:
-                findings.append(not_annotated(names[image_id], target.category, target.vehicle))
+                findings.append(unlabeled_vehicle(names[image_id], target.category, target.vehicle))
                 continue
             try:
                 label, alone, visible = Label.of(record, {}), of_row[number] == number, of_row[0] == number

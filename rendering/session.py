@@ -6,6 +6,7 @@ one picture, which the next run renders again under the same name and id.
 
 from __future__ import annotations
 
+import hashlib
 import shutil
 import time
 from collections.abc import Callable, Sequence
@@ -24,13 +25,12 @@ from hulldown.dataset.provenance import (
     read_provenance,
     write_failures,
 )
-from hulldown.dataset.rows import image_record
+from hulldown.dataset.row_records import Segmenter, image_record, plan_categories
+from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.placed_pictures import confined, publish, writing
-from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan
-from hulldown.rendering.annotations import Segmenter, categories_of
 from hulldown.rendering.blender.messages import CyclesSettings, RenderJob
 from hulldown.rendering.jobs import render_job
 from hulldown.rendering.outline import Outline, Part, stamp_of
@@ -74,13 +74,8 @@ class Session:
         self.begun = False
         self.made_by: dict[str, list[str]] = {}
         self._plan, self._stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
-        categories = categories_of(plan, library.shapes)
-        self._segmenter = Segmenter(
-            library.shapes,
-            library.assets.sceneries,
-            keypoints=next((category.get("keypoints", ()) for category in categories), ()),
-        )
-        dataset.add_categories(categories, keypoints=True)
+        self._segmenter = Segmenter.of_plan(plan, library)
+        dataset.add_categories(plan_categories(plan, library.shapes), keypoints=True)
         reservation = self._reservation = dataset.reserve(
             outline.key, images=len(outline.rows), annotations=int(outline.labels.sum())
         )
@@ -208,7 +203,7 @@ class Session:
         image_id = self._reservation.image_offset + index + 1
         about = {"id": image_id, "file_name": name, "device": outcome.made_by["devices"]}
         self._dataset.append(
-            {**about, PICTURE_KEY: digest(content), **image_record(row)},
+            {**about, PICTURE_KEY: hashlib.sha256(content).hexdigest(), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1

@@ -1,5 +1,6 @@
 """Datasets made here and elsewhere, and edits by hand as their owner might make them."""
 
+import hashlib
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -8,7 +9,7 @@ from typing import Any
 from PIL import Image
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.store.seals import PICTURE_KEY, digest
+from hulldown.dataset.store.declared import PICTURE_KEY
 
 PLAN = "a" * 64  # the key of a plan
 
@@ -38,17 +39,23 @@ def write_dataset(
 
 
 def append(
-    dataset: CocoDataset, name: str, picture: Image.Image, labels: Sequence[Mapping], *, seal: bool = False, **more: Any
+    dataset: CocoDataset,
+    name: str,
+    picture: Image.Image,
+    labels: Sequence[Mapping],
+    *,
+    hashed: bool = False,
+    **more: Any,
 ) -> None:
     """Save a picture in an open dataset, and append it with its labels and further fields."""
     path = dataset.folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
     picture.save(path)
-    seals = {PICTURE_KEY: digest(path.read_bytes())} if seal else {}
-    dataset.append({"file_name": name, "width": picture.width, "height": picture.height, **seals, **more}, labels)
+    known = {PICTURE_KEY: hashlib.sha256(path.read_bytes()).hexdigest()} if hashed else {}
+    dataset.append({"file_name": name, "width": picture.width, "height": picture.height, **known, **more}, labels)
 
 
-def render(folder: Path, indices: Iterable[int], *, key: str = PLAN, seal: bool = False) -> Path:
+def render(folder: Path, indices: Iterable[int], *, key: str = PLAN, hashed: bool = False) -> Path:
     """Add these images of a plan of six, with two annotations each, to a dataset."""
     with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
         run = dataset.reserve(key, images=6, annotations=12)
@@ -57,7 +64,7 @@ def render(folder: Path, indices: Iterable[int], *, key: str = PLAN, seal: bool 
                 {"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3.5]} for k in (1, 2)
             ]
             name, picture = run.file_name(f"images/{i + 1:08d}.png"), Image.new("RGB", (8, 6), (i, ord(key[0]), 7))
-            append(dataset, name, picture, labels, seal=seal, id=run.image_offset + i + 1, shot=i)
+            append(dataset, name, picture, labels, hashed=hashed, id=run.image_offset + i + 1, shot=i)
     return folder
 
 

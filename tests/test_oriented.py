@@ -14,10 +14,9 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.labels.corners import ground_corners
 from hulldown.dataset.records import read_usable
-from hulldown.dataset.rows import image_record
+from hulldown.dataset.row_records import Segmenter, image_record
 from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.transforms import apply
-from hulldown.rendering.annotations import Segmenter
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
 from hulldown.tests.editing import edit, write_dataset

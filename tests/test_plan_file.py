@@ -10,7 +10,7 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import stays_inside
-from hulldown.dataset.rows import image_record
+from hulldown.dataset.row_records import image_record
 from hulldown.planning.plan.lines import PlanWriter
 from hulldown.planning.plan.picture_names import PICTURE_NAME
 from hulldown.planning.plan.row import PlannedVehicle, Row, decode_header, encode, fields

@@ -10,7 +10,7 @@ from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.images import Label
 from hulldown.dataset.labels.box_3d import BOX_3D, check_space, space_of
 from hulldown.dataset.labels.types import LabelFields
-from hulldown.dataset.rows import label_records
+from hulldown.dataset.row_records import label_records
 from hulldown.dataset.store.declared import fields_of, misfits
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config

@@ -31,7 +31,7 @@ def dataset(folder, pictures, masks, **fields):
         for i, (picture, mask) in enumerate(zip(pictures, masks, strict=True)):
             label = {"segmentation": encode(mask), "area": int(mask.sum()), "bbox": mask_box(mask).tolist()}
             labels = [{"category": "tank", **label}]
-            append(target, f"images/{i}.png", Image.fromarray(picture), labels, seal=not fields, **fields)
+            append(target, f"images/{i}.png", Image.fromarray(picture), labels, hashed=not fields, **fields)
     return list(verify(folder))
 
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.masks import encode
+from hulldown.annotate.masks import decode, encode
+from hulldown.annotate.rectangles import mask_rectangle
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.cli import main
 from hulldown.dataset.coco import CocoDataset
@@ -18,7 +19,7 @@ from hulldown.reading.confinement.watch import GIB
 from hulldown.rendering.cycles_masks import MaskReport
 from hulldown.tests.editing import append, edit
 from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
-from hulldown.tests.render_plans import CUBES
+from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
@@ -227,6 +228,25 @@ def test_every_difference_from_the_plan_is_found(planned, change, severity, text
     edit(folder, lambda coco: change(coco["images"][3], coco["annotations"][3]))
     findings = list(verify(folder, plan=plan))
     assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
+
+
+@pytest.mark.parametrize(("pixels", "found"), [(0, False), (2, False), (3, True)])
+def test_masks_are_computed_anew_up_to_rays_on_edges(tmp_path, render, pixels, found):
+    plan, folder = write_plan(tmp_path, [make_row(i) for i in range(2)]), tmp_path / "d"
+    render(plan, folder)
+    (folder / "journal.jsonl").unlink()
+
+    def change(coco):
+        label = coco["annotations"][1]
+        mask = decode(label["segmentation"], 16, 16)
+        mask[tuple(np.argwhere(mask)[:pixels].T)] = False
+        label |= {"segmentation": encode(mask), "segmentation_amodal": encode(mask), "area": int(mask.sum())}
+        label["obb"] = mask_rectangle(label["segmentation"], 16, 16).tolist()
+
+    edit(folder, change)
+    for fast, keys in ((False, ["segmentation", "area", "segmentation_amodal", "obb"] if found else []), (True, [])):
+        problems = [one.problem for one in verify(folder, plan, fast=fast, assets=lambda: CUBES)]
+        assert [problem.split()[2] for problem in problems if "planned is" in problem] == keys
 
 
 def test_an_annotation_with_another_ones_id_is_found(planned):

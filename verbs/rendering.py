@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
+from functools import cache, partial
 from pathlib import Path
 
 from hulldown.base.errors import HulldownError
@@ -78,13 +79,13 @@ def _verify(arguments: argparse.Namespace) -> int:
 
     if arguments.masks and not arguments.plan:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
-    findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast)
+    library = cache(partial(planned_library, arguments.plan, arguments))
+    findings = verify(arguments.dataset, arguments.plan, fast=arguments.fast, assets=library)
     checked = 0
     if arguments.masks:
         from hulldown.rendering.cycles_masks import verify_masks
 
-        library = planned_library(arguments.plan, arguments)
-        measured = verify_masks(arguments.dataset, arguments.plan, library, count=arguments.masks)
+        measured = verify_masks(arguments.dataset, arguments.plan, library(), count=arguments.masks)
         checked = len(measured.rows)
         findings += measured.findings
         if not arguments.json:

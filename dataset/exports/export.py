@@ -132,7 +132,7 @@ def export(
 
 
 def _key(layout: str, splits: Splits) -> str:
-    """Return a hash of everything that determines an export, besides the content of pictures without a seal."""
+    """Return a hash of everything that determines an export, besides the content of pictures without a hash."""
     key = hashlib.sha256(orjson.dumps([layout, splits.coco_head]))
     for split, of_split in splits.items.items():
         for item in of_split:

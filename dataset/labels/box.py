@@ -8,8 +8,7 @@ from msgspec import Struct
 
 from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.label_type import LabelType
-from hulldown.dataset.store.declared import Box
-from hulldown.dataset.store.seals import PICTURE_KEY
+from hulldown.dataset.store.declared import PICTURE_KEY, Box
 from hulldown.dataset.usable_labels import ROUNDED, SLIGHT, beyond
 
 

@@ -1,1 +1,1 @@
-"""How a dataset is stored: journal, document, names, ids, and seals."""
+"""How a dataset is stored: journal, document, names, and ids."""

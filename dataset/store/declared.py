@@ -21,6 +21,7 @@ Box = tuple[Pixel, Pixel, Pixel, Pixel]
 Three = tuple[Meters, Meters, Meters]
 Rows = tuple[Three, Three, Three]
 Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
+PICTURE_KEY = "picture_sha256"  # of a rendered image's record: the hash of its picture's file
 Declared = TypeVar("Declared", bound=Struct)
 
 
@@ -48,7 +49,6 @@ class View(Optics):
     scenery: str | None = None
     hdri: str | None = None
     picture_sha256: str | None = None
-    record_sha256: str | None = None
 
 
 class LabelRecord(Struct, kw_only=True):
@@ -63,7 +63,6 @@ class LabelRecord(Struct, kw_only=True):
     air_contrast: Share | None = None
     world_from_vehicle: Pose | None = None
     vehicle: str | None = None
-    record_sha256: str | None = None
 
 
 class Keypoints(Struct):

@@ -31,7 +31,7 @@ JOURNAL_NAME = "journal.jsonl"
 COCO_NAME = "_annotations.coco.json"  # of RF-DETR and Roboflow, in every split's folder
 NO_RECORDS = msgspec.Raw(b"[]")
 KINDS = {"categories": "category", "images": "image", "annotations": "annotation"}
-LINE_KEYS = {"categories", "run", "image", "annotations", "merged"}  # all keys of a journal's lines
+LINE_KEYS = {"categories", "run", "image", "annotations", "merged", "line_sha256"}  # of a journal; the last of old ones
 
 
 @dataclass(slots=True)

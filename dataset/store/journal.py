@@ -16,7 +16,6 @@ from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import open_in_place, open_regular, replacing, sync_folder
 from hulldown.base.outside import json_of
-from hulldown.dataset.store.seals import LINE_KEY, line_is_broken, seal_line
 
 MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
@@ -42,8 +41,8 @@ class Journal:
         sync_folder(path.parent)
 
     def append(self, record: Record) -> None:
-        """Write `record` as the next line, with its hash; on disk when this returns."""
-        self.append_bytes(seal_line(orjson.dumps(record, option=JOURNAL_OPTIONS)))
+        """Write `record` as the next line; on disk when this returns."""
+        self.append_bytes(orjson.dumps(record, option=JOURNAL_OPTIONS))
 
     def append_bytes(self, line: bytes) -> None:
         """Write one line, JSON with its newline, that the caller has serialized."""
@@ -84,14 +83,9 @@ def read_journal(path: Path) -> Iterator[Record]:
             if not line.endswith(b"\n"):
                 return
             try:
-                record = json_of(line, dict[str, object])
+                yield json_of(line, dict[str, object])
             except ValueError as error:
                 raise _damaged(path, number, str(error)) from error
-            if LINE_KEY in record:  # lines of older datasets have none
-                if line_is_broken(line):
-                    raise _damaged(path, number, "it is not as it was written")
-                del record[LINE_KEY]
-            yield record
 
 
 def last_merged(path: Path) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import stat
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -17,9 +18,9 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.images import Image
 from hulldown.dataset.records import Finding, sound_images
+from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.placed_pictures import own_picture
-from hulldown.dataset.store.seals import PICTURE_KEY, digest
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.dataset.verification.target_appearance import check_appearances, is_rendered
 
@@ -63,7 +64,7 @@ def check_pictures(folder: Path, coco: Coco, *, fast: bool, progress: Callable[[
 
 
 def _linked_elsewhere(folder: Path, images: Sequence[Record]) -> Iterator[Finding]:
-    """Find pictures without a seal that are hard links to files outside of the dataset."""
+    """Find pictures without a hash that are hard links to files outside of the dataset."""
     links: dict[tuple[int, int], list[str]] = {}
     counts: dict[tuple[int, int], int] = {}
     for image in images:
@@ -109,7 +110,7 @@ def _check(
         findings.append(Finding("error", name, size_problem(picture, stated)))
     elif picture.pixels is not None and is_rendered(record) and image is not None:
         findings += check_appearances(image, picture.pixels)
-    actual = digest(picture.content)
+    actual = hashlib.sha256(picture.content).hexdigest()
     recorded = record.get(PICTURE_KEY)
     if recorded is not None and recorded != actual:
         problem = (

@@ -18,7 +18,7 @@ from hulldown.assets.coco_types import Record
 from hulldown.dataset.images import Image
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.seals import PICTURE_KEY
+from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.geometry.color import LUMINANCE
 
 MIN_CONTRAST = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture

@@ -19,13 +19,14 @@ from hulldown.dataset.records import (
     check_annotations,
     check_categories,
     check_images,
+    check_journal,
     check_reservations,
-    check_seals,
 )
-from hulldown.dataset.rows import check_planned
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import check_pictures
+from hulldown.dataset.verification.check_plan import check_planned
+from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import read_plan
 
 
@@ -34,6 +35,7 @@ def verify(
     plan: str | os.PathLike[str] | None = None,
     *,
     fast: bool = False,
+    assets: Callable[[], Library] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
     """Find everything that is wrong with a dataset.
@@ -43,9 +45,11 @@ def verify(
     dataset
         Its folder, or a `Dataset`.
     plan
-        A plan that it was rendered from: names, sizes, poses, classes, and boxes are compared row by row.
+        A plan that it was rendered from: records are compared row by row, and labels with those of the rows' scenes.
     fast
-        Whether to skip opening pictures and comparing hashes.
+        Whether to skip opening pictures, comparing hashes, and labels that need the scene.
+    assets
+        Reads the plan's assets; None: with the cache beside the plan.
     progress
         Called with (done, all) after each image; None: a bar in a terminal or notebook.
 
@@ -73,14 +77,14 @@ def verify(
     findings += check_images(coco["images"])
     findings += check_annotations(coco)
     findings += check_reservations(coco)
+    findings += check_journal(coco, folder / JOURNAL_NAME)
     if plan is not None:
-        findings += check_planned(coco, read_plan(plan))
+        planned = read_plan(plan)
+        findings += check_planned(coco, planned, None if fast else assets or partial(load_planned_library, planned))
     findings += _check_loading(folder)
     if is_cut_off(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
         findings.append(Finding("warning", JOURNAL_NAME, problem))
-    if not fast:
-        findings += check_seals(coco)
     with reporting("checking", progress) as advance:
         findings += check_pictures(folder, coco, fast=fast, progress=advance)
     return findings

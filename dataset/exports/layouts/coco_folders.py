@@ -9,7 +9,6 @@ import orjson
 from hulldown.assets.coco_types import Record
 from hulldown.dataset.exports.layouts.splits import Splits
 from hulldown.dataset.store.document import COCO_NAME
-from hulldown.dataset.store.seals import changed
 
 
 def write(splits: Splits, out: Path) -> None:
@@ -21,7 +20,7 @@ def write(splits: Splits, out: Path) -> None:
         labels: list[Record] = []
         for item in items:
             item.link(folder)
-            images.append(changed(item.image.record, file_name=item.name))
+            images.append({**item.image.record, "file_name": item.name})
             labels += [label.record for label in item.image.labels]
         part = {**splits.coco_head, "images": images, "annotations": labels}
         (folder / COCO_NAME).write_bytes(orjson.dumps(part))

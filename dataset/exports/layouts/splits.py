@@ -14,8 +14,8 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.outside import sha256_of
 from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, own_picture
-from hulldown.dataset.store.seals import PICTURE_KEY
 from hulldown.dataset.usable_labels import refuse_all
 
 VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layouts call the splits

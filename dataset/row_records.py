@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import orjson
 from jaxtyping import Bool
 
 from hulldown.annotate.silhouettes import vehicle_masks
@@ -13,22 +14,47 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.dataset.labels.label_type import SeenVehicle
-from hulldown.dataset.labels.types import fields_of_scene
-from hulldown.dataset.rows import label_records
+from hulldown.dataset.labels.types import fields_of_row, fields_of_scene
 from hulldown.dataset.store.entries import new_category
-from hulldown.planning.plan.row import PlannedVehicle, Row
+from hulldown.planning.inputs.loading import Library
+from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
 from hulldown.planning.plan.row_scenes import RowScenes
 from hulldown.planning.plan_file import Plan
 
+IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded)
+LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
 
-def categories_of(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[Record]:
+
+def image_record(row: Row) -> Record:
+    """Return a dataset's record of a row's image, without id and file name."""
+    record = orjson.loads(encode(row))
+    return {key: record[key] for key in IMAGE_KEYS if key in record}
+
+
+def label_records(row: Row) -> list[Record]:
+    """Return a dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
+    records: list[Record] = []
+    for vehicle in row.labeled:
+        encoded = orjson.loads(encode(vehicle))
+        ignored = int(vehicle.label == "ignored")
+        records.append(
+            {
+                **{key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded},
+                **fields_of_row(vehicle, row),
+                "iscrowd": ignored,
+            }
+        )
+    return records
+
+
+def plan_categories(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[Record]:
     """Return records of a plan's categories, without ids; with `keypoints` and `skeleton`, if its config labels any."""
     header = plan.header
     annotate = plan.config.annotate
     labeled = [*header.vehicles, *(name for name, source in header.distractors.items() if source.category)]
     of_labeled = [shapes[name] for name in labeled]
-    fields = category_fields(of_labeled, annotate.keypoints, annotate.skeleton, path=plan.path)
-    return [{**new_category(name), **fields} for name in header.categories]
+    labels = category_fields(of_labeled, annotate.keypoints, annotate.skeleton, path=plan.path)
+    return [{**new_category(name), **labels} for name in header.categories]
 
 
 class Segmenter:
@@ -39,6 +65,13 @@ class Segmenter:
     ) -> None:
         self._keypoints = keypoints
         self._scenes = RowScenes(vehicles, sceneries)
+
+    @classmethod
+    def of_plan(cls, plan: Plan, library: Library) -> Segmenter:
+        """Return the one for a plan's rows, with the keypoints that its config labels."""
+        categories = plan_categories(plan, library.shapes)
+        keypoints = next((category.get("keypoints", ()) for category in categories), ())
+        return cls(library.shapes, library.assets.sceneries, keypoints=keypoints)
 
     def records(self, row: Row) -> list[Record]:
         """Annotation records of each labeled vehicle of a row, without ids."""

@@ -1,0 +1,95 @@
+"""Compare a dataset with its plan, row by row, and its labels with those of the rows' scenes, computed anew."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import numpy as np
+
+from hulldown.annotate.masks import decode
+from hulldown.assets.coco_types import Coco, Record
+from hulldown.base.errors import HulldownError
+from hulldown.dataset.records import Finding
+from hulldown.dataset.row_records import Segmenter, image_record, label_records
+from hulldown.dataset.store.reservations import find_reservation, plan_key
+from hulldown.planning.inputs.loading import Library
+from hulldown.planning.plan_file import Plan
+
+MAX_VALUE_LENGTH = 120  # characters of a value in a finding
+MASKS = ("segmentation", "segmentation_amodal")
+OF_MASKS = (*MASKS, "area", "obb")  # fields that follow from masks; `dataset.records` compares them with each other
+MAX_MASK_DIFFERENCE_PX = 2  # rays on an edge may fall on its other side on another kind of processor
+
+
+def check_planned(coco: Coco, plan: Plan, assets: Callable[[], Library] | None) -> Iterator[Finding]:
+    """Find differences between a plan's rows and their images and labels, and count missing ones.
+
+    A difference is an error, since numbers are copied unrounded. A missing image is a warning, since a run may be in
+    progress, or someone deleted it on purpose. Without the plan's assets, fields that need the scene aren't compared.
+    """
+    reservation = find_reservation(coco, plan_key(plan.path))
+    if reservation is None:
+        yield Finding("error", plan.path.name, "nothing here was rendered from this file, as it is now")
+        return
+    records = label_records
+    try:
+        records = records if assets is None else Segmenter.of_plan(plan, assets()).records
+    except HulldownError as error:
+        yield Finding("warning", plan.path.name, f"labels that need the scene are not compared: {error}")
+    names = {category["id"]: category.get("name") for category in coco["categories"]}
+    images = {image["id"]: image for image in coco["images"] if reservation.has_image(image["id"])}
+    boxes = {box["id"]: box for box in coco["annotations"] if reservation.has_annotation(box["id"])}
+    first, missing, example = reservation.annotation_offset + 1, 0, ""
+    for i, row in enumerate(plan, start=reservation.image_offset + 1):
+        image, name = images.get(i), reservation.file_name(row.file_name)
+        if image is None:
+            missing, example = missing + 1, example or name
+            first += len(row.labeled)
+            continue
+        yield from _differences(name, image, {"file_name": name, **image_record(row)})
+        for number, label in enumerate(records(row), start=first):
+            yield from _label_differences(name, boxes.pop(number, None), {"image_id": i, **label}, names)
+        first += len(row.labeled)
+    # Left are those of images that are missing, and those that no row has.
+    for box in boxes.values():
+        if isinstance(image_id := box.get("image_id"), int) and image_id in images:
+            name = str(images[image_id].get("file_name"))
+            yield Finding("error", name, f"annotation {box['id']} has the id of one that is planned elsewhere")
+    if missing:
+        problem = f"{missing} of {len(plan)} planned images are not there, such as {example}"
+        yield Finding("warning", plan.path.name, problem)
+
+
+def unlabeled_vehicle(name: str, category: str | None, vehicle: str) -> Finding:
+    """Return a warning about a missing label, which someone may have deleted on purpose."""
+    return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
+
+
+def _label_differences(name: str, box: Record | None, wanted: Record, names: Mapping[int, Any]) -> Iterator[Finding]:
+    if box is None:
+        yield unlabeled_vehicle(name, wanted["category"], wanted["vehicle"])
+        return
+    label = box.get("category_id")
+    recorded = {**box, "category": names.get(label) if isinstance(label, int) else None}
+    if all(_is_nearly_same_mask(recorded.get(key), wanted.get(key)) for key in MASKS):
+        wanted = {key: value for key, value in wanted.items() if key not in OF_MASKS}
+    yield from _differences(name, recorded, wanted, what=f"{wanted['category']} {wanted['vehicle']!r}: ")
+
+
+def _is_nearly_same_mask(recorded: object, wanted: object) -> bool:
+    if recorded == wanted or not isinstance(wanted, Mapping):
+        return recorded == wanted
+    height, width = wanted["size"]
+    try:
+        differ = decode(recorded, width, height) != decode(wanted, width, height)
+    except ValueError:
+        return False
+    return bool(np.count_nonzero(differ) <= MAX_MASK_DIFFERENCE_PX)
+
+
+def _differences(name: str, recorded: Record, wanted: Record, *, what: str = "") -> Iterator[Finding]:
+    for key, value in wanted.items():
+        if recorded.get(key) != value:
+            values = (repr(each)[:MAX_VALUE_LENGTH] for each in (recorded.get(key), value))
+            yield Finding("error", name, "{}{} is {}, planned is {}".format(what, key, *values))
