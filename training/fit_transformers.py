@@ -9,7 +9,6 @@ from typing import Any
 
 import pytorch_lightning as pl
 import torch
-from rfdetr.training.callbacks.ema import RFDETREMACallback
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
@@ -22,7 +21,7 @@ from hulldown.training.detectors.transformers_detector import (
     save_transformers,
     starting_network,
 )
-from hulldown.training.fitting import Trainee, seed_weights
+from hulldown.training.fitting import RFDETREMACallback, Trainee, seed_weights
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import Settings, rate_factor
 

@@ -20,7 +20,6 @@ from lightning_fabric.plugins import TorchCheckpointIO
 from msgspec.structs import replace
 from pytorch_lightning import loggers as pl_loggers
 from pytorch_lightning.callbacks import ModelCheckpoint
-from rfdetr.training.callbacks.ema import RFDETREMACallback
 from torch.utils.data import DataLoader
 
 from hulldown.base.errors import HulldownError
@@ -29,9 +28,13 @@ from hulldown.training.detectors.detector import DAMAGED, Detector, RunFigures, 
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.inputs.data import Batches, DrawnExamples, Example
+from hulldown.training.inputs.extra import quiet
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import RunFolder
+
+with quiet():
+    from rfdetr.training.callbacks.ema import RFDETREMACallback
 
 VALIDATIONS = 10  # points of a run's curve; the last one is the result
 

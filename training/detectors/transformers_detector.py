@@ -49,6 +49,7 @@ from hulldown.training.inputs.extra import quiet
 from hulldown.training.inputs.settings import Settings
 
 D_FINE_NANO = "ustc-community/dfine-nano-coco"  # at the Hugging Face hub
+LIKE_VEHICLES = "truck"  # class of COCO
 MIN_SCORE = 0.01
 UNUSABLE = (*DAMAGED, SafetensorError, StrictDataclassError)
 _REMEDY = f"name a run, a folder with {', '.join(TRANSFORMERS_FILES)}, a detector at the Hugging Face hub, or none"
@@ -74,7 +75,7 @@ def nano_config(**keys: Any) -> DFineConfig:
 
 
 def starting_network(settings: Settings, classes: Sequence[str]) -> tuple[Any, Any]:
-    """Return a network to train, and its image processor; outputs for another number of classes are random."""
+    """Return a network to train, and its image processor."""
     names = {"id2label": dict(enumerate(classes)), "label2id": {name: i for i, name in enumerate(classes)}}
     size = {"height": settings.resolution, "width": settings.resolution}
     if settings.weights == "none":
@@ -85,9 +86,24 @@ def starting_network(settings: Settings, classes: Sequence[str]) -> tuple[Any, A
         source = str(weights_of(Path(source)))
     elif source.count("/") != 1:  # names at the hub have one
         raise HulldownError("no such run, or folder of weights", path=source, remedy=_REMEDY)
-    network, processor = _read_pretrained(source, settings, **names)
+    network, processor, lost = _read_pretrained(source, settings, **names)
+    if lost:
+        _start_classes(network, _read_pretrained(source, None)[0], lost)
     processor.size = size
     return network, processor
+
+
+def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
+    """Start the lost outputs of each class from those of its name in another network, or of `LIKE_VEHICLES` there."""
+    place = {name: i for i, name in before.config.id2label.items()}
+    if LIKE_VEHICLES not in place:
+        return
+    rows = [place.get(name, place[LIKE_VEHICLES]) for _, name in sorted(network.config.id2label.items())]
+    new, old, classes = network.state_dict(), before.state_dict(), len(before.config.id2label)
+    for key in lost:
+        last = [*range(classes, len(old[key]))]  # some have a row more, of no class
+        if len(new[key]) == len(rows) + len(last):
+            new[key].copy_(old[key][rows + last])
 
 
 def _fitted_config(config: Any, settings: Settings) -> Any:
@@ -99,17 +115,20 @@ def _fitted_config(config: Any, settings: Settings) -> Any:
     return config
 
 
-def _read_pretrained(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any]:
-    """Load network and image processor from a folder or, by their name there, from the hub; code in it isn't run."""
+def _read_pretrained(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any, list[str]]:
+    """Load network and image processor from a folder or, by their name there, from the hub; code in it isn't run.
+
+    With settings, weights of another number of classes stay random; their names are the last result.
+    """
     try:
         for name in TRANSFORMERS_FILES if Path(source).exists() else ():
             open_regular(Path(source, name)).close()
         with quiet():
             config = AutoConfig.from_pretrained(source, **names)
             processor = AutoImageProcessor.from_pretrained(source)
-            network = AutoModelForObjectDetection.from_pretrained(
+            network, found = AutoModelForObjectDetection.from_pretrained(
                 source, config=config if settings is None else _fitted_config(config, settings),
-                ignore_mismatched_sizes=settings is not None, use_safetensors=True,
+                ignore_mismatched_sizes=settings is not None, use_safetensors=True, output_loading_info=True,
             )  # fmt: skip
     except UNUSABLE as error:
         raise HulldownError(
@@ -117,7 +136,7 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
             remedy=_REMEDY,
         ) from None
     refuse_odd_numbers(network, Path(source))
-    return network, processor
+    return network, processor, sorted(key for key, *_ in found["mismatched_keys"])
 
 
 def normalized_pictures(pictures: UInt8[Tensor, "n 3 h w"], processor: Any) -> Float[Tensor, "n 3 h w"]:
@@ -158,7 +177,8 @@ class TransformersDetector:
 
 def load_transformers(path: Path, *, device: torch.device) -> TransformersDetector:
     """Load the detector of a folder of weights."""
-    return TransformersDetector(*_read_pretrained(str(path), None), device)
+    network, processor, _ = _read_pretrained(str(path), None)
+    return TransformersDetector(network, processor, device)
 
 
 def save_transformers(network: Any, processor: Any, path: Path) -> None:
