@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 from hulldown.assets.library import Assets
 from hulldown.geometry.columns import objects_of
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.appearance.light import draw_lights, draw_sensors
+from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.coats import Coat
@@ -41,15 +41,11 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
     roles, labels = ["target"] * len(image), ["none" if is_empty else "full" for is_empty in background]
     targets = _in_images(instances, target[owner], views, roles=roles, labels=labels)
     extras = _extras(planned, instances)
-    sensors = draw_sensors(config.sensor, draws=draws, image=block.scene)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
         "index": image.tolist(),
         "image_id": (image + 1).tolist(),
-        "file_name": [
-            picture_name(i, sensor.suffix if sensor else ".png")
-            for i, sensor in zip(image.tolist(), sensors, strict=True)
-        ],
+        "file_name": list(map(picture_name, image.tolist())),
         "scenery": repeat(block.site.name, len(image)),
         "position": held.number[owner].tolist(),
         "shot": block.shot.tolist(),
@@ -61,7 +57,6 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
         "like": _followed(block, views),
         "sequence": block.given_of(image).name.tolist(),
         "sample_seed": (draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
-        "sensor": sensors,
         "background": background,
         "planned": [[each, *extras[j, Role.COMPANION], *extras[j, Role.DISTRACTOR]] for j, each in enumerate(targets)],
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],

@@ -13,7 +13,6 @@ from hulldown.annotate.masks import decode
 from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
-from hulldown.camera.sensor import LIMITS
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.attributes import numbers_of
 from hulldown.dataset.images import Image, Label
@@ -61,7 +60,6 @@ def configs(draw):
     return small_config(
         seed=draw(st.integers(0, 2**63 - 1)),
         assets={"vehicles": entries[0], "distractors": draw(st.sampled_from([[], entries[1]]))},
-        sensor={"preset": draw(st.sampled_from(["camera", "phone"]))},
         budget={
             "images_per_class": draw(st.integers(2, 5)),
             "images_per_position": draw(st.integers(1, 3)),
@@ -298,7 +296,6 @@ def painted_within_limits(vehicle, config):
 
 
 def light_within_limits(row, config):
-    assert all(within(getattr(row.sensor, key), getattr(config.sensor, key)) for key in LIMITS)
     assert within(row.hdri_yaw_deg, config.light.yaw_deg)
     assert within(row.strength, config.light.strength)
     kind = "clear" if row.weather is None else row.weather.kind

@@ -55,7 +55,6 @@ def render_job(row: Row, library: Library, settings: CyclesSettings, output: Pat
         seed=row.sample_seed % 2**31,
         settings=settings,
         output=str(output),
-        sensor=row.sensor,
     )
 
 

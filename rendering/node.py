@@ -86,7 +86,7 @@ def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
     """
     is_wanted, opened = wanted(), _open_blender()
     with opened.busy(setting):
-        output = (opened.pictures / "picture").with_suffix(Path(job.output).suffix)
+        output = opened.pictures / "picture.png"
         try:
             outcome = opened.blender.do(replace(job, output=str(output)), stopping=lambda: not is_wanted())
         except Stopped:

@@ -4,24 +4,19 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from PIL.JpegImagePlugin import JpegImageFile
 from PIL.PngImagePlugin import PngImageFile
 
-SIGNATURE, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8"
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
 NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
 
 def without_notes(data: bytes) -> bytes:
     """Remove text, date, and EXIF chunks, so that equal pictures are equal files.
 
-    A JPEG file has none, since the worker writes it, not Blender.
-
     References
     ----------
     W3C, Portable Network Graphics (PNG) Specification, 3rd edition, section 5.
     """
-    if data.startswith(JPEG):
-        return data
     if not data.startswith(SIGNATURE):
         raise ValueError("data: expected a PNG file, got something else")
     kept, at = [SIGNATURE], len(SIGNATURE)
@@ -39,10 +34,10 @@ def damage(picture: Path, width: int, height: int) -> str | None:
     """Find damage in a picture by Blender; None if there is none."""
     try:
         # Not by `Image.open`, which refuses pictures above a size.
-        with JpegImageFile(picture) if picture.suffix == ".jpg" else PngImageFile(picture) as image:
+        with PngImageFile(picture) as image:
             if image.size != (width, height):
                 return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
-            image.load() if picture.suffix == ".jpg" else image.verify()  # a JPEG file has no checksum
+            image.verify()
     except (OSError, SyntaxError, ValueError) as error:
         return f"Blender wrote a picture that cannot be read ({error})"
     return None

@@ -166,7 +166,7 @@ class Session:
         self._recorded = self.made_by
 
     def _output(self, row: Row) -> Path:
-        return self.unfinished / f"{row.index}{Path(row.file_name).suffix}"
+        return self.unfinished / f"{row.index}.png"
 
     def _row(self, index: int) -> Row:
         """Return a row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""

@@ -32,7 +32,6 @@ CONFIG = small_config(
 )
 # Values that no row of the plan has.
 OTHERS = {
-    "sensor": {"blur_px": 0.5},
     "vehicle": "leo2", "category": "plane", "articulation": {"turret": 0.123}, "bbox": [1.0, 2.0, 3.0, 4.0],
     "bbox_amodal": [1.0, 2.0, 3.0, 4.0], "label": "ignored", "bounds": [[-1.0] * 3, [1.0] * 3], "paint": [],
     "file_name": "images/other.png", "scenery": "moon", "hdri": "moon", "horizon_deg": 3.0, "background": None,

@@ -105,8 +105,6 @@ def test_a_profile_sets_missing_values(read):
 CALIBRATED = """
 intrinsics = { fx = 900.0, fy = 900.0, cx = 960.0, cy = 540.0 }
 distortion = { k1 = -0.05 }
-[sensor]
-preset = "phone"
 """
 
 
@@ -138,10 +136,8 @@ WRONG = [  # the addition, the key in the error, and its text
     ("[light]\nhdris = 'noon'", "light.hdris = 'noon'", "expected a list"),
     *((f"[light]\nexposure = {x}", "light.exposure = ", "expected 'auto' or EV from -32 to 32")
       for x in ("'bright'", "33", "true", "[0, 1]")),
-    ("[sensor]\npreset = 'dslr'", "sensor.preset = 'dslr'", "expected 'none', 'camera' or 'phone'"),
-    ("[sensor]\nblur_px = -1", "sensor.blur_px = -1", "expected a number or [low, high] with 0 <= low"),
-    ("[sensor]\njpeg_quality = [0, 90]", "sensor: jpeg_quality = [0, 90]", "expected 0, or a range of more than 0"),
-    ("[sensor]\ngain = 0.5", "sensor.gain = 0.5", "expected a number or [low, high] with 1 <= low"),
+    ("[sensor]\npreset = 'camera'", "sensor is gone; ", "`train`"),
+    ("[placement]\nrule = 'least_squares'", "placement.rule is gone; ", 'use "support"'),
     ("background_share = 1.0", "budget.background_share = 1.0", "expected less than or equal to 0.99"),
     ("[annotate]\nmin_box_px = 9.0", "annotate.min_box_px = 9", "expected at most camera.min_box_px, 8"),
     ("[annotate]\nmin_visible_fraction = 0.4", "annotate.min_vis", "at most the least camera.visible_fraction, 0.3"),

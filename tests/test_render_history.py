@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 from hulldown.tests.blender_plans import draw, make_plan
 from hulldown.tests.plan_lines import altered
@@ -90,10 +89,10 @@ def test_weather_looks_the_same_after_other_weather_and_vehicles(plan, library, 
 
 def test_a_shot_looks_the_same_after_others_of_its_position(plan, library, tmp_path):
     """Blender keeps what the next shot shares; every shot here differs from the one before in one thing."""
-    row = altered(plan[0], companions=[], sensor=None)
+    row = altered(plan[0], companions=[])
     pose = row.world_from_camera.copy()
     pose[:3, 3] += pose[:3, 0]
-    changes = {}, {"exposure_ev": row.exposure_ev - 1.0}, {"world_from_camera": pose}, {"sensor": Sensor()}
+    changes = {}, {"exposure_ev": row.exposure_ev - 1.0}, {"world_from_camera": pose}
     turns = [(altered(row, **change), library) for change in changes]
     pictures = draw(tmp_path, turns + turns[::-1])
     assert all(np.array_equal(*pair) for pair in zip(pictures, reversed(pictures), strict=True))

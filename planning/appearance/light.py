@@ -1,4 +1,4 @@
-"""Light of each image: HDRI, rotation, and strength; exposure and white balance with errors, lens, and sensor."""
+"""Light of each image: HDRI, rotation, and strength; exposure and white balance with errors."""
 
 from __future__ import annotations
 
@@ -12,11 +12,8 @@ from jaxtyping import Float, Int
 from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
-from hulldown.camera.sensor import LIMITS, Sensor
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.geometry.columns import objects_of
 from hulldown.planning.config.light_section import LightSection
-from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
 
@@ -100,14 +97,3 @@ def card(
     the camera (docs/benchmarks.md).
     """
     return np.asarray(irradiance * (ALBEDO / math.pi * strength))
-
-
-def draw_sensors(section: SensorSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]) -> list[Sensor | None]:
-    """Draw lens and sensor of the images with these indices; None for a config without `[sensor]`."""
-    ranges: dict[str, tuple[float, float]] = section.model_dump(exclude={"preset"})
-    if section == SensorSection():
-        return [None] * len(image)
-    u = draws.uniform(Purpose.SENSOR, image, 0, count=len(LIMITS)).T
-    table = {key: rounded("sensor", between(*ranges[key], own)) for key, own in zip(LIMITS, u, strict=True)}
-    table["jpeg_quality"] = np.rint(table["jpeg_quality"]).astype(np.int64)
-    return list(objects_of(Sensor, {key: column.tolist() for key, column in table.items()}))

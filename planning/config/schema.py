@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
+from hulldown.base.errors import ConfigError
 from hulldown.base.toml_files import read_toml, validated
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.planning.config.annotate_section import AnnotateSection
@@ -27,7 +28,6 @@ from hulldown.planning.config.paint_section import PaintEntry
 from hulldown.planning.config.placement_sections import GroundSection, PlacementSection
 from hulldown.planning.config.render_section import RenderSection
 from hulldown.planning.config.section import Section
-from hulldown.planning.config.sensor_section import SensorSection
 from hulldown.planning.config.weather_section import WeatherSection
 
 if TYPE_CHECKING:
@@ -37,9 +37,13 @@ if TYPE_CHECKING:
 # What to use instead of keys and values of earlier versions.
 REMOVED_KEYS = MappingProxyType(
     {
-        f"assets.{kind}.paint.{key}": "list the `colors` to draw from"
-        for kind in ("vehicles", "distractors")
-        for key in ("hue_deg", "saturation", "value")
+        "sensor": "`train` adds blur, noise, and compression (docs/training.md)",
+        "placement.rule = 'least_squares'": 'use "support", which is nearer to the resting pose',
+        **{
+            f"assets.{kind}.paint.{key}": "list the `colors` to draw from"
+            for kind in ("vehicles", "distractors")
+            for key in ("hue_deg", "saturation", "value")
+        },
     }
 )
 
@@ -72,7 +76,6 @@ class Config(Section):
     budget: BudgetSection
     light: LightSection = LightSection()
     weather: WeatherSection = WeatherSection()
-    sensor: SensorSection = Field(default=SensorSection(), exclude_if=SensorSection().__eq__)
     render: RenderSection = RenderSection()
     _path: Path | None = PrivateAttr(default=None)
 
@@ -138,7 +141,11 @@ class Config(Section):
     def of_plan(cls, plan: PlanFile) -> Config:
         """Return the config in a plan's header, with the folder that the header names."""
         root = Path(os.path.normpath(plan.path.absolute().parent / plan.header.root))
-        return cls.of(plan.header.config, path=root / plan.path.name)
+        try:
+            return cls.of(plan.header.config, path=root / plan.path.name)
+        except ConfigError as error:
+            problem, remedy = f"line 1, config: {error.problem}", "plan again with `hulldown plan`"
+            raise ConfigError(problem, path=plan.path, remedy=remedy) from None
 
     @property
     def path(self) -> Path | None:

@@ -9,15 +9,14 @@ from types import MappingProxyType
 from hulldown.planning.config.config_keys import ENTRIES, Key, keys_of, sections, toml_value
 from hulldown.planning.config.render_section import PROFILES
 from hulldown.planning.config.schema import Config
-from hulldown.planning.config.sensor_section import PRESETS
 
 _WIDTH = 120
 _LONGEST = 60  # of a line with a comment beside it
 # One of two alternatives must be given, so the first one gets a value.
 _GIVEN = MappingProxyType({"budget.images_per_class": 140})
 
-# A profile or preset gives defaults for these keys.
-_BY_PROFILE = MappingProxyType({"render": tuple(PROFILES["paper"]), "sensor": tuple(PRESETS["camera"])})
+# A profile gives defaults for these keys.
+_BY_PROFILE = MappingProxyType({"render": tuple(PROFILES["paper"])})
 _LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
 _LISTED = ("hdris", *_LISTS.values())  # keys of [assets] that get their own format
 

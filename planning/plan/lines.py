@@ -124,8 +124,6 @@ class PlanFile(os.PathLike[str]):
             raise _damaged(self.path, number, f"has index {row.index}, expected {index}")
         if row.image_id != index + 1:
             raise _damaged(self.path, number, f"has image_id {row.image_id}, expected {index + 1}")
-        if not row.file_name.endswith(suffix := ".png" if row.sensor is None else row.sensor.suffix):
-            raise _damaged(self.path, number, f"has file_name {row.file_name!r:.80}, expected a {suffix} file")
         try:
             _ = row.intrinsics
         except ValueError as error:
@@ -165,14 +163,14 @@ class _Names:
 
     def holder(self, row: Row) -> int | None:
         """Return the earlier row with the same name, ignoring case, or None."""
-        name, index, suffix = row.file_name, row.index, row.file_name[-len(".png") :]
-        if name == picture_name(index, suffix):
+        name, index = row.file_name, row.index
+        if name == picture_name(index):
             return self._others.get(name)
         name = unicodedata.normalize("NFC", name).casefold()
         self._rows.add(index)
-        digits = name.removeprefix("images/").removesuffix(suffix)
+        digits = name.removeprefix("images/").removesuffix(".png")
         planned = int(digits) - 1 if digits.isascii() and digits.isdecimal() else index
-        if 0 <= planned < index and planned not in self._rows and name == picture_name(planned, suffix):
+        if 0 <= planned < index and planned not in self._rows and name == picture_name(planned):
             return planned
         holder = self._others.setdefault(name, index)
         return None if holder == index else holder

@@ -19,7 +19,6 @@ from msgspec import Meta, Struct
 from hulldown.assets.library import GeometrySource, HdriSource, Source
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
-from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.plan.given_poses import FARTHEST, GivenPoses
@@ -120,7 +119,6 @@ EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=
 Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
 Angles = Annotated[dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]], _is("angles by name", "1e-12 radians", _to(12))]
 Air = Annotated[Weather | None, _is('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _to(9))]
-Optics = Annotated[Sensor | None, _is('{"blur_px": pixels, ...}', "1e-9", _to(9))]
 Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
 Coats = Annotated[list[Coat], _is("a list of coats of paint")]
@@ -205,12 +203,11 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     exposure_ev: Annotated[EV, _means("exposure of the picture")]
     white_balance_k: Annotated[Kelvin, _means("white balance minus 6500 K; more is warmer")]
     weather: Annotated[Air, _means("null: clear and dry")]
-    sample_seed: Annotated[Seed, _means("seed of Cycles' and the sensor's noise")]
+    sample_seed: Annotated[Seed, _means("seed of Cycles' noise")]
     background: Annotated[bool, _is("true or false"), _means("whether the image shows no target (see below)")]
     planned: Annotated[Vehicles, _plans("the target, then companions, then distractors")]
     rejected: Annotated[Reasons, _plans("refused tries; refused places only in a position's first shot")]
     left_out: Annotated[Count, _plans("companions that found no room")]
-    sensor: Annotated[Optics, _means("[lens and sensor](camera.md#sensor); only with `[sensor]`")] = None
 
     @property
     def target(self) -> PlannedVehicle:

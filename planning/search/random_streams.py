@@ -41,7 +41,6 @@ class Purpose(IntEnum):
     WEATHER = 22
     LIKE = 26
     DIRECTION = 27
-    SENSOR = 30
     SEQUENCE = 31
 
 

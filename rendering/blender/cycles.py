@@ -1,4 +1,4 @@
-"""Settings of Cycles: device, samples, denoising, film, on a scene with Blender's own settings.
+"""Settings of Cycles: device, samples, denoising, pictures, on a scene with Blender's own settings.
 
 Runs inside Blender; imports numpy-free standard library and bpy only.
 
@@ -77,7 +77,9 @@ def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int
     """
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
-    store_picture(scene)
+    picture = render.image_settings
+    picture.file_format, picture.color_mode, picture.color_depth = "PNG", "RGB", "8"
+    picture.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
     scene.view_settings.view_transform = VIEW_TRANSFORM
     render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
@@ -116,13 +118,6 @@ def expose(scene: Any, settings: CyclesSettings, exposure: float, white_balance:
         ("adaptive_threshold", min(settings.adaptive_threshold * math.sqrt(scale), 1.0)),  # over the root of radiance
     ):
         setattr(scene.cycles, name, value)
-
-
-def store_picture(scene: Any) -> None:
-    """Make a scene write pictures."""
-    settings = scene.render.image_settings
-    settings.file_format, settings.color_mode, settings.color_depth = "PNG", "RGB", "8"
-    settings.compression = 15  # zlib's higher levels take seconds at 1080p for 3 % of the size
 
 
 def _denoise(cycles: Any, *, gpu: bool) -> None:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.sensor import Sensor
 from hulldown.camera.weather.kinds import Weather
 
 Matrix = list[list[float]]  # (4, 4)
@@ -68,10 +67,7 @@ class MaskJob:
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """Render a picture to `output`; weather None: clear and dry.
-
-    Without a sensor, Blender's view transform makes the picture, a .png file.
-    """
+    """Render a picture to `output`, a .png file; weather None: clear and dry."""
 
     scenery: str
     vehicles: list[VehicleInput]
@@ -81,7 +77,6 @@ class RenderJob:
     seed: int
     settings: CyclesSettings
     output: str
-    sensor: Sensor | None = None
 
 
 @dataclass(frozen=True, slots=True)

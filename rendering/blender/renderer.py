@@ -13,8 +13,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.light_pictures import store_light
-from hulldown.rendering.blender import cycles, film
+from hulldown.rendering.blender import cycles
 from hulldown.rendering.blender.lens import DEVICES as LENS_DEVICES
 from hulldown.rendering.blender.messages import CyclesSettings, Job, MaskJob, RenderJob, StartJob
 from hulldown.rendering.blender.object_index import IndexPictures
@@ -72,22 +71,16 @@ class Renderer:
         self._set("light", stage.world.set, job.light)
         camera = job.camera
         self._set("exposure", cycles.expose, stage.scene, job.settings, camera.exposure, camera.white_balance)
-        store = cycles.store_picture if job.sensor is None else store_light
-        self._set("format", lambda store: store(stage.scene), store)
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)
         output.unlink(missing_ok=True)  # from a failed attempt
-        rendered = output if job.sensor is None else output.with_suffix(".exr")
-        stage.scene.render.filepath = os.fspath(rendered)
+        stage.scene.render.filepath = os.fspath(output)
         posed = time.monotonic()
         with _Stopwatch() as watch:
             bpy.ops.render.render(write_still=True, scene=stage.scene.name)
-        if not rendered.is_file():
+        if not output.is_file():
             raise RuntimeError("Blender has written no picture")
-        if job.sensor is not None:
-            film.develop_file(rendered, output, job.sensor, job.camera, seed=job.seed, threads=self._threads)
-            rendered.unlink()
         end = time.monotonic()
         seconds = {
             "load": posed - start,
