@@ -103,7 +103,7 @@ def plan(
     photographs = None
     if config.camera.like is not None:
         photographs = read_photographs(config.folder / config.camera.like)  # before the long work
-        for note in Likeness(photographs, config).notes({entry.category for entry in config.assets.vehicles}):
+        for note in Likeness(photographs, config).unused_notes({entry.category for entry in config.assets.vehicles}):
             warnings.warn(note, stacklevel=2)
     with reading_status() as reading:
         library = load_library(config, strict=strict, cache=cache, progress=reading, limits=limits)

@@ -10,7 +10,7 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import ConfigError
 from hulldown.planning.check import check_plan
 from hulldown.planning.plan_file import read_plan
-from hulldown.planning.search.likeness import CUT, Likeness
+from hulldown.planning.search.likeness import TRUNCATION_MARGIN, Likeness
 from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.editing import write_dataset
@@ -102,7 +102,7 @@ def test_boxes_cut_by_the_frame_are_cut_at_the_same_sides(tmp_path):
         wanted = np.array(list(cuts.values())[i][3:]) * 1080 / HEIGHT
         kept = np.minimum([x + w, y + h], [1920, 1080]) - np.maximum([x, y], 0)
         across, down = np.reshape(sides[list(cuts)[i]], (2, 2)).any(axis=0)
-        at_limit = kept.prod() <= (1.0 - CUT * 0.8) * w * h + NEAR_PX * max(w, h)
+        at_limit = kept.prod() <= (1.0 - TRUNCATION_MARGIN * 0.8) * w * h + NEAR_PX * max(w, h)
         assert not across or at_limit or kept[0] <= wanted[0] + NEAR_PX
         assert not down or kept[1] == pytest.approx(wanted[1], abs=NEAR_PX)
         reached.append(not across or kept[0] >= wanted[0] - NEAR_PX)
@@ -151,7 +151,7 @@ def test_photographs_without_a_box_within_the_limits_are_refused(tmp_path, box, 
 
 def test_classes_without_boxes_follow_all_photographs_and_are_named(tmp_path):
     assets = photographed(tmp_path, [*drawn_boxes(25), [("tank", 0, 0, 20, 20)]], names=("tank", "bus"))
-    notes = Likeness(assets.photographs, config_of()).notes(["tank", "truck"])
+    notes = Likeness(assets.photographs, config_of()).unused_notes(["tank", "truck"])
     assert len(notes) == 2
     assert "1 of 26 boxes aren't followed" in notes[0]
     assert "no box of class 'truck'" in notes[1]

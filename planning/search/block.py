@@ -90,8 +90,8 @@ def instances_of(block: Block) -> InstanceTable:
     turns = draws.uniform(Purpose.ARTICULATION, positions.number, 0, count=fleet.parts)
     zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
     if likeness is not None:
-        sampled = likeness.sampled(draws, fleet, model=block.model, image=positions.first_image)
-        photographed = likeness.companions(sampled)
+        sampled = likeness.sample_boxes(draws, fleet, model=block.model, image=positions.first_image)
+        photographed = likeness.companion_counts(sampled)
     columns = [(np.arange(n), zero, zero, block.model, turns)]
     for background, kinds in block.extras.items():
         rows = np.flatnonzero(positions.background == background)

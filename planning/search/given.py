@@ -17,21 +17,44 @@ from hulldown.planning.search.stage import Site
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Given:
-    """Given poses of n images, in the worlds of their sceneries; nan for values to plan."""
+    """Given poses of n images, in the worlds of their sceneries; what isn't given is nan, and is planned."""
 
     xyz: Float[np.ndarray, "n 3"]  # xyz, yaw: meters and (n,) radians of the vehicles
     yaw: Float[np.ndarray, " n"]
     camera: Float[np.ndarray, "n 3"]  # camera, look_at: meters
     look_at: Float[np.ndarray, "n 3"]
-    # sequence, name: index of the first image of each image's sequence, and the sequence's name; -1 and None without
-    # one
-    sequence: Int[np.ndarray, " n"]
-    name: np.ndarray
+    sequence: Int[np.ndarray, " n"]  # index of the first image of each image's sequence; -1 without one
+    name: np.ndarray  # the sequence's; None without one
 
     @property
-    def fixed(self) -> Bool[np.ndarray, " n"]:
-        """Whether place and heading of an image's vehicle are given."""
-        return ~np.isnan(self.xyz[:, 0] + self.yaw)
+    def has_position(self) -> Bool[np.ndarray, " n"]:
+        """Whether x and y of an image's vehicle are given."""
+        return ~np.isnan(self.xyz[:, 0])
+
+    @property
+    def has_heading(self) -> Bool[np.ndarray, " n"]:
+        """Whether the heading of an image's vehicle is given."""
+        return ~np.isnan(self.yaw)
+
+    @property
+    def has_place(self) -> Bool[np.ndarray, " n"]:
+        """Whether position and heading of an image's vehicle are given: every try is the same."""
+        return self.has_position & self.has_heading
+
+    @property
+    def has_camera(self) -> Bool[np.ndarray, " n"]:
+        """Whether the camera's place is given."""
+        return ~np.isnan(self.camera[:, 0])
+
+    @property
+    def has_look_at(self) -> Bool[np.ndarray, " n"]:
+        """Whether a point on the camera's optical axis is given."""
+        return ~np.isnan(self.look_at[:, 0])
+
+    @property
+    def in_sequence(self) -> Bool[np.ndarray, " n"]:
+        """Whether an image is part of a sequence."""
+        return self.sequence >= 0
 
 
 def nothing_given(n: int) -> Given:

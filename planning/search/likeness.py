@@ -22,37 +22,47 @@ from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
 from hulldown.planning.search.stage import Fleet
 
-FEW = 20  # boxes of a class, below which those of all classes are used
-HALF_CUT = 0.5  # largest share of the height assumed to be cut off from a box over a corner of the photograph
-CUT = 0.8  # of the largest `truncated_fraction`, aimed for: what the frame leaves fills less than its share of the box
-LAST = np.nextafter(1.0, 0.0)  # highest rank
-PATIENCE = 10  # places without a camera that count as a quarter of an image's tries
+MIN_CLASS_BOXES = 20  # with fewer boxes of a class, those of all classes are used
+MAX_CORNER_CUT = 0.5  # share of the height assumed to be cut off from a box over a corner of the photograph
+# Of the largest `truncated_fraction`, aimed for: what the frame leaves fills less than its share of the box.
+TRUNCATION_MARGIN = 0.8
+MAX_RANK = np.nextafter(1.0, 0.0)
+QUARTER_PLACES = 10  # places without a camera that count as a quarter of an image's tries
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Wishes:
-    """Boxes that n tries of cameras should reproduce."""
+class TargetBoxes:
+    """Boxes of photographs that n tries of cameras should reproduce."""
 
-    # sampled, box: box of the photographs that was sampled for the image, and the one that this try follows; -1: none
-    sampled: Int[np.ndarray, " n"]
-    box: Int[np.ndarray, " n"]
-    # corners, cut: left, top, right, and bottom side of the box in pixels, and whether the frame cuts it off there
-    corners: Float[np.ndarray, "n 4"]
-    cut: Bool[np.ndarray, "n 4"]
-    # pixels, wide: height of the target's box, or its width if `wide`, where the frame cuts off the height
-    pixels: Float[np.ndarray, " n"]
-    wide: Bool[np.ndarray, " n"]
-    # aspect, kept: width over height of the box without a cut of the height, and the share of the height that such a
-    # cut at a corner leaves
-    aspect: Float[np.ndarray, " n"]
-    kept: Float[np.ndarray, " n"]
+    sampled: Int[np.ndarray, " n"]  # the box that was sampled for the image; -1 without one
+    box: Int[np.ndarray, " n"]  # the box that this try follows; -1 without one
+    corners: Float[np.ndarray, "n 4"]  # its left, top, right, and bottom side in pixels
+    cut: Bool[np.ndarray, "n 4"]  # whether the frame cuts it off at this side
+    wide: Bool[np.ndarray, " n"]  # whether its width counts, since the frame cuts off its height
+    pixels: Float[np.ndarray, " n"]  # height of the target's box, or its width if `wide`
+    kept: Float[np.ndarray, " n"]  # share of the height that a cut over a corner of the photograph leaves
+    aspect: Float[np.ndarray, " n"]  # width over height of the box without that cut
     choice: Float[np.ndarray, " n"]  # uniform numbers in [0, 1) that choose directions
 
-    def least_kept(self, config: Config) -> Float[np.ndarray, "n 2"]:
-        """Least shares of targets' widths and heights in the frame, by `truncated_fraction`."""
-        share = np.minimum((1.0 - CUT * config.camera.truncated_fraction[1]) / self.kept, 1.0)
-        across = (self.cut[:, :2] | self.cut[:, 2:])[:, 0]
-        return np.stack([np.where(across, share, 0.0), np.where(across, 0.0, share)], axis=1)
+    @property
+    def has_box(self) -> Bool[np.ndarray, " n"]:
+        """Whether a try follows a box."""
+        return self.box >= 0
+
+    @property
+    def cut_across(self) -> Bool[np.ndarray, " n"]:
+        """Whether the frame cuts the box off on its left or right."""
+        return self.cut[:, 0] | self.cut[:, 2]
+
+    @property
+    def cut_down(self) -> Bool[np.ndarray, " n"]:
+        """Whether the frame cuts the box off at its top or bottom."""
+        return self.cut[:, 1] | self.cut[:, 3]
+
+    def least_kept(self, most_truncated: float) -> Float[np.ndarray, "n 2"]:
+        """Least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
+        share = np.minimum((1.0 - TRUNCATION_MARGIN * most_truncated) / self.kept, 1.0)
+        return np.stack([np.where(self.cut_across, share, 0.0), np.where(self.cut_across, 0.0, share)], axis=1)
 
 
 class Likeness:
@@ -74,45 +84,45 @@ class Likeness:
         self._by_height = np.argsort(photographs.height, kind="stable")
         classes = np.array(photographs.category, dtype=object)
         self._boxes = Counter(classes[self.usable].tolist())
-        enough = [category for category, n in self._boxes.items() if n >= FEW]
+        enough = [category for category, n in self._boxes.items() if n >= MIN_CLASS_BOXES]
         self._own = {category: np.where(classes == category, self._weights, 0.0) for category in enough}
 
-    def notes(self, categories: Iterable[str]) -> list[str]:
+    def unused_notes(self, categories: Iterable[str]) -> list[str]:
         """Return a line for each kind of unused boxes, and for each class with too few boxes."""
         path, n = self.photographs.path, len(self.usable)
         notes = [f"{path}: {count:,} of {n:,} boxes aren't followed: they {why}" for why, count in self.unused.items()]
         for category in sorted(categories):
             count = self._boxes[category]
-            if count < FEW:
+            if count < MIN_CLASS_BOXES:
                 boxes = f"only {count:,} boxes" if count else "no box"
                 notes.append(
                     f"{path}: {boxes} of class {category!r} to follow: its targets follow those of all classes"
                 )
         return notes
 
-    def sampled(
+    def sample_boxes(
         self, draws: RandomStreams, fleet: Fleet, *, model: Int[np.ndarray, " n"], image: Int[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
         """Sample a box for each image, by its target's model; -1: the image follows the configured ranges."""
         share, rank = draws.uniform(Purpose.LIKE, image, 0, count=2).T
-        return np.where(share < self.config.camera.like_share, self._picked(fleet, model, rank), -1)
+        return np.where(share < self.config.camera.like_share, self._boxes_at_ranks(fleet, model, rank), -1)
 
-    def _picked(
-        self, fleet: Fleet, model: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]
+    def _boxes_at_ranks(
+        self, fleet: Fleet, model: Int[np.ndarray, " n"], rank: Float[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
-        """Sample boxes of each model's class, or of all classes if it has few, by ranks of their heights in [0, 1)."""
+        """Return boxes of each model's class, or of all classes if it has few, by ranks of their heights in [0, 1)."""
         box = np.zeros(len(model), dtype=np.int64)
         for index in np.unique(model).tolist():
             weights = self._own.get(fleet.models[index].category or "", self._weights)
             rows = np.flatnonzero(model == index)
-            box[rows] = self._by_height[choose(weights[self._by_height], uniform[rows])]
+            box[rows] = self._by_height[choose(weights[self._by_height], rank[rows])]
         return box
 
-    def companions(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+    def companion_counts(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
         """Return the number of other boxes in the photograph of each box; -1 without a box."""
         return np.where(box >= 0, self.photographs.count[self.photographs.image[box]] - 1, -1)
 
-    def wishes(
+    def target_boxes(
         self,
         draws: RandomStreams,
         targets: Instances,
@@ -120,40 +130,41 @@ class Likeness:
         image: Int[np.ndarray, " n"],
         attempt: Int[np.ndarray, " n"],
         quarter: Int[np.ndarray, " n"],
-    ) -> Wishes:
-        """Return the boxes that n tries follow."""
+    ) -> TargetBoxes:
+        """Return the boxes that n tries follow, varied by `camera.like_spread`."""
         camera, render, photographs = self.config.camera, self.config.render, self.photographs
-        again = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
-        sampled = self.sampled(draws, targets.fleet, model=targets.model, image=image)
+        other, taller, right, down, deeper, choice = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6).T
+        sampled = self.sample_boxes(draws, targets.fleet, model=targets.model, image=image)
         rank = draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1]
-        near = np.abs(rank + (2.0 * again[:, 0] - 1.0) ** 3)  # half of them within an eighth of all ranks
-        near = np.where(near < 1.0, near, 2.0 - near).clip(0.0, LAST)
-        box = np.where(quarter < 2, sampled, self._picked(targets.fleet, targets.model, near))
+        near_rank = np.abs(rank + (2.0 * other - 1.0) ** 3)  # half of them within an eighth of all ranks
+        near_rank = np.where(near_rank < 1.0, near_rank, 2.0 - near_rank).clip(0.0, MAX_RANK)  # reflected at both ends
+        box = np.where(quarter < 2, sampled, self._boxes_at_ranks(targets.fleet, targets.model, near_rank))
         box = np.where((sampled >= 0) & (quarter < 3), box, -1)
-        size, cut = np.array([render.width, render.height], dtype=np.float64), photographs.cut[box]
-        deviation = camera.like_spread * (2.0 * again[:, 1:4] - 1.0)
-        height, aspect = photographs.height[box] * size[1] * (1.0 + deviation[:, 0]), photographs.aspect[box]
-        extent = np.stack(
-            [aspect * height, height], axis=1
-        )  # the box keeps its shape if the image's differs from the photograph's
-        low = (photographs.center[box] + photographs.xywh[box, 2:] * deviation[:, 1:]) * size - extent / 2.0
+
+        size = np.array([render.width, render.height], dtype=np.float64)
+        cut, aspect = photographs.cut[box], photographs.aspect[box]
         cut_low, cut_high = cut[:, :2], cut[:, 2:]
+        cut_across, cut_down = (cut_low | cut_high).T
+        # The box keeps its shape if the image's differs from the photograph's.
+        height = photographs.height[box] * size[1] * (1.0 + camera.like_spread * (2.0 * taller - 1.0))
+        extent = np.stack([aspect * height, height], axis=1)
+        shift = photographs.xywh[box, 2:] * (camera.like_spread * (2.0 * np.stack([right, down], axis=1) - 1.0))
+        low = (photographs.center[box] + shift) * size - extent / 2.0
         # A side at the frame stays there; the opposite one moves with the size.
         low = np.where(cut_low, 0.0, np.where(cut_high, size - extent, low))
-        across, down = (cut_low | cut_high).T
-        wide = down & ~across
-        deepest = min(HALF_CUT, 1.0 - math.sqrt(1.0 - CUT * camera.truncated_fraction[1]))
-        kept = np.where(down & across, 1.0 - deepest * again[:, 4], 1.0)
-        return Wishes(
-            sampled,
-            box,
-            np.concatenate([low, low + extent], axis=1),
-            cut,
-            np.where(wide, extent[:, 0], height / kept),
-            wide,
-            aspect * kept,
-            kept,
-            again[:, 5],
+        wide = cut_down & ~cut_across
+        deepest = min(MAX_CORNER_CUT, 1.0 - math.sqrt(1.0 - TRUNCATION_MARGIN * camera.truncated_fraction[1]))
+        kept = np.where(cut_down & cut_across, 1.0 - deepest * deeper, 1.0)
+        return TargetBoxes(
+            sampled=sampled,
+            box=box,
+            corners=np.concatenate([low, low + extent], axis=1),
+            cut=cut,
+            wide=wide,
+            pixels=np.where(wide, extent[:, 0], height / kept),
+            kept=kept,
+            aspect=aspect * kept,
+            choice=choice,
         )
 
 

@@ -18,16 +18,15 @@ from jaxtyping import Bool, Float, Int
 from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.columns import join, put, take
-from hulldown.geometry.indices import batches, joined, numbered
+from hulldown.geometry.indices import batches, joined
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
-from hulldown.placement.settle import Settled, unsettled
-from hulldown.planning.search.aiming import Tries, sampled_intrinsics
-from hulldown.planning.search.beside import poses_beside
+from hulldown.placement.settle import Settled
 from hulldown.planning.search.block import Block, InstanceTable, instances_of
+from hulldown.planning.search.cameras import CameraTries, sample_intrinsics
 from hulldown.planning.search.extras import MOST_EXTRAS, Role, offsets
-from hulldown.planning.search.likeness import PATIENCE
-from hulldown.planning.search.matching_cameras import directions_of
+from hulldown.planning.search.likeness import QUARTER_PLACES
+from hulldown.planning.search.photo_cameras import candidate_directions, companion_poses
 from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
 from hulldown.planning.search.views import Seen, Views, no_views, try_cameras, views_of_others
@@ -37,7 +36,7 @@ from hulldown.planning.search.weather import draw_weathers
 CANDIDATES = 8192
 CAMERAS = 2048
 COMPANION_FOLLOWS = 20  # tries over which a companion's place moves from that in the photograph to any
-COMPANION_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
+MAX_EXTRA_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
 # Places of a position without a camera before it's given up.
 BLIND_PLACES = 40
 # Places of a position without room for all extras before some of them are left out.
@@ -45,7 +44,7 @@ CROWDED_PLACES = 40
 # A plan begins with the first positions of each vehicle, so that an impossible config fails within seconds.
 SCOUTS = 4
 BEGINNING = 256
-FIRST_LOOK = 2  # tries of an extra in its first batch; each later batch doubles their number
+FIRST_EXTRA_TRIES = 2  # tries of an extra in its first batch; each later batch doubles their number
 
 
 class HopelessPosition(ConfigError):
@@ -153,8 +152,8 @@ class _Search:
             rng = RowStreams(self.draws, Purpose.PLACE, self.number[row], attempt)
             xy, yaw = candidates(self.block.site.bounds, len(row), rng=rng, margin=self.config.placement.margin)
             here = take(given, row)
-            xy = np.where(np.isnan(here.xyz[:, :2]), xy, here.xyz[:, :2])
-            yaw = np.where(np.isnan(here.yaw), yaw, here.yaw)
+            xy = np.where(here.has_position[:, None], here.xyz[:, :2], xy)
+            yaw = np.where(here.has_heading, here.yaw, yaw)
             settled = settle_clear(
                 self.block.site, self.table.at(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
             )
@@ -163,64 +162,53 @@ class _Search:
             put(table.settled, self.target[now[taken]], take(settled, chosen))
             table.tries[self.target[now]] += counts.sum(axis=1) + taken
             # Further tries at a given place would fail, too.
-            table.tries[self.target[now[~taken & given.fixed[now]]]] = limit
+            table.tries[self.target[now[~taken & given.has_place[now]]]] = limit
             self._give_up_if_placeless(now[~taken])
             pending = np.concatenate([now[~taken], pending[len(now) :]])
             ahead = min(2 * ahead, CANDIDATES // 8)
         table.found[self.target] = ~self.given_up
 
     def _place_extras(
-        self, rows: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]
+        self, positions: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]
     ) -> Bool[np.ndarray, " p"]:
-        """Settle the extras of some positions in their order, and return whether all those of a position have room.
+        """Place the extras of some positions in their order; return whether all those of a position have room.
 
-        Tries are settled for all extras at once. The distance to other vehicles is checked in the order of the extras.
-        If `leave_out`, extras without room are left out, and the position counts as one with room.
+        Each extra takes its first try that settles, and is clear of the vehicles placed before it. If `leave_out`, an
+        extra without room is left out of its position, which counts as one with room.
         """
-        table, all_rows = self.table, rows
-        turn = self.target + 1  # the next extra of each position
-        failed, patient = np.zeros(len(turn), dtype=bool), np.zeros(len(turn), dtype=bool)
-        patient[rows] = leave_out
-        extras = np.flatnonzero(np.isin(table.row, rows) & (table.role != Role.TARGET))
+        table = self.table
+        extras = np.flatnonzero(np.isin(table.row, positions) & (table.role != Role.TARGET))
         table.found[extras] = False  # extras that were left out at another place are tried again
-        tried, photographed = np.zeros(len(table), dtype=np.int64), self._photographed(extras)
-        # Settled tries that aren't yet checked against other vehicles: instance, number of the try, and pose.
-        which, attempt, ready = extras[:0], extras[:0], unsettled(0)
-        while len(rows := rows[(turn[rows] < self.end[rows]) & ~failed[rows]]):
-            extras = extras[(extras >= turn[table.row[extras]]) & ~failed[table.row[extras]]]
-            waiting = np.isin(which, extras)
-            which, attempt, ready = which[waiting], attempt[waiting], take(ready, np.flatnonzero(waiting))
-            idle = extras[~np.isin(extras, which) & (tried[extras] < COMPANION_TRIES)]
-            more = np.minimum(np.maximum(tried[idle], FIRST_LOOK), COMPANION_TRIES - tried[idle])
-            entry, number = numbered(more)
-            new = idle[entry]
-            number += tried[new]
-            tried[idle] += more
-            settled = self._settle_extras(new, number, photographed)
-            settles = settled.rejection == Rejection.NONE
-            which, attempt = np.append(which, new[settles]), np.append(attempt, number[settles])
-            ready = join([ready, take(settled, np.flatnonzero(settles))])
-            active = rows
-            while len(active):
-                due = np.flatnonzero(np.isin(which, turn[active]))
-                clear = due[self._clear_of_others(which[due], take(ready, due))]
-                clear = clear[np.lexsort((attempt[clear], which[clear]))]
-                taken, first = np.unique(which[clear], return_index=True)
-                put(table.settled, taken, take(ready, clear[first]))
-                table.tries[taken], table.found[taken] = attempt[clear[first]] + 1, True
-                which[due] = -1
-                done = table.found[turn[active]]
-                hopeless = ~done & (tried[turn[active]] >= COMPANION_TRIES)
-                failed[active[hopeless & ~patient[active]]] = True
-                active = active[done | (hopeless & patient[active])]
-                turn[active] += 1
-                active = active[turn[active] < self.end[active]]
-                # Extras without a settled try wait for the next batch.
-                active = active[np.isin(turn[active], which) | (tried[turn[active]] >= COMPANION_TRIES)]
-        return ~failed[all_rows]
+        photographed = self._photographed(extras)
+        roomy = np.ones(len(positions), dtype=bool)
+        extra = self.target[positions] + 1  # the next extra of each position
+        while (pending := roomy & (extra < self.end[positions])).any():
+            found = self._place_one_each(extra[pending], photographed)
+            roomy[pending] = found | leave_out[pending]
+            extra += 1
+        return roomy
+
+    def _place_one_each(
+        self, extras: Int[np.ndarray, " q"], photographed: Float[np.ndarray, "k 3"]
+    ) -> Bool[np.ndarray, " q"]:
+        """Place extras, at most one of a position, in batches that double their tries; return which have a place."""
+        table, pending, done, ahead = self.table, extras, 0, FIRST_EXTRA_TRIES
+        while len(pending) and done < MAX_EXTRA_TRIES:
+            ahead = min(ahead, MAX_EXTRA_TRIES - done)
+            tried = np.repeat(pending, ahead)
+            attempt = done + np.tile(np.arange(ahead), len(pending))
+            settled = self._settle_extras(tried, attempt, photographed)
+            stands = np.flatnonzero(settled.rejection == Rejection.NONE)
+            clear = self._clear_of_others(tried[stands], take(settled, stands))
+            settled.rejection[stands[~clear]] = Rejection.VEHICLE
+            taken, chosen, _ = first_accepted(settled.rejection.reshape(-1, ahead))
+            put(table.settled, pending[taken], take(settled, chosen))
+            table.tries[pending[taken]], table.found[pending[taken]] = attempt[chosen] + 1, True
+            pending, done, ahead = pending[~taken], done + ahead, 2 * ahead
+        return table.found[extras]
 
     def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 3"]:
-        """Return where the photographs of first images show companions; see `poses_beside`."""
+        """Return where the photographs of first images show companions; see `companion_poses`."""
         table, likeness, poses = self.table, self.block.likeness, np.full((len(self.table), 3), np.nan)
         extras = extras[table.role[extras] == Role.COMPANION]
         if likeness is None or not len(extras):
@@ -229,14 +217,14 @@ class _Search:
         image, attempt = self.block.positions.first_image[row], self.tries[row] * self.config.camera.max_tries
         targets = self.table.at(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
-        poses[extras] = poses_beside(
+        poses[extras] = companion_poses(
             likeness,
             targets,
             self.table.at(extras),
-            likeness.wishes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
+            likeness.target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
-            intrinsics=sampled_intrinsics(self.config, first[:, 0]),
-            rng=directions_of(self.draws, image, attempt),
+            intrinsics=sample_intrinsics(self.config, first[:, 0]),
+            rng=candidate_directions(self.draws, image, attempt),
         )
         return poses
 
@@ -255,7 +243,7 @@ class _Search:
                 np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
                 self.number[row] * MOST_EXTRAS + table.number[extras],
                 # The number counts all places of the target, so that every place has new random numbers.
-                self.tries[row] * COMPANION_TRIES + number[batch],
+                self.tries[row] * MAX_EXTRA_TRIES + number[batch],
                 count=3,
             )
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
@@ -283,7 +271,7 @@ class _Search:
         """Find cameras for all images of these positions, and return the positions with an image that has none."""
         max_tries = self.config.camera.max_tries
         extras = self.table.at(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
-        blind = self.place_rejections[:, Rejection.NO_VIEW] // PATIENCE
+        blind = self.place_rejections[:, Rejection.NO_VIEW] // QUARTER_PLACES
         pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
         while len(pending) and done < max_tries:
             ahead = min(ahead, max_tries - done)
@@ -291,7 +279,7 @@ class _Search:
             attempt, views = done + np.tile(np.arange(ahead), len(pending)), []
             for batch in batches(len(now), CAMERAS):
                 rows, owner = now[batch], self.owner[now[batch]]
-                tries = Tries(
+                tries = CameraTries(
                     self.table.at(self.target[owner]),
                     extras.beside(owner)[0],
                     self.block.given_of(self.image[rows]),
@@ -363,7 +351,7 @@ class _Search:
             counts = self.place_rejections[row] + self.camera_rejections[self.owner == row].sum(axis=0)
             model, position = self.fleet.models[block.model[row]], int(self.number[row])
             found = [kind for kind in kinds if counts[kind]]
-            one = given.fixed[row] and len(found) == 1 and found[0] in PLACING  # one try is like the other
+            one = given.has_place[row] and len(found) == 1 and found[0] in PLACING  # one try is like the other
             self.problems[row] = HopelessPosition(
                 position,
                 f"vehicle {model.shape.name!r} on scenery {block.site.name!r} {what}: "

@@ -18,7 +18,7 @@ from hulldown.planning.config.render_section import RenderSection
 from hulldown.planning.search.instance_table import Instances
 
 # Framing turns the camera, which changes the size a little; correcting the distance changes the framing less.
-ROUNDS = 4
+SIZING_ROUNDS = 4
 
 
 def image_size(measure: Measure, render: RenderSection) -> float:
@@ -32,7 +32,9 @@ def image_size(measure: Measure, render: RenderSection) -> float:
     return float(sizes[measure])
 
 
-def fraction_of(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
+def filled_fraction(
+    amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection
+) -> Float[np.ndarray, " n"]:
     """Return the share of the image's height, width, diagonal, or area that these boxes fill; nan without a box."""
     size = box_length(amodal[:, 2:], measure)
     return (size**2 if measure == "area" else size) / image_size(measure, render)
@@ -43,7 +45,7 @@ def no_boxes(n: int) -> Boxes:
     return Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
 
 
-def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], intrinsics: Intrinsics) -> Boxes:
+def vehicle_boxes(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], intrinsics: Intrinsics) -> Boxes:
     """Return the boxes of n vehicles, each in its own camera."""
     boxes = no_boxes(len(instances))
     for model, i in instances.by_model():
@@ -56,7 +58,7 @@ def boxes_of(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"]
     return boxes
 
 
-def sized_cameras(
+def size_cameras(
     targets: Instances,
     hull: Float[np.ndarray, "n h 3"],
     *,
@@ -66,14 +68,11 @@ def sized_cameras(
     azimuth: Float[np.ndarray, " n"],
     elevation: Float[np.ndarray, " n"],
     roll: Float[np.ndarray, " n"],
-    framed: Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"]],
+    frame: Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"]],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return cameras in these directions from n targets of one model, framed, at distances with the wanted box sizes.
 
-    Returns: nan if no distance with the whole vehicle in front of the camera gives that size.
-
-    `azimuth`, `elevation`: directions of the camera from the target's center, radians.
-    `roll`: radians; see `camera.framing.turned`.
+    Pose and distance are nan if no distance with the whole vehicle in front of the camera gives that size.
     """
     centers = targets.centers
     level = camera_pose(centers, 1.0, azimuth, elevation)
@@ -83,17 +82,17 @@ def sized_cameras(
         return solve_distance(intrinsics, poses, hull, center=centers, pixels=pixels, measure=measure)
 
     distance = solved(looking)
-    for _ in range(ROUNDS):
+    for _ in range(SIZING_ROUNDS):
         # Rows without a distance are kept, so that every row keeps its own random numbers.
         poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
-        poses = framed(poses)
+        poses = frame(poses)
         distance = np.where(np.isnan(distance), np.nan, solved(poses))
     if intrinsics.distorted:
         # The image of an edge is a curve, which may extend beyond its end points.
         def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
             moved = poses[rows]
             moved[:, :3, 3] = centers[rows] + at[:, None] * outward[rows]
-            amodal = boxes_of(targets.take(rows), moved, intrinsics.rows(rows)).amodal
+            amodal = vehicle_boxes(targets.take(rows), moved, intrinsics.rows(rows)).amodal
             return box_length(amodal[:, 2:], measure)
 
         distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)

@@ -11,21 +11,20 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.silhouettes import show_pixels
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.shell import camera_pose
 from hulldown.camera.weather.extinction import air_contrast
-from hulldown.geometry.columns import put
+from hulldown.geometry.columns import put, take
 from hulldown.placement.rejection import Rejection
 from hulldown.planning.config.schema import Config
 from hulldown.planning.plan.row import rounded
-from hulldown.planning.search.aiming import Aims, Tries, aims_of, framed
 from hulldown.planning.search.block import Block
+from hulldown.planning.search.cameras import CameraCandidates, CameraRule, CameraTries, frame_targets, sample_cameras
 from hulldown.planning.search.instance_table import Instances
-from hulldown.planning.search.sizing import boxes_of, fraction_of, no_boxes
+from hulldown.planning.search.sizing import filled_fraction, no_boxes, vehicle_boxes
 from hulldown.planning.search.stage import Site
 from hulldown.scene.visibility import visible_fraction
 
-SIZED = 1e-9  # relative tolerance of solved sizes: the solver and the box's projection round differently
-PLENTY = 1000.0  # visible square pixels of a box above which some pixel center surely shows the target
+SIZE_TOLERANCE = 1e-9  # relative, of solved sizes: the solver and the box's projection round differently
+SURELY_VISIBLE_PX2 = 1000.0  # visible area of a box above which some pixel center surely shows the target
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -68,86 +67,97 @@ def no_views(n: int) -> Views:
     )
 
 
-def try_cameras(block: Block, tries: Tries) -> Views:
+def try_cameras(block: Block, tries: CameraTries) -> Views:
     """Make cameras, and check them against the config's limits.
 
-    Checks are in the order of their cost, and each applies to the rows that passed those before. Limits of distance and
-    size don't apply to given cameras.
+    Checks are in the order of their cost, and each is of the rows that passed those before. Limits of distance and size
+    don't apply to given cameras.
     """
-    site, limits, aims = block.site, block.config.camera, aims_of(block, tries)
-    views = no_views(len(tries.image))
-    views.fov_x_deg[:] = rounded("fov_x_deg", aims.intrinsics.fov_x_deg)
-    if aims.wishes is not None:
-        views.sampled[:] = np.where(tries.undirected, aims.wishes.sampled, -1)
-        views.followed[:] = np.where(aims.follows, aims.wishes.box, -1)
-    views.rejection[:] = _of_distance(tries, aims, block.config)
+    site, limits, config, candidates = block.site, block.config.camera, block.config, sample_cameras(block, tries)
+    n, intrinsics = len(tries.image), candidates.intrinsics
+    views = no_views(n)
+    views.fov_x_deg[:] = rounded("fov_x_deg", intrinsics.fov_x_deg)
+    if (boxes := candidates.boxes) is not None:
+        views.sampled[:] = np.where(tries.given.has_camera | tries.given.has_look_at, -1, boxes.sampled)
+        views.followed[:] = np.where(candidates.rule == CameraRule.PHOTOGRAPH, boxes.box, -1)
 
-    rows = np.flatnonzero(views.rejection == Rejection.NONE)
-    targets, intrinsics = tries.targets.take(rows), aims.intrinsics.rows(rows)
-    around = camera_pose(targets.centers, aims.distance[rows], aims.azimuth[rows], elevation=aims.elevation[rows])
-    poses = np.where(np.isnan(aims.sized[rows]), around, aims.sized[rows])
+    def passed() -> Int[np.ndarray, " k"]:
+        return np.flatnonzero(views.rejection == Rejection.NONE)
+
+    views.rejection[:] = reject_distance(candidates, tries.visibility_m, config)
+    rows = passed()
+    poses = candidates.world_from_camera[rows]
     views.rejection[rows] = site.camera_room.rejections(
         poses[:, :3, 3],
         ground_clearance=limits.ground_clearance,
         obstacle_clearance=limits.obstacle_clearance,
-        vehicles=[*targets.posed(), *tries.others.beside(rows)[0].posed()],
+        vehicles=[*tries.targets.take(rows).posed(), *tries.others.beside(rows)[0].posed()],
     )
 
-    kept = np.flatnonzero(views.rejection[rows] == Rejection.NONE)
-    rows, poses, targets, intrinsics = rows[kept], poses[kept], targets.take(kept), intrinsics.rows(kept)
-    level = np.flatnonzero(np.isnan(aims.sized[rows, 0, 0]))
-    poses[level] = framed(block, tries, poses[level], rows=rows[level], intrinsics=aims.intrinsics, roll=aims.roll)
-    poses = rounded("world_from_camera", poses)  # labels follow from rounded poses
+    rows = passed()
+    poses, unframed = candidates.world_from_camera[rows], np.flatnonzero(~candidates.is_framed[rows])
+    poses[unframed] = frame_targets(
+        block, tries, poses[unframed], rows=rows[unframed], intrinsics=intrinsics, roll=candidates.roll
+    )
+    poses, targets = rounded("world_from_camera", poses), tries.targets.take(rows)  # labels follow from rounded poses
     views.world_from_camera[rows] = poses
     views.air_contrast[rows] = air_contrasts(targets, poses, tries.visibility_m[rows])
-    boxes = boxes_of(targets, poses, intrinsics)
-    put(views.boxes, rows, boxes)
-    views.rejection[rows] = _of_box(boxes, aims, block.config, rows=rows, free=tries.free[rows])
+    put(views.boxes, rows, vehicle_boxes(targets, poses, intrinsics.rows(rows)))
+    views.rejection[rows] = reject_box(take(views.boxes, rows), candidates, rows, config)
 
-    rows = rows[views.rejection[rows] == Rejection.NONE]
+    rows = passed()
     views.visible_fraction[rows] = visible_shares(
-        site, tries.targets, tries.others, views, rows, intrinsics=aims.intrinsics, rays=limits.visibility_rays
+        site, tries.targets, tries.others, views, rows, intrinsics=intrinsics, rays=limits.visibility_rays
     )
-    views.rejection[rows] = outside(
+    views.rejection[rows] = reject_outside(
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
-    rows = rows[views.rejection[rows] == Rejection.NONE]
-    rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < PLENTY]
-    shown = pixels_shown(site, tries.targets, tries.others, views, rows, intrinsics=aims.intrinsics)
+
+    rows = passed()
+    rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < SURELY_VISIBLE_PX2]
+    shown = pixels_shown(site, tries.targets, tries.others, views, rows, intrinsics=intrinsics)
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
 
 
-def _of_distance(tries: Tries, aims: Aims, config: Config) -> UInt8[np.ndarray, " n"]:
-    """Rejections by distance, and by contrast at that distance."""
-    distance = aims.distance
-    contrast = air_contrast(tries.visibility_m, distance)
-    faint = outside(contrast, config.weather.min_contrast, below=Rejection.FAINT)
-    apart = outside(distance, *config.camera.distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
-    rejection = np.where(tries.free & (apart != Rejection.NONE), apart, faint)
+def reject_distance(
+    candidates: CameraCandidates, visibility_m: Float[np.ndarray, " n"], config: Config
+) -> UInt8[np.ndarray, " n"]:
+    """Return rejections of candidates by their distance, and by the contrast at that distance."""
+    distance, (low, high) = candidates.distance, config.camera.distance_m
+    faint = reject_outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
+    apart = reject_outside(distance, low, high, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
+    rejection = np.where((candidates.rule != CameraRule.GIVEN) & (apart != Rejection.NONE), apart, faint)
     rejection[np.isnan(distance)] = Rejection.SIZE
     return rejection
 
 
-def _of_box(
-    boxes: Boxes, aims: Aims, config: Config, *, rows: Int[np.ndarray, " k"], free: Bool[np.ndarray, " k"]
+def reject_box(
+    boxes: Boxes, candidates: CameraCandidates, rows: Int[np.ndarray, " k"], config: Config
 ) -> UInt8[np.ndarray, " k"]:
-    """Rejections of these rows of `aims` by their targets' boxes."""
-    limits, measure, follows = config.camera, config.camera.size_measure, aims.follows[rows]
+    """Return rejections of these rows of the candidates by their targets' boxes."""
+    limits, rule = config.camera, candidates.rule[rows]
     # A target outside the frame has the box nan, which is too small.
-    small = outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
-    cut = outside(
+    small = reject_outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
+    cut = reject_outside(
         boxes.truncated_fraction, *limits.truncated_fraction, below=Rejection.TRUNCATION, above=Rejection.TRUNCATION
     )
     rejection = np.where(cut, cut, small)
     # Sizes can miss if part of the target is nearer than the near plane.
-    if measure != "paper":
-        filled, wanted = fraction_of(boxes.amodal, measure, config.render), aims.fraction[rows]
-        rejection[free & ~follows & ~(np.abs(filled - wanted) <= SIZED * wanted)] = Rejection.SIZE
-    if aims.wishes is not None:
-        size, wanted = np.where(aims.wishes.wide[rows], *boxes.amodal[:, 2:].T), aims.wishes.pixels[rows]
-        rejection[follows & ~(np.abs(size - wanted) <= SIZED * wanted)] = Rejection.SIZE
+    if limits.size_measure != "paper":
+        filled = filled_fraction(boxes.amodal, limits.size_measure, config.render)
+        rejection[(rule == CameraRule.SIZE) & ~is_size(filled, candidates.fraction[rows])] = Rejection.SIZE
+    if candidates.boxes is not None:
+        wanted = take(candidates.boxes, rows)
+        width, height = boxes.amodal[:, 2:].T
+        size = np.where(wanted.wide, width, height)
+        rejection[(rule == CameraRule.PHOTOGRAPH) & ~is_size(size, wanted.pixels)] = Rejection.SIZE
     return rejection
+
+
+def is_size(size: Float[np.ndarray, " k"], wanted: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+    """Return whether sizes are the wanted ones; nan isn't."""
+    return np.abs(size - wanted) <= SIZE_TOLERANCE * wanted
 
 
 def views_of_others(
@@ -167,7 +177,7 @@ def views_of_others(
     every, rays = np.arange(len(subjects)), config.camera.visibility_rays
     seen = replace(
         cameras,
-        boxes=boxes_of(subjects, cameras.world_from_camera, intrinsics),
+        boxes=vehicle_boxes(subjects, cameras.world_from_camera, intrinsics),
         visible_fraction=visible_shares(site, subjects, others, cameras, every, intrinsics=intrinsics, rays=rays),
         air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
     )
@@ -223,7 +233,7 @@ def pixels_shown(
     return shown
 
 
-def outside(
+def reject_outside(
     values: Float[np.ndarray, " n"],
     low: float,
     high: float = math.inf,
