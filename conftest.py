@@ -59,7 +59,7 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "dev"))
 INSTALLS = {
     **dict.fromkeys(("bpy", "mathutils"), "pip install 'hulldown[blender]'"),
     **dict.fromkeys(("dask", "distributed"), "pip install 'hulldown[cluster]'"),
-    **dict.fromkeys(("datasets", "onnxruntime", "webdataset"), "pip install 'hulldown[readers]'"),
+    **dict.fromkeys(("datasets", "onnxruntime"), "pip install 'hulldown[readers]'"),
     **dict.fromkeys(
         ("albumentations", "cv2", "lightning_fabric", "pyarrow", "pytorch_lightning", "rfdetr", "torch", "torchvision"),
         "pip install 'hulldown[training]'",

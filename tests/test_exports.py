@@ -1,17 +1,14 @@
 """Every export layout, read by the packages that it's for."""
 
 import importlib
-import io
 import json
 import math
-import tarfile
 import warnings
 from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
 from pycocotools.coco import COCO
 
 from hulldown.annotate.masks import decode, encode, mask_box
@@ -19,7 +16,6 @@ from hulldown.annotate.outlines import polygons
 from hulldown.base.errors import DatasetError
 from hulldown.cli import parser
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
-from hulldown.dataset.exports.layouts import webdataset as shards
 from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.images import Label
 from hulldown.tests.editing import edit, write_dataset
@@ -240,48 +236,6 @@ def test_hugging_face_reads_the_image_folder(exported, labels, tmp_path, monkeyp
             found.append((content, list(zip(objects["category"], boxes, strict=True))))
             assert objects["iscrowd"] == [crowd for *_, crowd in labels[content]]
     compare(labels, found)
-
-
-# It leaves closing files to the garbage collector.
-@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
-def test_webdataset_reads_the_shards(exported, labels, dataset, tmp_path, monkeypatch):
-    reader = package("webdataset")
-    out = exported("webdataset")
-    found = []
-    for split in ("train", "valid", "test"):
-        paths = sorted(str(path) for path in out.glob(f"{split}-*.tar"))
-        for sample in reader.WebDataset(paths, shardshuffle=False):
-            records = json.loads(sample["json"])
-            content = sample.get("png") or sample["jpg"]
-            with Image.open(io.BytesIO(content)) as picture:
-                assert picture.size == (records["image"]["width"], records["image"]["height"])
-            found.append((content, [(one["category"], corners(one["bbox"])) for one in records["annotations"]]))
-    compare(labels, found, atol=0)
-    monkeypatch.setattr(shards, "SHARD_IMAGES", 5)
-    export(dataset, tmp_path / "small", layout="webdataset", fractions=(1.0, 0.0, 0.0))
-    names = sorted(path.name for path in (tmp_path / "small").glob("[!.]*"))
-    assert names == ["categories.json", *(f"train-{k:06d}.tar" for k in range(8))]
-    assert (
-        sum(1 for _ in reader.WebDataset([str(p) for p in (tmp_path / "small").glob("*.tar")], shardshuffle=False))
-        == 36
-    )
-
-
-def test_shards_end_at_their_limit_of_bytes(dataset, tmp_path, monkeypatch):
-    monkeypatch.setattr(shards, "SHARD_BYTES", 1000)
-    export(dataset, tmp_path / "out", layout="webdataset", fractions=(1.0, 0.0, 0.0))
-    sizes = []
-    for path in (tmp_path / "out").glob("*.tar"):
-        with tarfile.open(path) as shard:
-            sizes.append(sum(member.size for member in shard if not member.name.endswith(".json")))
-    assert len(sizes) > 5
-    assert 500 < max(sizes) <= 1000
-
-
-def test_shards_do_not_depend_on_the_time(dataset, exported, tmp_path):
-    export(dataset, tmp_path / "again", layout="webdataset")
-    for path in exported("webdataset").iterdir():
-        assert (tmp_path / "again" / path.name).read_bytes() == path.read_bytes()
 
 
 def test_kitti_has_fifteen_fields_a_label_and_a_camera_a_picture(exported, labels):

@@ -12,7 +12,6 @@ from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
-from hulldown.dataset.labels.corners import ground_corners
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import Segmenter, image_record
 from hulldown.dataset.verification.verify import verify
@@ -88,7 +87,6 @@ def test_the_corners_are_those_of_the_posed_box_the_ground_first(planned, datase
         wanted = row.camera.project(apply(row.target.world_from_vehicle, np.array(corners))).pixels
         label = images[image_id].labels[0]
         np.testing.assert_allclose(label.record["bbox_3d_corners"], wanted, rtol=0, atol=1e-4)
-        np.testing.assert_allclose(ground_corners(label, images[image_id]), wanted[:4], rtol=0, atol=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -133,49 +131,28 @@ def test_verify_finds_a_rectangle_that_does_not_fit_its_mask(dataset, tmp_path, 
     assert len(problems) == any(by)
 
 
-@pytest.mark.parametrize("ground", [False, True])
-def test_supervision_and_hotcoco_read_the_corners(dataset, tmp_path, ground):
+def test_supervision_reads_the_corners(dataset, tmp_path):
     wanted = {}
     for image in read_usable(dataset).images:
-        corners = [
-            ground_corners(one, image) if ground else rectangle_corners(one.record["obb"]) for one in image.labels
-        ]
-        named = [one.category for one in image.labels]
-        wanted[image.file_name.rpartition("/")[2][:-4]] = list(zip(named, corners, image.labels, strict=True))
-    options = {"fractions": (1.0, 0.0, 0.0)}
-    suffix = "-ground" if ground else ""
-    export(dataset, tmp_path / "yolo", layout="yolo-obb" + suffix, **options)
+        full = [(one.category, rectangle_corners(one.record["obb"])) for one in image.labels if not one.crowd]
+        wanted[image.file_name.rpartition("/")[2][:-4]] = full
+    export(dataset, tmp_path / "yolo", layout="yolo-obb", fractions=(1.0, 0.0, 0.0))
     folders = (str(tmp_path / "yolo" / kind / "train") for kind in ("images", "labels"))
     data = package("supervision").DetectionDataset.from_yolo(*folders, str(tmp_path / "yolo/data.yaml"), is_obb=True)
     assert len(data) == len(wanted)
     for path, _, detections in data:
-        full = [(name, corners) for name, corners, one in wanted[path[-12:-4]] if not one.crowd]
+        full = wanted[path[-12:-4]]
         assert [data.classes[k] for k in detections.class_id] == [name for name, _ in full]
         for found, (_, corners) in zip(detections.data.get("xyxyxyxy", []), full, strict=True):
             np.testing.assert_allclose(found, corners, rtol=0, atol=1e-3)
-    export(dataset, tmp_path / "dota", layout="dota" + suffix, **options)
-    loaded = package("hotcoco").COCO.from_dota(str(tmp_path / "dota/train/labelTxt")).dataset
-    known = {category["id"]: category["name"] for category in loaded["categories"]}
-    assert len(loaded["annotations"]) == sum(map(len, wanted.values()))
-    for image in loaded["images"]:
-        labels = [one for one in loaded["annotations"] if one["image_id"] == image["id"]]
-        for found, (name, corners, _) in zip(labels, wanted[image["file_name"]], strict=True):
-            assert known[found["category_id"]] == name.replace(" ", "-")
-            if not ground:  # it turns other quadrilaterals into rectangles
-                np.testing.assert_allclose(
-                    np.sort(rectangle_corners(found["obb"]), axis=0), np.sort(corners, axis=0), rtol=0, atol=1e-3
-                )
 
 
-def test_labels_without_a_pose_have_no_ground_rectangle(dataset, tmp_path):
-    image, label = {"file_name": "1.png", "width": 9, "height": 9}, {"image_id": 1, "bbox": [1, 1, 5, 4]}
+def test_a_label_without_a_mask_has_the_corners_of_its_box(tmp_path):
+    image, label = {"file_name": "1.png", "width": 10, "height": 10}, {"image_id": 1, "bbox": [1, 1, 5, 4]}
     write_dataset(tmp_path / "photographs", [image], [label], names=("truck",))
-    with pytest.raises(DatasetError, match="annotation 1 has no bbox_3d"):
-        export(tmp_path / "photographs", tmp_path / "out", layout="dota-ground")
-    assert not (tmp_path / "out").exists()
-    export(tmp_path / "photographs", tmp_path / "out", layout="dota", fractions=(1.0, 0.0, 0.0))
-    line = (tmp_path / "out/train/labelTxt/1.txt").read_text()
-    assert line == "1.0000 1.0000 6.0000 1.0000 6.0000 5.0000 1.0000 5.0000 truck 0\n"
+    export(tmp_path / "photographs", tmp_path / "out", layout="yolo-obb", fractions=(1.0, 0.0, 0.0))
+    numbers = [float(n) for n in (tmp_path / "out/labels/train/1.txt").read_text().split()]
+    assert numbers == [0, 0.1, 0.1, 0.6, 0.1, 0.6, 0.5, 0.1, 0.5]
 
 
 def oriented_case(seed):

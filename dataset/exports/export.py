@@ -16,13 +16,11 @@ from hulldown.annotate.outlines import polygons
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
 from hulldown.base.terminal import reporting, say
-from hulldown.dataset.exports.layouts import coco_folders, dota, huggingface, kitti, voc, webdataset, yolo
+from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, voc, yolo
 from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.images import Image, Label
-from hulldown.dataset.labels.corners import ground_corners
 from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped, refuse_all
 
@@ -31,17 +29,13 @@ LAYOUTS: Mapping[str, Callable[[Splits, Path], None]] = {
     "coco": coco_folders.write,
     "yolo": yolo.write,
     "rfdetr-yolo": partial(yolo.write, split_first=True),
-    "yolo-obb": partial(yolo.write, lines=partial(yolo.corner_lines, corners_of=visible_corners)),
-    "yolo-obb-ground": partial(yolo.write, lines=partial(yolo.corner_lines, corners_of=ground_corners)),
+    "yolo-obb": partial(yolo.write, lines=yolo.corner_lines),
     "yolo-pose": yolo.write_pose,
-    "dota": partial(dota.write, corners_of=visible_corners),
-    "dota-ground": partial(dota.write, corners_of=ground_corners),
     "voc": voc.write,
     "kitti": kitti.write,
     "huggingface": huggingface.write,
-    "webdataset": webdataset.write,
 }
-WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface", "webdataset")
+WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface")
 
 
 def export(

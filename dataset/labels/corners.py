@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Annotated
 
 import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
 
-from hulldown.base.errors import DatasetError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR, project_camera
 from hulldown.dataset.images import Category, Image, Label
-from hulldown.dataset.labels.box_3d import BOX_3D, Box3D, check_space, space_of
+from hulldown.dataset.labels.box_3d import BOX_3D, Box3D, space_of
 from hulldown.dataset.labels.label_type import LabelType
 from hulldown.dataset.store.declared import Pixel
 from hulldown.geometry.transforms import product
@@ -58,21 +56,6 @@ def _problems(label: Label, image: Image, category: Category | None) -> Iterator
     corners = np.array([corner or (np.nan, np.nan) for corner in given])
     if not np.allclose(corners, wanted, rtol=1e-9, atol=TOLERANCE, equal_nan=True):
         yield "bbox_3d_corners aren't the corners of bbox_3d"
-
-
-def ground_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
-    """Return pixels of the lower side of a label's `bbox_3d`: front left, front right, rear right, rear left."""
-    where, path = f"annotation {label.id}", Path(image.file_name)
-    remedy = "export boxes of what is visible, or delete the label"
-    space, intrinsics = BOX_3D.read(label), image.intrinsics
-    if space.bbox_3d is None or any(check_space(space)):
-        raise DatasetError(f"{where} has no bbox_3d", path=path, remedy=remedy)
-    if intrinsics is None:
-        raise DatasetError("has no usable fov_x_deg or K", path=path, remedy=remedy)
-    corners = box_corners(space.bbox_3d, intrinsics)[:4]
-    if not np.isfinite(corners).all():
-        raise DatasetError(f"{where}: its ground isn't all ahead", path=path, remedy=remedy)
-    return corners
 
 
 CORNERS = LabelType(Fields, _problems, of_row=_of_row)

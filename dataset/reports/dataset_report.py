@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 from collections import Counter
 from pathlib import Path
@@ -20,8 +19,6 @@ from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import reporting
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, camera_poses, poses
 from hulldown.dataset.images import Image, Label
-from hulldown.dataset.labels.box_3d import BOX_3D
-from hulldown.dataset.labels.corners import ground_corners
 from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.labels.oriented_box import rectangle_of
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
@@ -226,10 +223,6 @@ def _shapes(image: Image, dataset: Dataset) -> list[Shape]:
 def _oriented(label: Label, image: Image) -> list[Float[np.ndarray, "_ 2"]]:
     """Return lines around the visible mask, and around the ground under the vehicle, with an arrow to its front."""
     rings = [] if (visible := rectangle_of(label)) is None else [rectangle_corners(visible)]
-    if BOX_3D.read(label).bbox_3d is not None:
-        with contextlib.suppress(DatasetError):  # a part of it is behind the camera
-            ground = ground_corners(label, image)
-            rings += [ground, np.stack([ground[3], ground[:2].mean(axis=0), ground[2]])]
     return [np.concatenate([ring, ring[:1]]) if len(ring) == 4 else ring for ring in rings]
 
 

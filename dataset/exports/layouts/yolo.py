@@ -21,11 +21,11 @@ from jaxtyping import Float
 from hulldown.annotate.outlines import bridged
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits, rings_of
-from hulldown.dataset.images import Image, Label
+from hulldown.dataset.images import Label
 from hulldown.dataset.labels.keypoints import KEYPOINTS
 from hulldown.dataset.labels.mask import MASK
+from hulldown.dataset.labels.oriented_box import visible_corners
 
-CornersOf: TypeAlias = Callable[[Label, Image], Float[np.ndarray, "4 2"]]
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
 
@@ -51,12 +51,12 @@ def _center(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
     return np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
 
 
-def corner_lines(item: Item, numbers: Mapping[int, int], *, corners_of: CornersOf) -> list[str]:
+def corner_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     """Return one line for each label: class and corners of its oriented box; crowds are left out."""
     lines = []
     for label in item.image.labels:
         if not label.crowd:
-            shares = corners_of(label, item.image) / item.image.size
+            shares = visible_corners(label, item.image) / item.image.size
             if (np.ptp(shares, axis=0) > 1.0).any():  # Ultralytics leaves out pictures with labels larger than they
                 shares = shares.clip(0.0, 1.0)
             lines.append(_line(numbers[label.category_id], shares.ravel()))
