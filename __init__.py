@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from hulldown.dataset.exports.export import export as export
     from hulldown.dataset.join import join as join
     from hulldown.dataset.table import Dataset as Dataset
-    from hulldown.dataset.verification.verify import verify as verify
     from hulldown.geometry.meshes import Mesh as Mesh
     from hulldown.placement.settle import settle as settle
     from hulldown.placement.terrain import Terrain as Terrain
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from hulldown.planning.plan_file import read_plan as read_plan
     from hulldown.planning.write import plan as plan
     from hulldown.rendering.supervisor import render as render
+    from hulldown.rendering.verify import verify as verify
     from hulldown.training.evaluation.evaluation_report import evaluate as evaluate
     from hulldown.training.predict import predict as predict
     from hulldown.training.train import train as train
@@ -49,7 +49,7 @@ _HOMES = {
     "render": "rendering.supervisor",
     "settle": "placement.settle",
     "train": "training.train",
-    "verify": "dataset.verification.verify",
+    "verify": "rendering.verify",
 }
 __all__ = sorted(_HOMES)
 

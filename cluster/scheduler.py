@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import signal
+import threading
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Annotated
 
+from cyclopts import Parameter
+
+from hulldown.base.arguments import Count, checked
 from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import say
 
 HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
 RESOURCE = "render"  # of workers that render, declared by `dask worker --resources "render=1"`
@@ -14,13 +21,34 @@ SHARE_VARIABLE = "HULLDOWN_SHARE"  # number of workers that share this machine's
 LOST_S = 60  # a worker silent for this long is lost
 
 
+@Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class Scheduler:
-    """A Dask scheduler, see docs/cluster.md."""
+    """A Dask scheduler, see docs/cluster.md.
 
-    address: str  # `tcp://HOST:PORT` or `tls://HOST:PORT`, or the .json file of `dask scheduler --scheduler-file`
-    # files for `tls://`, by their names in `distributed.Security`; empty: by Dask's configuration
-    tls: Mapping[str, str] = field(default_factory=dict)
+    Parameters
+    ----------
+    address
+        Use the workers of the Dask cluster with this scheduler, which see all these folders: tcp://HOST:8786, or the
+        .json file that `dask scheduler --scheduler-file` writes.
+    tls_ca_file
+        PEM file for --scheduler tls://HOST:8786; by default as Dask is configured.
+    tls_client_cert
+        The same.
+    tls_client_key
+        The same.
+    """
+
+    address: Annotated[str, Parameter(name="--scheduler")]
+    tls_ca_file: str | None = None
+    tls_client_cert: Annotated[str | None, Parameter(name="--tls-cert")] = None
+    tls_client_key: Annotated[str | None, Parameter(name="--tls-key")] = None
+
+    @property
+    def tls(self) -> dict[str, str]:
+        """Arguments of `distributed.Security`; empty: by Dask's configuration."""
+        names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
+        return {name: path for name in names if (path := getattr(self, name)) is not None}
 
 
 @contextmanager
@@ -32,6 +60,28 @@ def needing_dask() -> Iterator[None]:
         if error.name not in ("dask", "distributed"):
             raise
         raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None
+
+
+def run_cluster(
+    *, workers: Count = 2, port: Annotated[int, checked("a port from 0 to 65535", range(65536).__contains__)] = 8786
+) -> None:
+    """Start a Dask cluster on this machine.
+
+    Starts a scheduler and workers for `hulldown render --scheduler` and `hulldown study run --scheduler`, until Ctrl-C
+    or SIGTERM; writes nothing.
+
+    Parameters
+    ----------
+    workers
+        Processes, which share the machine's cores and memory.
+    port
+        The scheduler's, on 127.0.0.1; 0 for any.
+    """
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
+    with local_cluster(workers, port=port) as address:
+        say(f"{workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
+        say("Ctrl-C ends them")
+        threading.Event().wait()
 
 
 @contextmanager

@@ -7,7 +7,6 @@ was, and a repeated one adds new images.
 from __future__ import annotations
 
 import filecmp
-import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -15,6 +14,7 @@ from pathlib import Path, PurePosixPath
 from msgspec.structs import replace
 
 from hulldown.assets.coco_types import Record
+from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import reporting
 from hulldown.dataset.coco import CocoDataset
@@ -75,22 +75,25 @@ class _Move:
 
 
 def join(
-    parts: Sequence[str | os.PathLike[str]],
-    dataset: str | os.PathLike[str],
+    parts: Sequence[AnyPath],
+    output: AnyPath,
     *,
-    allow_links: Sequence[Path | str] = (),
+    allow_links: Sequence[AnyPath] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> Joined:
-    """Append the images of `parts` that a dataset lacks; a plan's images as if rendered there.
+    """Put parts of a dataset together.
+
+    Reads datasets, such as the shares of a plan from several machines; appends their images that a dataset lacks, a
+    plan's as if rendered there. Join again when there are more images, or to continue after a stop.
 
     Parameters
     ----------
     parts
         Folders of datasets, possibly unfinished; they're unchanged.
-    dataset
+    output
         The target; made if it doesn't exist. Pictures are hard links to those of the parts if the disk allows.
     allow_links
-        Folders outside the parts that symbolic links may lead to.
+        Folder outside the parts that symbolic links may lead to; may be repeated.
     progress
         Called with (done, all) after each added image; None: a bar in a terminal or notebook.
 
@@ -111,7 +114,7 @@ def join(
     >>> join([part], whole)
     Joined(added=1, already=0, failed=0, missing=0)
     """
-    folder = Path(dataset)
+    folder = Path(output)
     allowed = [Path(path) for path in allow_links]
     read = [_read_part(Path(part), folder, allowed) for part in parts]
     target = CocoDataset.open(folder)

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
+from cyclopts import Parameter
 from jaxtyping import Float
 
+from hulldown.base.arguments import AtLeastZero, Share
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.images import Image, Label
 
@@ -68,16 +70,27 @@ def beyond(bbox: Float[np.ndarray, "4"], width: int, height: int) -> float:
     return max(-x, -y, x + w - width, y + h - height)
 
 
+@Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class LabelFloors:
-    """Limits of full labels; fields that a label lacks, such as a photograph's, are ignored."""
+    """Limits of full labels; fields that a label lacks, such as a photograph's, are ignored.
 
-    min_box_px: float = 0.0  # least width and height of its box
-    # min_visible_fraction, max_truncated_fraction: least visible and largest truncated fraction
-    min_visible_fraction: float = 0.0
-    max_truncated_fraction: float = 1.0
-    # labels that show less: ``"ignored"``: they get ``iscrowd`` 1; ``"left_out"``: they're dropped
-    below: Literal["ignored", "left_out"] = "ignored"
+    Parameters
+    ----------
+    min_box_px
+        Least side of a label's box.
+    min_visible_fraction
+        Least visible fraction of a label.
+    max_truncated_fraction
+        Largest truncated fraction of a label.
+    below
+        Labels beyond these limits get iscrowd = 1, or are left out, as always in yolo.
+    """
+
+    min_box_px: AtLeastZero = 0.0
+    min_visible_fraction: Share = 0.0
+    max_truncated_fraction: Share = 1.0
+    below: Annotated[Literal["ignored", "left_out"], Parameter(name_transform=str)] = "ignored"
 
     def kept(self, labels: Iterable[Label]) -> list[Label]:
         """Return the kept labels, in order; ignored ones stay ignored, or are dropped with the others."""

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import shutil
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
+from typing import Annotated
 
-from hulldown.base.errors import ConfigError
-from hulldown.base.files import replacing
+from cyclopts import Parameter
+
+from hulldown.base.arguments import AnyPath
+from hulldown.base.errors import AssetError, ConfigError, HulldownError
+from hulldown.base.files import make_room, replacing
 from hulldown.base.terminal import reporting
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PLAIN, SCENERY_FILES, TANK, TRUCK
 from hulldown.demo.make_assets import build_demo_assets
-from hulldown.planning.config.template import config_text
+from hulldown.planning.config.asset_sections import CACHE_NAME
+from hulldown.planning.config.template import bare_text, config_text
+from hulldown.planning.inputs.camera_file import read_camera
+from hulldown.planning.inputs.found_assets import asset_files, found_config, keep_doubts, missing_kinds, read_found
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 CONFIG = "hulldown.toml"
 NOTHING: Mapping[str, object] = MappingProxyType({})  # beyond the defaults; else see `config_text`
@@ -77,18 +87,78 @@ def refuse_config(config: Path) -> None:
 
 
 def create_project(
-    folder: Path | str,
+    folder: AnyPath,
     *,
     seed: int = 0,
     small: bool = False,
-    values: Mapping[str, object] = NOTHING,
+    bare: bool = False,
+    source: Annotated[AnyPath | None, Parameter(name="--from")] = None,
+    aerial: bool = False,
+    camera: AnyPath | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Path:
-    """Write the demo assets and a config of them into `folder`, and return the config's path."""
+    """Start a project.
+
+    Writes hulldown.toml, commented, and demo vehicles, sceneries, and HDRIs; or a config of your own files.
+
+    Parameters
+    ----------
+    folder
+        The folder to write into; existing files are kept.
+    seed
+        Seed of the demo assets.
+    small
+        A config for 12 small images instead of a whole dataset.
+    bare
+        Only the config, for your own files; no demo assets.
+    source
+        Only the config, with the vehicles, sceneries, and HDRIs in this folder.
+    aerial
+        Cameras of a drone: 45 degrees down to straight down, at 30 to 300 m.
+    camera
+        A camera's calibration by OpenCV or ROS (.yaml, .yml, .json) for the config.
+    limits
+        Time and memory for reading an asset.
+
+    Returns
+    -------
+    The config's path.
+    """
     folder = Path(folder)
+    if bare + small + (source is not None) > 1:
+        raise HulldownError("--bare, --small, and --from exclude each other", remedy="give one of them")
+    values = {**(AERIAL if aerial else {}), **(read_camera(Path(camera)) if camera else {})}
+    if source is not None:
+        return _project_of(Path(source), folder, values, limits)
     refuse_config(folder / CONFIG)
+    make_room(folder / CONFIG)
+    if bare:
+        return write_config(folder, bare_text(values))
     with reporting("building demo assets") as advance:
         build_demo_assets(folder, seed=seed, progress=advance)
     return write_config(folder, project_text(small=small, values=values))
+
+
+def _project_of(source: Path, folder: Path, values: Mapping[str, object], limits: ReadLimits) -> Path:
+    """Write a config of the files in `source` into `folder`, and return its path."""
+    refuse_config(folder / CONFIG)
+    files = asset_files(source)
+    cache, new = folder / CACHE_NAME, not folder.exists()
+    try:
+        found = read_found(source, files, cache, limits=limits)
+    except AssetError:
+        if new and cache.is_dir():
+            shutil.rmtree(cache)
+            folder.rmdir()
+        raise
+    make_room(folder / CONFIG)
+    config = write_config(folder, found_config(source, found, folder, values))
+    keep_doubts(found, source, config, cache)
+    for word in missing_kinds(found):
+        warnings.warn(f"no {word} was found in {source}; name one in {config}", stacklevel=2)
+    if unused := len(files) - len({file.path for file in found if file.kind}):
+        warnings.warn(f"{unused} of {len(files)} files aren't used, see the reasons in {config}", stacklevel=2)
+    return config
 
 
 def project_text(*, small: bool = False, values: Mapping[str, object] = NOTHING) -> str:

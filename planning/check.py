@@ -13,25 +13,45 @@ import orjson
 from msgspec.structs import replace
 
 from hulldown.assets.library import Assets
+from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import reporting
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, of_views
+from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
-from hulldown.planning.plan_file import Plan
+from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.placing import sees_sky
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.views import no_views, views_of_others
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 ROUNDING = 1e-6  # tolerance of numbers from other processors: meters, degrees, pixels, shares
 MOST_FINDINGS = 1000  # listed findings
 LONGEST = 80  # characters of a value in a finding
 
 
-def check_plan(plan: Plan, assets: Assets) -> list[str]:
-    """Return a line for each difference of a plan from a new plan of its config, and of labels from poses."""
+def check_plan(
+    plan: AnyPath, assets: Assets | None = None, *, cache: AnyPath | None = None, limits: ReadLimits = DEFAULT_LIMITS
+) -> list[str]:
+    """Compare a plan with its config.
+
+    Reads a plan and the assets it names; plans again, and returns a line for each field that differs from the new plan,
+    or from what the poses give.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    cache
+        Cache of assets; by default .hulldown-cache next to the plan.
+    limits
+        Time and memory for reading an asset.
+    """
+    plan = plan if isinstance(plan, Plan) else read_plan(plan)
+    assets = assets or load_planned_library(plan, cache=cache, limits=limits).assets
     planner = Planner(plan.config, assets, poses=plan.header.poses)
     followed, photographs = plan.header.photographs, planner.assets.photographs
     if followed is not None and (photographs is None or photographs.sha256 != followed.sha256):

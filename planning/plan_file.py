@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import orjson
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import reading_status
 from hulldown.geometry.indices import spread
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.planning.config.schema import Config
@@ -88,8 +87,7 @@ class Plan(PlanFile, ShownInNotebooks):
     def _artist(self) -> Artist:
         from hulldown.planning.pictures.preview import Artist
 
-        with reading_status() as progress:
-            return Artist(self, load_planned_library(self, progress=progress).assets)
+        return Artist(self, load_planned_library(self).assets)
 
     def _facts(self) -> dict[str, object]:
         header = self.header

@@ -16,12 +16,14 @@ from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import wait
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 from msgspec.structs import asdict
 
 from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.assets.photographs import read_photographs
+from hulldown.base.arguments import PATH, AnyPath, Count
 from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
@@ -44,35 +46,36 @@ _SMALLEST_BLOCK = 64
 
 
 def plan(
-    config: Config | str | os.PathLike[str],
-    path: str | os.PathLike[str],
+    config: Annotated[Config | str | os.PathLike[str], PATH],
+    output: AnyPath,
     *,
-    workers: int | None = None,
+    workers: Count | None = None,
     strict: bool = False,
-    poses: str | os.PathLike[str] | None = None,
-    cache: str | os.PathLike[str] | None = None,
+    poses: AnyPath | None = None,
+    cache: AnyPath | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Progress | None = None,
 ) -> Plan:
-    """Read a config's assets, plan every pose, and write the plan and the picture of its summary.
+    """Plan every pose of a dataset.
 
-    A second call continues a plan that was stopped. Doubts about assets are warnings.
+    Reads a config and its assets; writes a plan, one line an image, and a picture of its statistics next to it. The
+    same call continues a plan that was stopped. Doubts about assets are warnings.
 
     Parameters
     ----------
     config
-        The config, or its file.
-    path
-        The plan file, such as ``plan.jsonl``; replaced only when the new plan is complete.
+        The config, in Python also a `Config`.
+    output
+        The plan file, such as plan.jsonl; replaced only when the new plan is complete.
     workers
-        Processes; None for one per core. The plan doesn't depend on their number.
+        Processes; by default one per core. The plan doesn't depend on their number.
     strict
         Refuse missing textures and libraries, and vehicles without a place on a scenery.
     poses
-        CSV file with a line for each image and empty cells to plan, see docs/poses.md; replaces the config's numbers of
-        images.
+        CSV file with a line for each image: scenery, vehicle, place, camera. Empty cells are planned; see
+        docs/poses.md. It replaces the config's numbers of images.
     cache
-        Folder for data read from assets; the config's if None.
+        Folder for data read from assets; by default the config's.
     limits
         Time and memory for reading an asset.
     progress
@@ -88,14 +91,14 @@ def plan(
     >>> made = plan("project/hulldown.toml", "project/plan.jsonl")  # doctest: +SKIP
     """
     # Local imports, since the worker processes import this module.
-    from hulldown.base.terminal import reading_status, reporting
+    from hulldown.base.terminal import reporting
     from hulldown.pictures.own_files import make_room_for_picture
     from hulldown.planning.appearance.hdri_land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
 
     config = config if isinstance(config, Config) else Config.read(config)
     given = read_poses(Path(poses)) if poses else None
-    path = Path(path)
+    path = Path(output)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")
     make_room(path)
@@ -105,8 +108,7 @@ def plan(
         photographs = read_photographs(config.folder / config.camera.like)  # before the long work
         for note in Likeness(photographs, config).unused_notes({entry.category for entry in config.assets.vehicles}):
             warnings.warn(note, stacklevel=2)
-    with reading_status() as reading:
-        library = load_library(config, strict=strict, cache=cache, progress=reading, limits=limits)
+    library = load_library(config, strict=strict, cache=cache, limits=limits)
     doubts = library.doubts(backdrop=config.light.backdrop == "hdri")
     unstated = new_doubts(doubts, config)
     for line in warnings_of(unstated):

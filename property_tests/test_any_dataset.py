@@ -19,8 +19,8 @@ from PIL import Image
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
-from hulldown.dataset.verification.verify import verify
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
+from hulldown.rendering.verify import verify
 from hulldown.tests.editing import append
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may also cause warnings

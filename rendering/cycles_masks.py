@@ -15,6 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
 from hulldown.dataset.images import Label
@@ -74,8 +75,8 @@ class MaskReport:
 
 
 def verify_masks(
-    dataset: Path | str,
-    plan_path: Path | str,
+    dataset: Path,
+    plan_path: AnyPath,
     library: Library,
     *,
     count: int,

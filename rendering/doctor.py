@@ -13,6 +13,7 @@ from rich.table import Table
 
 from hulldown.base.code import version_of
 from hulldown.base.outside import json_of
+from hulldown.base.terminal import STDERR
 from hulldown.reading.confinement.landlock import NETWORK_ABI, abi, confinement, unconfined
 from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_libraries
 
@@ -64,7 +65,15 @@ class Diagnosis:
 
 
 def diagnose() -> Diagnosis:
-    """Diagnose this machine in a few seconds, without changes."""
+    """Check this machine.
+
+    Reads nothing, writes nothing.
+    """
+    with STDERR.status("asking Blender"):
+        return _diagnosis()
+
+
+def _diagnosis() -> Diagnosis:
     versions = {name: version_of(name) for name in DISTRIBUTIONS}
     missing = {library: SYSTEM_LIBRARIES[library] for library in missing_libraries()}
     problems = []

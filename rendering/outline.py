@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 from jaxtyping import Int
 
+from hulldown.base.arguments import Count, parsed
 from hulldown.dataset.store.reservations import Reservation, plan_key
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan_file import Plan
@@ -29,13 +32,32 @@ class Outline:
         return np.cumsum(self.labels) - self.labels + reservation.annotation_offset + 1
 
 
+def share_of(text: str) -> tuple[int, int]:
+    """Return k and n of "k/n"."""
+    k, n = map(int, text.split("/"))
+    if not 1 <= k <= n:
+        raise ValueError(text)
+    return k, n
+
+
+SHARE = parsed("K/N with K from 1 to N, such as 3/8", share_of, metavar="K/N")
+
+
+@Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Images of a plan."""
+    """Images of a plan.
 
-    limit: int | None = None  # number of images, from the first; None: all
-    # the k-th of n equal parts of these, (k, n), for machines that share a plan; see `dataset.join`
-    share: tuple[int, int] = (1, 1)
+    Parameters
+    ----------
+    limit
+        Only the first images of the plan, this many.
+    share
+        Of these the K-th of N equal shares, for N machines; then `hulldown join`. In Python (K, N).
+    """
+
+    limit: Count | None = None
+    share: Annotated[tuple[int, int], SHARE, Parameter(show_default=False)] = (1, 1)
 
     def __post_init__(self) -> None:
         if self.limit is not None and self.limit < 0:

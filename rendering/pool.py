@@ -11,7 +11,11 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from threading import Event
+from typing import Annotated, Literal, TypeAlias
 
+from cyclopts import Parameter
+
+from hulldown.base.arguments import Count
 from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
@@ -21,18 +25,41 @@ from hulldown.rendering.process import POLL_S, Allowance, Blender, Confinement, 
 MOST_BLENDERS = 256  # Blenders
 
 
+Device: TypeAlias = Literal["auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"]
+
+
+@Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """The renderer: Blender processes on this machine, or the workers of a Dask cluster."""
+    """The renderer: Blender processes on this machine, or the workers of a Dask cluster.
 
-    workers: int | None = None  # processes of this machine; None for one a GPU, or one if there is none
-    device: str = "auto"  # "auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi" or "metal"
-    blender: str | None = None  # an installed Blender instead of the bpy module
-    scheduler: Scheduler | None = None  # scheduler of a Dask cluster; None: processes on this machine
-    require_confinement: bool = False  # whether to use only workers of a cluster that can confine Blender
-    limits: Limits = field(default_factory=Limits)  # limits of time and memory
+    Parameters
+    ----------
+    workers
+        Processes of this machine; by default one a GPU, or one if there is none.
+    device
+        What renders; auto is a GPU if there is one.
+    blender
+        An installed Blender's program, instead of the bpy module.
+    scheduler
+        Of a Dask cluster whose workers render; by default processes of this machine.
+    limits
+        Limits of time and memory.
+    """
+
+    workers: Count | None = None
+    device: Device = "auto"
+    blender: str | None = None
+    scheduler: Scheduler | None = None
+    # whether to use only workers of a cluster that can confine Blender
+    require_confinement: Annotated[bool, Parameter(parse=False)] = False
+    limits: Limits = field(default_factory=Limits)
 
     def __post_init__(self) -> None:
+        alone = next((name for name in ("workers", "blender") if getattr(self, name) is not None), None)
+        if alone and self.scheduler is not None:
+            remedy = "leave it out: the cluster's workers have their own"
+            raise HulldownError(f"--{alone} is for this machine, not for --scheduler", remedy=remedy)
         if self.blender is not None and shutil.which(self.blender) is None:
             raise HulldownError("isn't an executable program", path=self.blender, remedy="name Blender's executable")
 

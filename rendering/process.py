@@ -13,9 +13,12 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import psutil
+from cyclopts import Parameter
 
+from hulldown.base.arguments import Positive
 from hulldown.base.child import Child, Stopped, memory_limit
 from hulldown.base.errors import HulldownError
 from hulldown.base.outside import DATA, json_of, read_file
@@ -42,14 +45,22 @@ CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
 
 
+@Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """Limits of a Blender."""
+    """Limits of a Blender.
 
-    job_s: float | None = None  # seconds for a job; None: `TIMES_LONGER` times what the longest of the first ones took
-    # resident memory of one Blender; None for its share of nine tenths of the machine's. A Blender that ends a job
-    # above four fifths of it is replaced.
-    memory_bytes: int | None = None
+    Parameters
+    ----------
+    job_s
+        Time limit of a picture in seconds; by default 20 times the longest of the first five.
+    memory_bytes
+        Resident memory of one Blender; by default its share of nine tenths of the machine's. A Blender that ends a
+        picture above four fifths of it is replaced.
+    """
+
+    job_s: Annotated[Positive | None, Parameter(name="--image-timeout")] = None
+    memory_bytes: Annotated[int | None, Parameter(parse=False)] = None
 
 
 ATTEMPTS = 3  # at a job, or at a start

@@ -10,13 +10,14 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hulldown.base.arguments import AnyPath
 from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import reading_status, say, titled_bar, watched
+from hulldown.base.terminal import say, titled_bar, watched
 from hulldown.cluster.scheduler import Scheduler, needing_dask
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import FAILURES_NAME
@@ -24,9 +25,10 @@ from hulldown.dataset.store.placed_pictures import confined
 from hulldown.dataset.table import Dataset
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.plan_file import read_plan
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.rendering.jobs import readable
 from hulldown.rendering.outline import WHOLE, Outline, Part
-from hulldown.rendering.pool import DEFAULT_ENGINE, Engine, Pool
+from hulldown.rendering.pool import DEFAULT_ENGINE, Device, Engine, Pool
 from hulldown.rendering.process import Confinement
 from hulldown.rendering.session import LOGS_NAME, Progress, Session
 
@@ -58,7 +60,7 @@ def render(
     *,
     workers: int | None = None,
     scheduler: str | Scheduler | None = None,
-    device: str = "auto",
+    device: Device = "auto",
     part: Part = WHOLE,
     cache: str | os.PathLike[str] | None = None,
     progress: Callable[[Progress], None] | None = None,
@@ -97,16 +99,9 @@ def render(
     --------
     >>> dataset = render("project/plan.jsonl", "project/dataset")  # doctest: +SKIP
     """
-    if scheduler is not None and workers is not None:
-        raise ValueError("workers: expected None with a scheduler, whose workers set that themselves")
     scheduler = Scheduler(scheduler) if isinstance(scheduler, str) else scheduler
     engine = Engine(workers=workers, device=device, scheduler=scheduler)
-    with reading_status() as reading:
-        library = load_planned_library(read_plan(plan), cache=cache, progress=reading)
-    with contextlib.ExitStack() as stack:
-        if progress is None and watched():
-            progress = stack.enter_context(render_bar())
-        report = render_plan(plan, folder, library, engine=engine, part=part, progress=progress)
+    report = render_plan(plan, folder, engine=engine, part=part, cache=cache, progress=progress)
     if report.interrupted:
         raise KeyboardInterrupt
     if report.failed:
@@ -143,20 +138,47 @@ def render_bar() -> Iterator[Callable[[Progress], None]]:
 
 
 def render_plan(
-    plan_path: str | os.PathLike[str],
-    dataset_folder: str | os.PathLike[str],
+    plan: AnyPath,
+    output: AnyPath,
     library: Library | None = None,
     *,
     engine: Engine = DEFAULT_ENGINE,
     part: Part = WHOLE,
+    cache: AnyPath | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[Progress], None] | None = None,
 ) -> RenderReport:
-    """Render a plan's missing images into a dataset."""
+    """Render a plan with Blender Cycles.
+
+    Reads a plan and the assets it names; writes the images that the dataset lacks, annotations.json, and a journal. The
+    same call continues one that was stopped.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    output
+        The dataset, which may exist.
+    engine
+        The renderer.
+    part
+        The part of the plan to render.
+    cache
+        Cache of assets; by default .hulldown-cache next to the plan.
+    limits
+        Time and memory for reading an asset.
+    """
+    if progress is None and watched():
+        with render_bar() as bar:
+            return render_plan(
+                plan, output, library, engine=engine, part=part, cache=cache, limits=limits, progress=bar
+            )
     start = time.monotonic()
-    plan = read_plan(plan_path)
-    folder = Path(dataset_folder)
+    plan = read_plan(plan)
+    folder = Path(output)
     tell = progress or (lambda _: None)
-    library = library or load_planned_library(plan)
+    library = library or load_planned_library(plan, cache=cache, limits=limits)
+    engine = replace(engine, require_confinement=limits.require_confinement)
     outline = Outline(plan)
     had_logs = (folder / LOGS_NAME).exists()
     with CocoDataset.open(folder) as dataset, _stop_on_signals() as stopping:

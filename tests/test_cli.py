@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import shutil
 import signal
 import subprocess
@@ -22,8 +21,6 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.tests.editing import render
 from hulldown.verbs.output import STDOUT
 
-VERBS = sorted({*re.findall(r"(?m)^    (\w+) ", cli.parser().format_help())} - {"study"})  # its steps have their own
-
 
 def run_apart(*words, cwd, stdout=subprocess.PIPE):
     """The command in a separate process."""
@@ -37,21 +34,16 @@ def run(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
 
     def call(*words):
-        try:
-            code = cli.main([*map(str, words)])
-        except SystemExit as stop:  # by argparse
-            code = stop.code
+        code = cli.main([*map(str, words)])
         shown = capsys.readouterr()
         return SimpleNamespace(returncode=code, stdout=shown.out, stderr=shown.err)
 
     return call
 
 
-@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("verb", cli.VERBS)
 def test_help_names_what_a_verb_reads_and_writes(verb, capsys):
-    with pytest.raises(SystemExit) as stop:
-        cli.main([verb, "--help"])
-    assert stop.value.code == 0
+    assert cli.main([*verb.split(), "--help"]) == 0
     printed = capsys.readouterr().out.lower()
     assert "reads" in printed or "writes" in printed
 
@@ -62,7 +54,6 @@ def test_help_names_what_a_verb_reads_and_writes(verb, capsys):
         (["plan", "none.toml", "-o", "plan.jsonl"], "none.toml"),
         (["preview", "none.jsonl"], "none.jsonl"),
         (["check", "none.jsonl"], "none.jsonl"),
-        (["plan", "--check", "none.jsonl"], "none.jsonl"),
         (["render", "none.jsonl", "-o", "dataset"], "none.jsonl"),
         (["verify", "none"], "none"),
         (["join", "none", "-o", "dataset"], "none"),
@@ -94,7 +85,7 @@ def test_a_mistake_is_one_line_with_exit_code_2(words, named, run, tmp_path):
         ),
         *(
             (["render", "plan.jsonl", "-o", "dataset", f"--image-timeout={seconds}"], "a number above 0")
-            for seconds in ("0", "-1", "nan", "inf", "soon")
+            for seconds in ("0", "-1", "nan", "inf")
         ),
     ],
     ids=lambda value: value[-1] if isinstance(value, list) else "",
@@ -165,8 +156,8 @@ def test_doctor_prints_json_in_any_folder(tmp_path):
         (["plan", "hulldown.toml", "-o", "file/x"], "cannot be written"),
         (["inspect", "none.blend", "-o", "folder.png"], "folder.png: is a folder; name a file"),
         (["inspect", "none.blend", "-o", "file/x.png"], "file/x.png: cannot be written"),
-        (["inspect", "none.blend", "-o", "hulldown.toml"], "expected the name of a .png file"),
-        (["preview", "x.jsonl", "-o", "hulldown.toml"], "expected the name of a .png file"),
+        (["inspect", "none.blend", "-o", "hulldown.toml"], "Expected the name of a .png file"),
+        (["preview", "x.jsonl", "-o", "hulldown.toml"], "Expected the name of a .png file"),
         (["init", "file"], "cannot be written"),
         (["init", "file/project"], "cannot be written"),
         (["demo", "--output", "file"], "cannot be written"),
@@ -226,10 +217,10 @@ def test_names_cannot_control_the_terminal(console, capsys):
 
 
 def test_a_message_of_any_length_is_one_line(monkeypatch, capsys):
-    def fail(_):
+    def fail():
         raise HulldownError("x" * 10**6 + "\nsecond line", path="a\x1bb")
 
-    monkeypatch.setattr(cli, "_doctor", fail)
+    monkeypatch.setattr("hulldown.rendering.doctor.diagnose", fail)
     assert cli.main(["doctor"]) == 2
     printed = capsys.readouterr().err
     assert len(printed) < 3000

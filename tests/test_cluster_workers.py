@@ -27,8 +27,8 @@ def workers(nodes):
         yield made
 
 
-def connected(nodes, tls=()):
-    return Cluster(Scheduler(nodes.address, tls), "render", lambda: "", say=lambda line: None)
+def connected(nodes, **tls):
+    return Cluster(Scheduler(nodes.address, **tls), "render", lambda: "", say=lambda line: None)
 
 
 def calling(function):
@@ -129,7 +129,7 @@ def test_tls_works_and_requires_a_certificate(tmp_path):
         assert nodes.address.startswith("tls://")
         with pytest.raises(HulldownError, match="no Dask scheduler answers there"):
             connected(nodes)
-        with connected(nodes, files) as workers:
+        with connected(nodes, **files) as workers:
             found = workers.run([""], calling(cluster_tasks.address_unless), lost=None)
             assert [results[0].startswith("tls://") for _, results in found] == [True]
 

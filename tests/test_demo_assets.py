@@ -106,7 +106,7 @@ def test_building_continues_after_a_crash(tmp_path, monkeypatch):
 
 
 def test_the_config_of_a_project_names_every_asset(tmp_path, monkeypatch):
-    monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: folder.mkdir(parents=True))
+    monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: None)
     config = project.create_project(tmp_path / "mine")
     parsed = tomllib.loads(config.read_text(encoding="utf-8"))
     assert [v["path"] for v in parsed["assets"]["vehicles"]] == list(VEHICLE_FILES)

@@ -11,14 +11,15 @@ import numpy as np
 import pytest
 from pycocotools.coco import COCO
 
+from hulldown import cli
 from hulldown.annotate.masks import decode, encode, mask_box
 from hulldown.annotate.outlines import polygons
 from hulldown.base.errors import DatasetError
-from hulldown.cli import parser
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
 from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.images import Label
 from hulldown.tests.editing import edit, write_dataset
+from hulldown.verbs.command import command_line
 
 WIDTH, HEIGHT = 64, 40
 NAMES = ["tank", 'truck "6x6"', "armored car"]  # the last has no label
@@ -89,7 +90,7 @@ def exported(dataset, tmp_path_factory):
             out = tmp_path_factory.mktemp(layout) / "out"
             told = pytest.warns(UserWarning, match="6 pictures have no calib") if layout == "kitti" else nullcontext()
             with told:
-                counts = export(dataset, out, layout=layout, polygons_within=within)
+                counts = export(dataset, out, layout=layout, polygons=False if within is None else within)
             assert sum(counts.values()) == 36
             assert min(counts.values()) > 0
             made[layout, within] = out
@@ -283,13 +284,15 @@ def test_kittis_angles_are_zero_for_a_vehicle_ahead_that_drives_to_the_right(x, 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_command_knows_every_layout(layout):
-    assert parser().parse_args(["export", "d", "-o", "out", "--format", layout]).format == layout
+    words = ["export", "d", "-o", "out", "--format", layout]
+    _, given, _ = command_line(words, cli.VERBS).parse_args(words, exit_on_error=False)
+    assert given.arguments["layout"] == layout
 
 
 @pytest.mark.parametrize("layout", sorted(set(LAYOUTS) - set(WITH_POLYGONS)))
 def test_a_layout_without_polygons_refuses_the_option(dataset, tmp_path, layout):
     with pytest.raises(DatasetError, match=f"layout {layout} has no polygons"):
-        export(dataset, tmp_path / "out", layout=layout, polygons_within=0.3)
+        export(dataset, tmp_path / "out", layout=layout, polygons=True)
     assert not (tmp_path / "out").exists()
 
 

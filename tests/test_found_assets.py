@@ -51,7 +51,7 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     assert cli.main(["init", "project", "--from", "mine"]) == 0
     assert {path.name for path in Path("project").iterdir()} == {".hulldown-cache", "hulldown.toml"}
     told = " ".join(capsys.readouterr().err.split())
-    assert "with 4 of 7 files" in told
+    assert "3 of 7 files aren't used" in told
     config = Config.read("project/hulldown.toml")
     assert [(v.path, v.category, v.name) for v in config.assets.vehicles] == [
         ("../mine/pair/pair.blend", "pair", "pair_a_Hull"),

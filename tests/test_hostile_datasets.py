@@ -12,7 +12,7 @@ from PIL import Image
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, export
 from hulldown.dataset.records import listed
-from hulldown.dataset.verification.verify import verify
+from hulldown.rendering.verify import verify
 from hulldown.tests.editing import edit, write_dataset
 
 
@@ -35,7 +35,7 @@ def test_broken_pictures_are_all_named_and_not_exported(folder, tmp_path, layout
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("options", [{}, {"layout": "voc"}, {"polygons_within": 0.3}])
+@pytest.mark.parametrize("options", [{}, {"layout": "voc"}, {"polygons": True}])
 def test_impossible_masks_are_all_named_and_not_exported(folder, tmp_path, options):
     def with_masks(coco):
         for label, mask in zip(coco["annotations"], ([[1, 1, 5, 1, 5, 5]], [[1, 1]], 7), strict=True):

@@ -13,10 +13,10 @@ from hulldown.assets.skeleton import category_fields
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
-from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.vehicle.found_keypoints import marked_points
+from hulldown.rendering.verify import verify
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.editing import append, edit

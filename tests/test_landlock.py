@@ -167,10 +167,10 @@ def test_missing_confinement_is_announced_once_or_refused(
 ) -> None:
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
     monkeypatch.chdir(tmp_path)
-    code = main(["render", "plan.jsonl", "-o", "dataset", *(["--require-confinement"] if required else [])])
+    code = main(["inspect", "none.blend", *(["--require-confinement"] if required else [])])
     error = capsys.readouterr().err
     assert code == 2
-    assert ("no such plan" in error) != required
+    assert ("does not exist" in error) != required
     assert error.count("HULLDOWN_CONFINEMENT") >= 1
     assert ("would not be confined" in error) == required
     assert list(tmp_path.iterdir()) == []

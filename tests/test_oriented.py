@@ -14,8 +14,8 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import Segmenter, image_record
-from hulldown.dataset.verification.verify import verify
 from hulldown.geometry.transforms import apply
+from hulldown.rendering.verify import verify
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
 from hulldown.tests.editing import edit, write_dataset

@@ -12,7 +12,6 @@ from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.cli import main
 from hulldown.planning.pictures.passes import PASSES, STUFF, write_passes
 from hulldown.planning.pictures.preview import Artist
-from hulldown.planning.plan_file import read_plan
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import write_plan
 from hulldown.tests.cameras import unproject
@@ -36,7 +35,7 @@ def made(tmp_path_factory):
         render={"width": 240, "height": 136},
     )
     plan = write_plan(config, ASSETS, folder / "plan.jsonl")
-    assert write_passes(plan, ASSETS, folder / "passes") == len(plan)
+    assert write_passes(plan, folder / "passes", assets=ASSETS) == dict.fromkeys(PASSES, len(plan))
     return plan, folder / "passes"
 
 
@@ -130,19 +129,20 @@ def test_panoptic_segments_have_cocos_format(made):
 
 def test_finished_images_are_kept_and_changed_ones_are_made_again(made, tmp_path, monkeypatch, capsys):
     plan, folder = made
-    monkeypatch.setattr("hulldown.verbs.planning.planned_library", lambda *_: SimpleNamespace(assets=ASSETS))
+    library = SimpleNamespace(assets=ASSETS)
+    monkeypatch.setattr("hulldown.planning.pictures.passes.load_planned_library", lambda *_, **__: library)
     assert main(["passes", str(plan.path), "-o", str(tmp_path), "--part", "--count", "1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"part": 1}
     assert sorted(p.name for p in tmp_path.iterdir()) == ["part", "parts.json", "tables"]
     part = tmp_path / "part" / "00000001.png"
     part.write_bytes(b"kept")
-    write_passes(plan, ASSETS, tmp_path, passes=["part"], count=1)
+    write_passes(plan, tmp_path, part=True, count=1, assets=ASSETS)
     assert part.read_bytes() == b"kept"
-    write_passes(plan, ASSETS, tmp_path, count=1)
+    write_passes(plan, tmp_path, count=1, assets=ASSETS)
     assert part.read_bytes() == (folder / "part" / "00000001.png").read_bytes()
     lines = plan.path.read_text().splitlines(keepends=True)
     lines[1] = lines[1].replace('"sample_seed":', '"sample_seed":1')
     (tmp_path / "edited.jsonl").write_text("".join(lines))
     part.write_bytes(b"old")
-    write_passes(read_plan(tmp_path / "edited.jsonl"), ASSETS, tmp_path, passes=PASSES, count=1)
+    write_passes(tmp_path / "edited.jsonl", tmp_path, count=1, assets=ASSETS)
     assert part.read_bytes() != b"old"

@@ -75,7 +75,7 @@ def test_the_sun_turns_with_the_hdri():
 def test_the_sheet(plan, tmp_path, count, shown):
     assert any(row.companions[0].bbox is None for row in plan)
     path = tmp_path / "sheet.png"
-    preview_sheet(plan, ASSETS, path, count=count)
+    preview_sheet(plan, path, count=count, assets=ASSETS)
     with Image.open(path) as sheet:
         assert sheet.width > 4 * TILE_WIDTH
         pixels = np.asarray(sheet)

@@ -8,8 +8,8 @@ import pytest
 
 from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.images import Label
-from hulldown.dataset.verification.verify import verify
 from hulldown.rendering.cycles_masks import compared, verify_masks
+from hulldown.rendering.verify import verify
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)

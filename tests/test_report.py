@@ -162,7 +162,7 @@ def test_boxes_and_masks_are_in_place_and_can_be_hidden(shown):
 
 def test_only_a_report_is_overwritten_and_the_same_dataset_gives_the_same(folder, page, tmp_path):
     before = page.read_bytes()
-    report(folder, page, most=2)
+    report(folder, page, images=2)
     assert page.read_text().count("<button class=tile") == 2
     report(folder, page)
     assert page.read_bytes() == before

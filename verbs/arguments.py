@@ -9,13 +9,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
-from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import reading_status, warn
-
 if TYPE_CHECKING:
-    from hulldown.planning.inputs.loading import Library
-    from hulldown.planning.plan_file import Plan
-    from hulldown.reading.confinement.watch import ReadLimits
+    pass
 
 Subparsers: TypeAlias = "argparse._SubParsersAction[argparse.ArgumentParser]"
 Value = TypeVar("Value")
@@ -111,64 +106,3 @@ named_folder = argument("NAME=DIR, such as real=photographs", _named_folder)
 def threshold_or_best(text: str) -> float | str:
     """Return a confidence, or the word best."""
     return text if text == "best" else fraction(text)
-
-
-def read_limits(arguments: argparse.Namespace) -> ReadLimits:
-    """Limits of memory and time for reading an asset; warns if Blender can't be confined."""
-    from hulldown.reading.confinement.landlock import OFF, unconfined
-    from hulldown.reading.confinement.watch import GIB, ReadLimits
-
-    if why := unconfined():
-        if arguments.require_confinement:
-            remedy = f"use Linux 5.13 or later without {OFF}=off, or leave out --require-confinement"
-            raise HulldownError(f"Blender would not be confined: {why}", remedy=remedy)
-        warn(f"files from elsewhere are read unconfined: {why}; see docs/safety.md")
-    memory = arguments.read_memory
-    return ReadLimits(
-        silence_s=arguments.read_timeout or ReadLimits().silence_s,
-        memory_bytes=None if memory is None else round(memory * GIB),
-    )
-
-
-def add_read_limits(sub: argparse.ArgumentParser) -> None:
-    """Add the arguments of `read_limits`."""
-    sub.add_argument(
-        "--read-timeout", type=positive, metavar="SECONDS",
-        help="stop reading an asset after this time without progress (default: 900)",
-    )  # fmt: skip
-    sub.add_argument(
-        "--read-memory", type=positive, metavar="GIB",
-        help="stop reading an asset above this memory (default: its share of nine tenths of the machine's)",
-    )  # fmt: skip
-    sub.add_argument(
-        "--require-confinement", action="store_true", help="refuse to read files if Blender can't be confined"
-    )
-
-
-def add_cache(sub: argparse.ArgumentParser, where: str) -> None:
-    """Add the argument for the cache."""
-    sub.add_argument("--cache", type=Path, metavar="DIR", help=f"cache of assets (default: {where})")
-
-
-def add_planned(sub: argparse.ArgumentParser) -> None:
-    """Add the arguments for reading a plan's assets."""
-    add_read_limits(sub)
-    add_cache(sub, ".hulldown-cache next to the plan")
-
-
-def planned_library(plan: Path | Plan, arguments: argparse.Namespace) -> Library:
-    """Return the assets of a plan, read by the arguments of `add_planned`."""
-    from hulldown.planning.inputs.loading import load_planned_library
-    from hulldown.planning.plan_file import read_plan
-
-    with reading_status() as progress:
-        limits = read_limits(arguments)
-        return load_planned_library(read_plan(plan), cache=arguments.cache, progress=progress, limits=limits)
-
-
-def add_allow_links(sub: argparse.ArgumentParser) -> None:
-    """Add the argument for folders that links in a dataset may lead to."""
-    sub.add_argument(
-        "--allow-links", type=Path, metavar="DIR", action="append", default=[],
-        help="folder outside of a dataset that its links may lead to; may be repeated",
-    )  # fmt: skip

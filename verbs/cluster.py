@@ -1,10 +1,8 @@
-"""The verb cluster, and other verbs' arguments for a cluster."""
+"""Arguments of `study run` for a cluster."""
 
 from __future__ import annotations
 
 import argparse
-import signal
-import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import closing, contextmanager
 from functools import partial
@@ -12,9 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hulldown.base.terminal import say
-from hulldown.cluster.scheduler import Scheduler, local_cluster, needing_dask
-from hulldown.verbs.arguments import Subparsers, add_verb, at_least_one, port
-from hulldown.verbs.output import show_result
+from hulldown.cluster.scheduler import Scheduler, needing_dask
 
 if TYPE_CHECKING:
     from hulldown.cluster.workers import Answer
@@ -34,7 +30,7 @@ def scheduler_of(arguments: argparse.Namespace) -> Scheduler | None:
     if arguments.scheduler is None:
         return None
     given = {name: getattr(arguments, name) for name in ("tls_ca_file", "tls_client_cert", "tls_client_key")}
-    return Scheduler(arguments.scheduler, {name: str(path) for name, path in given.items() if path is not None})
+    return Scheduler(arguments.scheduler, **{name: str(path) for name, path in given.items() if path is not None})
 
 
 @contextmanager
@@ -66,24 +62,3 @@ def _train_here(study: Path, manifest: str, options: RunOptions, name: str) -> A
     from hulldown.training.study.runs import run_here, unseen
 
     return unseen(study, manifest) or Answer(run_here(study, name, options, wanted()))
-
-
-def _cluster(arguments: argparse.Namespace) -> None:
-    """Run a cluster until Ctrl-C or SIGTERM."""
-    signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
-    with local_cluster(arguments.workers, port=arguments.port) as address:
-        show_result(arguments, {"scheduler": address, "workers": arguments.workers})
-        say(f"{arguments.workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
-        say("Ctrl-C ends them")
-        threading.Event().wait()
-
-
-def add(verbs: Subparsers) -> None:
-    """Add this verb to the command."""
-    sub = add_verb(
-        verbs, "cluster", _cluster, "start a Dask cluster on this machine",
-        "Starts a scheduler and workers for `hulldown render --scheduler` and `hulldown study run --scheduler`, until "
-        "Ctrl-C; writes nothing.",
-    )  # fmt: skip
-    sub.add_argument("--workers", type=at_least_one, default=2, metavar="N", help="processes (default: 2)")
-    sub.add_argument("--port", type=port, default=8786, help="of the scheduler, on 127.0.0.1; 0: any (default: 8786)")

@@ -60,6 +60,11 @@ def show_result(arguments: argparse.Namespace, result: object, *shown: str | Tab
     """Print a verb's result on stdout: with ``--json`` as JSON, otherwise as the given lines and tables."""
     if not arguments.json:
         return show(*shown)
+    show_json(result)
+
+
+def show_json(result: object) -> None:
+    """Print a result on stdout as JSON."""
     sys.stdout.write(json.dumps(result, indent=2, default=_plain) + "\n")
     sys.stdout.flush()
 

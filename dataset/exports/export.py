@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import hashlib
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import orjson
+from cyclopts import Parameter
 
+from hulldown.annotate import outlines
 from hulldown.annotate.masks import extent
-from hulldown.annotate.outlines import polygons
+from hulldown.base.arguments import AnyPath, AtLeastZero, parsed
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
 from hulldown.base.terminal import reporting, say
@@ -36,41 +38,55 @@ LAYOUTS: Mapping[str, Callable[[Splits, Path], None]] = {
     "huggingface": huggingface.write,
 }
 WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface")
+POLYGONS_WITHIN_PX = 0.3
+
+
+def _three_shares(text: str) -> tuple[float, float, float]:
+    train, valid, test = map(float, text.split(","))
+    if not (min(train, valid, test) >= 0 and abs(train + valid + test - 1.0) <= 1e-6):
+        raise ValueError(text)
+    return train, valid, test
+
+
+SPLIT = parsed("three shares that add up to 1, such as 0.7,0.2,0.1", _three_shares, metavar="A,B,C")
 
 
 def export(
-    dataset: str | os.PathLike[str],
-    out: str | os.PathLike[str],
+    dataset: AnyPath,
+    output: AnyPath,
     *,
-    layout: str = "coco",
-    fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
-    polygons_within: float | None = None,
+    layout: Annotated[str, Parameter(name="--format", choices=tuple(LAYOUTS))] = "coco",
+    fractions: Annotated[tuple[float, float, float], SPLIT, Parameter(name="--split")] = (0.7, 0.2, 0.1),
+    polygons: AtLeastZero | bool = False,
     floors: LabelFloors = ALL_LABELS,
     clip: bool = False,
-    allow_links: Sequence[Path | str] = (),
+    allow_links: Sequence[AnyPath] = (),
     progress: Callable[[int, int], None] | None = None,
 ) -> dict[str, int]:
-    """Write a dataset as train, valid, and test; images are hard links if the disk allows, else copies.
+    """Split a dataset for training.
+
+    Reads a dataset; writes train, valid, and test, in which shots of one position stay together. Images are hard links
+    if the disk allows, else copies.
 
     Parameters
     ----------
     dataset
         The folder of a COCO dataset.
-    out
+    output
         A folder that does not exist or is empty.
     layout
-        One of `LAYOUTS`.
+        The layout of folders and labels; docs/exports.md lists their readers.
     fractions
-        See `dataset.exports.split.share_out`; the split does not depend on the floors.
-    polygons_within
-        Write masks as polygons without corners that move the outline by at most this many pixels; None: unchanged,
-        or no masks if the layout has only polygons.
+        Shares of train, valid, and test; the split doesn't depend on the limits of labels.
+    polygons
+        Write masks as polygons without corners that move the outline by at most this many pixels, 0.3 if it's only
+        switched on. Else masks are unchanged, or left out if the layout has only polygons.
     floors
         Limits of full labels; by default all labels are kept.
     clip
-        Clip boxes that leave their image, and drop those outside.
+        Clip boxes that leave their image by more than a pixel too, and drop those outside.
     allow_links
-        Folders outside the dataset that symbolic links may lead to.
+        Folder outside the dataset that symbolic links may lead to; may be repeated.
     progress
         Called with (done, all) after each image; None: a bar in a terminal or notebook.
 
@@ -82,8 +98,8 @@ def export(
     ------
     DatasetError
         If the dataset can't be read, pictures are missing, damaged, of another size, or links that lead elsewhere,
-        masks or boxes are unusable, the layout has no polygons, or `out` isn't empty or can't be written.
-        `out` is empty then.
+        masks or boxes are unusable, the layout has no polygons, or `output` isn't empty or can't be written.
+        `output` is empty then.
 
     Examples
     --------
@@ -99,9 +115,10 @@ def export(
     """
     if layout not in LAYOUTS:
         raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)}, got {layout!r}")
-    if polygons_within is not None and layout not in WITH_POLYGONS:
+    if polygons is not False and layout not in WITH_POLYGONS:
         raise DatasetError(f"layout {layout} has no polygons", remedy=f"these have: {', '.join(WITH_POLYGONS)}")
-    folder = Path(dataset)
+    folder, out = Path(dataset), Path(output)
+    within = POLYGONS_WITHIN_PX if polygons is True else float(polygons)
     document = read_usable(folder)
     images = clipped(document.images, folder=folder, clip=clip)
     split_of = share_out(images, fractions=fractions)
@@ -110,17 +127,17 @@ def export(
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
     for image, name, picture in zip(images, flat_names(images), pictures, strict=True):
         kept = floors.kept(image.labels)
-        if polygons_within is not None:
-            kept = [_outlined(label, image.size, polygons_within) for label in kept]
+        if polygons is not False:
+            kept = [_outlined(label, image.size, within) for label in kept]
         items[split_of[image.id]].append(Item(image.labeled(kept), name, picture))
     categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
     splits = Splits(folder, document.head, categories, items)
     key = _key(layout, splits)
-    if is_done(Path(out), key):
+    if is_done(out, key):
         say(f"{out}: is complete already")
         return counts
-    with reporting("linking images", progress) as advance, all_or_nothing(Path(out), key) as unfinished:
+    with reporting("linking images", progress) as advance, all_or_nothing(out, key) as unfinished:
         LAYOUTS[layout](replace(splits, progress=advance), unfinished)
     return counts
 
@@ -152,4 +169,4 @@ def _outlined(label: Label, size: tuple[int, int], within: float) -> Label:
     """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
     if label.crowd or not (mask := MASK.read(label).segmentation):
         return label
-    return label.changed(segmentation=polygons(mask, *size, within=within))
+    return label.changed(segmentation=outlines.polygons(mask, *size, within=within))

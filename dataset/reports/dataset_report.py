@@ -5,8 +5,10 @@ from __future__ import annotations
 import io
 from collections import Counter
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from cyclopts import Parameter
 from jaxtyping import Float
 from matplotlib.figure import Figure
 from PIL import Image as Pictures
@@ -14,6 +16,7 @@ from PIL import Image as Pictures
 from hulldown.annotate.outlines import polygons
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.assets.photographs import read_photographs
+from hulldown.base.arguments import AnyPath, Count, HtmlFile
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import reporting
@@ -32,6 +35,7 @@ from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan_file import read_plan
 from hulldown.planning.summary import SIZES
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 MOST_THUMBNAILS = 1_000  # thumbnails on a page: some 15 MB
 THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
@@ -41,23 +45,41 @@ ORDERS = (SIZE, *SCALES)
 
 
 def report(
-    source: Path | str,
-    out: Path | str,
+    source: AnyPath,
+    output: HtmlFile,
     *,
-    photographs: Path | str | None = None,
-    most: int = MOST_THUMBNAILS,
+    images: Count = MOST_THUMBNAILS,
+    photographs: Annotated[AnyPath | None, Parameter(name="--beside")] = None,
+    cache: AnyPath | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
     library: Library | None = None,
 ) -> Comparison | None:
-    """Write a self-contained page about a dataset or a plan, and compare it with photographs if given.
+    """Show a dataset or a plan as a page.
 
-    The page has tables, charts, maps, and thumbnails that filter by every field.
+    Reads a dataset's folder or a plan; writes one page with tables, charts, maps, and thumbnails that filter by every
+    field.
+
+    Parameters
+    ----------
+    source
+        The dataset or plan.
+    output
+        The page.
+    images
+        Most thumbnails, evenly spread.
+    photographs
+        A COCO folder or file of photographs, to compare each feature with, and name the keys that change it.
+    cache
+        Cache of a plan's assets; by default .hulldown-cache next to the plan.
+    limits
+        Time and memory for reading an asset.
     """
-    source, out = Path(source), Path(out)
+    source, out = Path(source), Path(output)
     if source.is_dir():
         dataset = Dataset.read(source)
     else:
         plan = read_plan(source)
-        artist = Artist(plan, (library or load_planned_library(plan)).assets)
+        artist = Artist(plan, (library or load_planned_library(plan, cache=cache, limits=limits)).assets)
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
     if not dataset.images:
         raise DatasetError("has no images yet", path=source, remedy="render some first")
@@ -66,7 +88,7 @@ def report(
     comparison = None
     if photographs is not None:
         comparison = compare_with_photographs(dataset, read_photographs(Path(photographs)), pixels=source.is_dir())
-    chosen = spread(len(dataset), most)
+    chosen = spread(len(dataset), images)
     tiles = []
     with reporting("thumbnails", None) as advance:
         for i in chosen.tolist():

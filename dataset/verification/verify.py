@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import io
-import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
 from pycocotools.coco import COCO
 
+from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import reporting
@@ -26,50 +26,19 @@ from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_plan import check_planned
-from hulldown.planning.inputs.loading import Library, load_planned_library
+from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan_file import read_plan
 
 
-def verify(
-    dataset: str | os.PathLike[str],
-    plan: str | os.PathLike[str] | None = None,
+def find_problems(
+    dataset: AnyPath,
+    plan: AnyPath | None,
     *,
-    fast: bool = False,
-    assets: Callable[[], Library] | None = None,
+    fast: bool,
+    assets: Callable[[], Library],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
-    """Find everything that is wrong with a dataset.
-
-    Parameters
-    ----------
-    dataset
-        Its folder, or a `Dataset`.
-    plan
-        A plan that it was rendered from: records are compared row by row, and labels with those of the rows' scenes.
-    fast
-        Whether to skip opening pictures, comparing hashes, and labels that need the scene.
-    assets
-        Reads the plan's assets; None: with the cache beside the plan.
-    progress
-        Called with (done, all) after each image; None: a bar in a terminal or notebook.
-
-    Raises
-    ------
-    DatasetError
-        If there is no dataset, or it can't be read at all.
-    ConfigError
-        If the file isn't a plan.
-
-    Examples
-    --------
-    >>> from tempfile import mkdtemp
-    >>> from hulldown.dataset.coco import CocoDataset
-    >>> folder = mkdtemp()
-    >>> with CocoDataset.open(folder, categories=["truck"]) as dataset:
-    ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [])
-    >>> print(*verify(folder))
-    error: 1.jpg: is missing
-    """
+    """Find what is wrong with a dataset; parameters as of `rendering.verify.verify`."""
     folder = Path(dataset)
     coco = read_coco(folder)
     findings: list[Finding] = []
@@ -79,8 +48,7 @@ def verify(
     findings += check_reservations(coco)
     findings += check_journal(coco, folder / JOURNAL_NAME)
     if plan is not None:
-        planned = read_plan(plan)
-        findings += check_planned(coco, planned, None if fast else assets or partial(load_planned_library, planned))
+        findings += check_planned(coco, read_plan(plan), None if fast else assets)
     findings += _check_loading(folder)
     if is_cut_off(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"

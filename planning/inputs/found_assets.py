@@ -78,6 +78,7 @@ def read_found(
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
     """Tell the kind of each file: by the name of a folder that it's in, else by its contents."""
+    limits.check_confinement()
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
     taken: dict[Path, Path] = {}  # the preferred format of files with the same name

@@ -3,21 +3,85 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable
-from dataclasses import replace
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated, Literal
+
+from cyclopts import Parameter
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.base.arguments import AnyPath, PngFile
+from hulldown.base.errors import AssetError
+from hulldown.base.terminal import reading_status
+from hulldown.pictures.own_files import make_room_for_picture
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.inspect import Inspected, draw, sky_report
-from hulldown.reading.pieces.asset_report import FileReport, refuse_missing
+from hulldown.reading.inspect import Inspected, draw, pages, sky_report, write_pictures
+from hulldown.reading.pieces.asset_report import FileReport, SkyReport, refuse_missing
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
 from hulldown.reading.reader_process import Exported, export
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Inspection:
+    """What was found in files."""
+
+    reports: list[FileReport | SkyReport]
+    pages: list[Path]  # written pictures
+    refused: int  # number of unusable files, each of which gave a warning
+
+
+def inspect_files(
+    files: Sequence[AnyPath],
+    *,
+    output: PngFile | None = None,
+    kind: Annotated[Literal["vehicle", "scenery"] | None, Parameter(name="--as")] = None,
+    strict: bool = False,
+    limits: ReadLimits = DEFAULT_LIMITS,
+) -> Inspection:
+    """Show how asset files are read.
+
+    Reads .blend, .glb, .gltf, .fbx, .obj, .tif, .exr or .hdr files, or configs and what they list, with their options;
+    shows a table of each, and writes a picture of vehicles and sceneries from four sides.
+
+    Parameters
+    ----------
+    files
+        Assets, or configs (.toml).
+    output
+        Shaded picture, parts in colors; 12 assets a page.
+    kind
+        What the files are; by default decided by their contents. A config's entries have their own kind.
+    strict
+        Refuse files with missing textures or libraries.
+    limits
+        Time and memory for reading an asset.
+    """
+    paths, output = [Path(file) for file in files], None if output is None else Path(output)
+    for page in pages(output, sum(map(drawn_assets, paths))) if output else ():
+        make_room_for_picture(page)
+    limits.check_confinement()
+    inspected: list[Inspected] = []
+    refused = 0
+    for path in paths:
+        try:
+            with reading_status() as progress:
+                inspected += inspect_file(
+                    path, kind=kind, strict=strict, pictures=bool(output), progress=progress, limits=limits
+                )
+        except AssetError as error:
+            if len(paths) == 1:
+                raise
+            warnings.warn(str(error), stacklevel=2)
+            refused += 1
+    written = write_pictures(inspected, output) if output and any(one.picture for one in inspected) else []
+    return Inspection([one.report for one in inspected], written, refused)
 
 
 def drawn_assets(path: Path) -> int:

@@ -15,7 +15,9 @@ from hulldown.assets.fingerprint import fingerprint
 from hulldown.assets.library import Assets, GeometrySource, HdriSource, Source
 from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import AssetError, ConfigError
+from hulldown.base.terminal import reading_status
 from hulldown.geometry.transforms import apply
 from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
 from hulldown.planning.config.paint_section import unmatched_pattern
@@ -99,14 +101,19 @@ def load_library(
     config: Config,
     *,
     strict: bool = False,
-    cache: str | os.PathLike[str] | None = None,
+    cache: AnyPath | None = None,
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
     """Return the assets of a config with reports and tidy twins.
 
     `cache`: folder for data read from files; the config's if None.
+    `progress`: called with each path that is read; None for a status line.
     """
+    if progress is None:
+        with reading_status() as status:
+            return load_library(config, strict=strict, cache=cache, progress=status, limits=limits)
+    limits.check_confinement()
     cache = config.folder / config.assets.cache if cache is None else Path(cache)
     hdris = hdri_paths(config)
     for path in hdris.values():
@@ -190,8 +197,7 @@ def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> N
 def load_planned_library(
     plan: PlanFile,
     *,
-    cache: str | os.PathLike[str] | None = None,
-    progress: Callable[[str], None] | None = None,
+    cache: AnyPath | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
     """Return the assets that a plan was made from; parameters as of `load_library`.
@@ -202,7 +208,7 @@ def load_planned_library(
     if not cache and own_cache.is_symlink():
         remedy = "name the folder that it leads to by --cache, if it is yours"
         raise ConfigError("is a link", path=own_cache, remedy=remedy)
-    library = load_library(Config.of_plan(plan), cache=cache or own_cache, progress=progress, limits=limits)
+    library = load_library(Config.of_plan(plan), cache=cache or own_cache, limits=limits)
     refuse_changed(plan, library.assets)
     return library
 

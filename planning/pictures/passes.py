@@ -19,15 +19,18 @@ from PIL import Image
 
 from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
+from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import tracked
 from hulldown.camera.projection import directions
 from hulldown.geometry.indices import spread
+from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.pictures.preview import Artist
 from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row, encode
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.posed_scene import Kind, SceneHits
 
 PASSES = ("depth", "normal", "instance", "part", "category")
@@ -193,17 +196,55 @@ def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.nda
 
 
 def write_passes(
-    plan: PlanFile,
-    assets: Assets,
-    output: Path,
+    plan: AnyPath,
+    output: AnyPath,
     *,
-    passes: Sequence[str] = PASSES,
-    count: int | None = None,
-) -> int:
-    """Write passes of a plan's images into the folder `output` unless they're there, and return the number of images.
+    depth: bool = False,
+    normal: bool = False,
+    instance: bool = False,
+    part: bool = False,
+    category: bool = False,
+    count: Count | None = None,
+    cache: AnyPath | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+    assets: Assets | None = None,
+) -> dict[str, int]:
+    """Write depth, normals, instances, and more of a plan's images.
 
-    `count`: number of images, evenly spread over the plan; None for all.
+    Reads a plan and the assets it names; writes arrays and pictures of each image, and COCO panoptic; without Blender.
+    Without a choice, all passes are written. The same call continues one that was stopped.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    output
+        The folder to write into.
+    depth
+        Float32 meters along the optical axis and along the ray.
+    normal
+        Float32 normals in the world.
+    instance
+        16-bit numbers of vehicles, ground, and obstacles.
+    part
+        16-bit numbers of vehicles' parts.
+    category
+        COCO panoptic: classes and instances.
+    count
+        Most images, evenly spread over the plan; by default all.
+    cache
+        Cache of assets; by default .hulldown-cache next to the plan.
+    limits
+        Time and memory for reading an asset.
+
+    Returns
+    -------
+    The number of images of each written pass.
     """
+    plan, output = PlanFile.read(plan), Path(output)
+    assets = assets or load_planned_library(plan, cache=cache, limits=limits).assets
+    asked = dict(zip(PASSES, (depth, normal, instance, part, category), strict=True))
+    passes = [name for name in PASSES if asked[name]] or PASSES
     artist = Artist(plan, assets)
     chosen = spread(len(plan), len(plan) if count is None else count).tolist()
     names = [*plan.header.categories, *STUFF]
@@ -219,7 +260,7 @@ def write_passes(
         _write(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
     if "category" in passes:
         _write(output / "panoptic.json", msgspec.json.encode(document))
-    return len(chosen)
+    return dict.fromkeys(passes, len(chosen))
 
 
 def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:

@@ -10,6 +10,7 @@ from jaxtyping import Float
 from PIL import Image
 
 from hulldown.assets.library import Assets
+from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import tracked
 from hulldown.camera.projection import Camera
@@ -18,24 +19,55 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Overlay, contact_sheet, draw
-from hulldown.pictures.own_files import save_picture
+from hulldown.pictures.own_files import make_room_for_picture, save_picture
 from hulldown.planning.appearance.light import card
 from hulldown.planning.config.schema import Config
+from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.pictures.shading import look, paint_of, previewed, sun_of
-from hulldown.planning.plan.lines import PlanFile
+from hulldown.planning.plan.lines import PlanFile, picture_of
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan.row_scenes import RowScenes
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.posed_scene import Scene
 
 TILE_WIDTH = 480
 HIGHEST = 4  # largest ratio of a preview's height to its width
 
 
-def preview_sheet(plan: PlanFile, assets: Assets, path: str | Path, *, count: int = 24) -> None:
-    """Write a contact sheet of up to `count` images, evenly spread over a plan; see `Artist.sheet`."""
-    chosen = spread(len(plan), count).tolist()
+def preview_sheet(
+    plan: AnyPath,
+    output: PngFile | None = None,
+    *,
+    count: Count = 24,
+    cache: AnyPath | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+    assets: Assets | None = None,
+) -> Path:
+    """Shade a plan without Blender.
+
+    Reads a plan and the assets it names; writes a contact sheet of its images, with boxes.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    output
+        The picture; by default PLAN.preview.png, next to the plan.
+    count
+        Most images, evenly spread over the plan.
+    cache
+        Cache of assets; by default .hulldown-cache next to the plan.
+    limits
+        Time and memory for reading an asset.
+    """
+    rows = PlanFile.read(plan)
+    path = picture_of(rows.path, "preview") if output is None else Path(output)
+    make_room_for_picture(path)
+    artist = Artist(rows, assets or load_planned_library(rows, cache=cache, limits=limits).assets)
+    chosen = spread(len(rows), count).tolist()
     shaded = tracked("shading", chosen, len(chosen))
-    save_picture(Artist(plan, assets).sheet(shaded, columns=4, tile_width=TILE_WIDTH), Path(path))
+    save_picture(artist.sheet(shaded, columns=4, tile_width=TILE_WIDTH), path)
+    return path
 
 
 def caption(row: Row) -> str:

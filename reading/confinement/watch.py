@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Annotated
 
+from cyclopts import Parameter
+
+from hulldown.base.arguments import Positive, parsed
 from hulldown.base.child import Child, memory_limit
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import warn
+from hulldown.reading.confinement.landlock import OFF, unconfined
 
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB = 2**30
@@ -15,18 +24,54 @@ LAST_LINES = 40
 LONGEST_LINE = 4096  # bytes
 
 
+def gib(text: str) -> int:
+    """Return bytes of a number of GiB."""
+    if not 0.0 < (number := float(text)) < math.inf:
+        raise ValueError(text)
+    return round(number * GIB)
+
+
+GIBIBYTES = parsed("a number above 0", gib, metavar="GIB")
+
+
+@Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class ReadLimits:
-    """Limits of reading a file."""
+    """Limits of reading a file.
 
-    silence_s: float = 900.0  # seconds since its last sign of life
-    memory_bytes: int | None = None  # resident memory; None for nine tenths of the machine's
-    share: int = 1  # how many files are read at a time, which share the machine's memory
+    Parameters
+    ----------
+    silence_s
+        Stop reading an asset after this many seconds without progress.
+    memory_bytes
+        Stop reading an asset above this resident memory, in GiB on the command line; by default its share of nine
+        tenths of the machine's.
+    require_confinement
+        Refuse to read files if Blender can't be confined.
+    """
+
+    silence_s: Annotated[Positive, Parameter(name="--read-timeout")] = 900.0
+    memory_bytes: Annotated[int | None, GIBIBYTES, Parameter(name="--read-memory")] = None
+    require_confinement: bool = False
+    share: Annotated[int, Parameter(parse=False)] = 1  # how many files are read at a time, which share the memory
 
     @property
     def memory(self) -> float:
         """Bytes that one process may hold."""
         return memory_limit(self.memory_bytes, self.share)
+
+    def check_confinement(self) -> None:
+        """Refuse to go on unconfined, or warn, once in a process."""
+        if (why := unconfined()) and self.require_confinement:
+            remedy = f"use Linux 5.13 or later without {OFF}=off, or leave out --require-confinement"
+            raise HulldownError(f"Blender would not be confined: {why}", remedy=remedy)
+        if why:
+            _warn_unconfined(why)
+
+
+@cache
+def _warn_unconfined(why: str) -> None:
+    warn(f"files from elsewhere are read unconfined: {why}; see docs/safety.md")
 
 
 DEFAULT_LIMITS = ReadLimits()

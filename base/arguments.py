@@ -1,0 +1,54 @@
+"""Types of arguments of the functions that are commands.
+
+The signature and the docstring of such a function are its command's options, types, defaults, and help. What these
+types add to Python's is for the command line: the name of an option, and what values it takes.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+from cyclopts import Parameter
+
+
+def checked(expected: str, fits: Callable[[Any], bool]) -> Parameter:
+    """Return a check of an option's values."""
+
+    def check(_: object, value: Any) -> None:
+        if value is not None and not fits(value):
+            raise ValueError(f"Expected {expected}.")
+
+    return Parameter(validator=check)
+
+
+def parsed(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Parameter:
+    """Return how an option's text is converted; `parse` raises ValueError for text that isn't as expected."""
+
+    def convert(_: object, tokens: Any) -> Any:
+        try:
+            (text,) = (token.value for token in tokens)
+            return parse(text)
+        except ValueError:
+            given = " ".join(token.value for token in tokens)
+            raise ValueError(f"expected {expected}, got {given!r}") from None
+
+    return Parameter(converter=convert, n_tokens=1, accepts_keys=False, metavar=metavar)
+
+
+def has_suffix(suffix: str) -> Parameter:
+    """Return a check of a file's name."""
+    return checked(f"the name of a {suffix} file", lambda path: Path(path).suffix.lower() == suffix)
+
+
+PATH = parsed("a path", Path, metavar="PATH")
+AnyPath: TypeAlias = Annotated[str | os.PathLike[str], PATH]
+PngFile: TypeAlias = Annotated[AnyPath, has_suffix(".png")]
+HtmlFile: TypeAlias = Annotated[AnyPath, has_suffix(".html")]
+Count: TypeAlias = Annotated[int, checked("a whole number of at least 1", lambda number: number >= 1)]
+Positive: TypeAlias = Annotated[float, checked("a number above 0", lambda number: 0.0 < number < math.inf)]
+AtLeastZero: TypeAlias = Annotated[float, checked("a number from 0 on", lambda number: 0.0 <= number < math.inf)]
+Share: TypeAlias = Annotated[float, checked("a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)]

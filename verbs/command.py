@@ -1,0 +1,133 @@
+"""The functions of the API as commands: a verb is one call, and the answer that its result gives."""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.abc import InspectLoader
+from importlib.util import find_spec
+from typing import Annotated, Any
+
+from cyclopts import App, Parameter
+from rich.table import Table
+
+from hulldown.base.terminal import say, warn
+from hulldown.verbs.output import DONE, show, show_json
+
+NO_OPTIONS = ("assets", "library", "progress", "say")  # parameters of functions that are for Python alone
+JSON = Annotated[bool, Parameter(help="Print the result as JSON on stdout.")]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answer:
+    """What a verb prints, and its exit code."""
+
+    result: object  # on stdout with --json
+    shown: Sequence[str | Table] = ()  # on stdout without
+    said: Sequence[str] = ()  # on stderr
+    warnings: Sequence[str] = ()  # on stderr, after these
+    code: int = DONE
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """A verb of the command."""
+
+    function: str  # of the API: "planning.check:check_plan"
+    answer: Callable[..., Answer]  # of the function's result, and those of its arguments that it has names of
+    resumes: bool = False  # whether the same command continues after a stop
+
+    @property
+    def summary(self) -> str:
+        """The first paragraph of the function's docstring, read without importing its module."""
+        module, _, name = self.function.partition(":")
+        spec = find_spec(f"hulldown.{module}")
+        source = spec and isinstance(spec.loader, InspectLoader) and spec.loader.get_source(spec.name)
+        found = re.search(rf'^def {name}\(.*?"""(.*?)(?:\n\n|""")', source or "", re.MULTILINE | re.DOTALL)
+        assert found is not None, self.function
+        return " ".join(found[1].split())
+
+    def command(self) -> Callable[..., int]:
+        """Return the function with --json and -o, which shows its result and returns the exit code."""
+        function = pkgutil.resolve_name(f"hulldown.{self.function}")
+        signature = inspect.signature(function, eval_str=True)
+        asked = list(inspect.signature(self.answer).parameters)[1:]
+
+        def run(*arguments: object, json: bool = False, **options: object) -> int:
+            given = signature.bind(*arguments, **options)
+            answer = self.answer(function(*given.args, **given.kwargs), **_named(given, asked))
+            if json:
+                show_json(answer.result)
+            else:
+                show(*answer.shown)
+            for line in answer.said:
+                say(line)
+            for line in answer.warnings:
+                warn(line)
+            return answer.code
+
+        last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JSON)
+        options = [_option(one) for name, one in signature.parameters.items() if name not in NO_OPTIONS]
+        options.sort(key=lambda one: one.kind)  # an output that isn't positional follows the inputs
+        run.__doc__, run.__annotations__ = function.__doc__, {}
+        vars(run)["__signature__"] = inspect.Signature([*options, last], return_annotation=int)
+        return run
+
+
+def _named(given: inspect.BoundArguments, names: Sequence[str]) -> dict[str, Any]:
+    given.apply_defaults()
+    return {name: given.arguments[name] for name in names}
+
+
+def _option(parameter: inspect.Parameter) -> inspect.Parameter:
+    """Return a parameter as an option, or as a needed input, which can be given by its place; the output has -o."""
+    if parameter.name == "output":
+        parameter = parameter.replace(annotation=Annotated[parameter.annotation, Parameter(alias="-o")])
+    elif parameter.default is inspect.Parameter.empty:
+        return parameter
+    return parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+
+
+def _shown_default(value: object) -> str | None:
+    if value is None or value is False or value == ():
+        return None
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+
+def named_verb(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
+    """Return the verb that the words begin with; None if they have none."""
+    return next((name for name in verbs if list(words[: len(name.split())]) == name.split()), None)
+
+
+def run_command(words: Sequence[str], verbs: Mapping[str, Verb]) -> int:
+    """Run a verb, or show help, and return the exit code."""
+    app = command_line(words, verbs)
+    code: int | None = app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    return code or DONE
+
+
+def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
+    """Return the command; only the verb in `words` is imported, the others are for the list of verbs."""
+    app = App(
+        name="hulldown",
+        help="Plan, render and annotate synthetic detection datasets of vehicles on terrain.",
+        version_flags=(),
+        default_parameter=Parameter(negative=(), show_default=_shown_default),
+        suppress_keyboard_interrupt=False,
+    )
+    wanted = named_verb(words, verbs)
+    for place, (name, verb) in enumerate(verbs.items()):
+        *groups, last = name.split()
+        room = app
+        for group in groups:
+            if group not in room:
+                room.command(App(name=group))
+            room = room[group]
+        if name == wanted:
+            room.command(verb.command(), name=last)
+        elif wanted is None:
+            room.command(App(name=last, help=verb.summary, sort_key=place))
+    return app

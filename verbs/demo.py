@@ -1,0 +1,56 @@
+"""The verb demo: other verbs, one after the other."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.markup import escape
+
+from hulldown.base.arguments import AnyPath
+from hulldown.base.terminal import STDERR
+from hulldown.verbs import planning, rendering
+from hulldown.verbs.command import Answer, Verb, run_command
+from hulldown.verbs.output import DONE
+
+
+def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
+    """Run all verbs on a small example.
+
+    Writes a project, a plan, a dataset of 12 images, and a contact sheet. The same command continues one that was
+    stopped.
+
+    Parameters
+    ----------
+    output
+        The folder to write into.
+    """
+    folder = Path(output)
+    config, plan, dataset = folder / "hulldown.toml", folder / "plan.jsonl", folder / "dataset"
+    steps = [
+        ["plan", config, "-o", plan],
+        ["preview", plan, "-o", folder / "preview.png"],
+        ["render", plan, "-o", dataset],
+        ["verify", dataset, "--plan", plan],
+    ]
+    if not config.exists():
+        steps.insert(0, ["init", folder, "--small"])
+    for step in steps:
+        words = [str(word) for word in step]
+        STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
+        if code := run_command(words, planning.VERBS | rendering.VERBS):
+            return code
+    from hulldown.dataset.table import Dataset
+    from hulldown.pictures.own_files import save_picture
+
+    save_picture(Dataset.read(dataset).sheet(count=12, columns=3, masks=False), folder / "contact_sheet.png")
+    return DONE
+
+
+def _shown(code: int, output: AnyPath) -> Answer:
+    written = (
+        f"look at {Path(output) / 'contact_sheet.png'}; the dataset is {Path(output) / 'dataset/annotations.json'}"
+    )
+    return Answer(result=output, said=[] if code else [written], code=code)
+
+
+VERBS = {"demo": Verb("verbs.demo:run_demo", _shown, resumes=True)}
