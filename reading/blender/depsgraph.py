@@ -24,9 +24,9 @@ from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.exact_poses import Poses
 from hulldown.reading.blender.hidden_objects import SOLID, SURFACES, UNDRAWN, is_hidden, list_hidden, why_unseen
-from hulldown.reading.blender.material_inputs import ObjectInputs
 from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
+from hulldown.reading.blender.surfaces.object_inputs import random_number, random_number_of_name
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced
 from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.pieces.asset_report import ObjectRow
@@ -55,8 +55,7 @@ def evaluate(
     """Everything that `scene` draws."""
     cutouts = CutoutReader(texture_size)
     cutouts.bake([material for material in bpy.data.materials if material.users])
-    inputs = ObjectInputs([material for material in bpy.data.materials if material.users])
-    reader = _Reader(meters_from_file, duplicates, cutouts, inputs)
+    reader = _Reader(meters_from_file, duplicates, cutouts)
     visit_render(scene, reader.read)
     reader.result.doubts += cutouts.doubts
     reader.result.doubts += [
@@ -71,7 +70,6 @@ class _Reader:
     meters: Float[np.ndarray, "4 4"]
     duplicates: Mapping[str, Sequence[Duplicate]]
     cutouts: CutoutReader
-    inputs: ObjectInputs
     result: Evaluated = field(default_factory=Evaluated)
     following: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))  # names by `follows_camera`
     index: dict[tuple[int, tuple[str, ...]], int] = field(default_factory=dict)
@@ -86,8 +84,6 @@ class _Reader:
     def read(self, depsgraph: Any) -> None:
         """Read every object that the depsgraph draws."""
         self.depsgraph, self.poses = depsgraph, Poses(depsgraph)
-        self.inputs.start(depsgraph)
-        self.result.keys, self.result.places = self.inputs.keys, self.inputs.places
         spoken = time.monotonic()
         for instance in depsgraph.object_instances:
             if time.monotonic() > spoken + SIGN_OF_LIFE_S:
@@ -217,7 +213,7 @@ class _Reader:
                 level=level,
                 filled=filled,
                 look=self.looks.setdefault(look, look),
-                inputs=self.inputs.values(instance),
+                random=random_number(instance),
             )
         )
         for duplicate in () if hair else self._duplicates(instance):
@@ -229,8 +225,8 @@ class _Reader:
         link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
         level, filled = self._level(piece.mesh, duplicate.pose, bounds)
         placed = replace(piece, data=duplicate.data, chain=(link,), pose=duplicate.pose, bounds=bounds)
-        inputs = self.inputs.of_duplicate(piece.inputs, duplicate.name, duplicate.pose)
-        self.result.pieces.append(replace(placed, level=level, filled=filled, inputs=inputs))
+        random = random_number_of_name(duplicate.name)
+        self.result.pieces.append(replace(placed, level=level, filled=filled, random=random))
 
     def _bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]

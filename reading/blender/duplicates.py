@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,8 +18,6 @@ from jaxtyping import Float
 
 from hulldown.reading.blender.api.buffers import STORED, read
 from hulldown.reading.blender.exact_poses import own_poses
-from hulldown.reading.blender.material_inputs import own_property
-from hulldown.reading.blender.surfaces.input_nodes import names_read
 from hulldown.reading.blender.tidy import look_of
 
 FEWEST = 1000  # so that files of the usual size are read as they are
@@ -69,11 +66,10 @@ def _alike() -> dict[tuple[object, ...], list[Any]]:
     cameras = {scene.camera for scene in bpy.data.scenes}
     cameras.update(marker.camera for scene in bpy.data.scenes for marker in scene.timeline_markers)
     content = _contents({obj.data for obj in plain if not obj.vertex_groups})
-    names = names_read(bpy.data.materials)
     alike: dict[tuple[object, ...], list[Any]] = defaultdict(list)
     for obj in plain:
         if obj not in cameras and ordinary.issuperset(within[obj]):
-            alike[content.get(obj.data, obj.data), tuple(within[obj]), _look(obj, names)].append(obj)
+            alike[content.get(obj.data, obj.data), tuple(within[obj]), _look(obj)].append(obj)
     return alike
 
 
@@ -140,7 +136,7 @@ def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
     return found
 
 
-def _look(obj: Any, names: Sequence[str]) -> tuple[object, ...]:
-    """Return what an object adds to its mesh, values of the properties `names` included."""
+def _look(obj: Any) -> tuple[object, ...]:
+    """Return what an object adds to its mesh."""
     slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
-    return (*look_of(obj), obj.is_holdout, obj.is_shadow_catcher, slots, *(own_property(obj, name) for name in names))
+    return (*look_of(obj), obj.is_holdout, obj.is_shadow_catcher, slots)

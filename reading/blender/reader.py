@@ -26,6 +26,7 @@ from hulldown.reading.blender.geotiff_object import NAME
 from hulldown.reading.blender.hdri_picture import read_picture
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.surfaces.material_rows import material_rows
+from hulldown.reading.blender.surfaces.object_inputs import lost_inputs
 from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files
 from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.blender.vehicle_picture import vehicle_picture
@@ -97,8 +98,8 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     vehicle = build_vehicle(Path(job.path).stem, upright, job.options)
     drawn, shape = upright.drawn, vehicle.shape
     save(job.file("bundle.npz"), shape)
-    tidy = job.file("tidy.blend")
-    twin = write_vehicle(tidy, drawn, vehicle.piece_part, shape.vehicle_from_file)
+    lost = lost_inputs(_materials(drawn, vehicle.roles), moved=True)
+    twin = write_vehicle(job.file("tidy.blend"), drawn, vehicle.piece_part, shape.vehicle_from_file)
     picture = vehicle_picture(twin, shape.surface[0].bounds)
     save_picture(picture, job.file(PICTURE))
     report = FileReport(
@@ -118,8 +119,8 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     if len(report.things) > 1:  # what else is odd about all of them together is of no use
         return replace(report, doubts=tuple(d for d in vehicle.doubts if d.kind == DoubtKind.SEVERAL))
     beside = partial(pictures_near, Path(job.path).resolve())
-    doubts = (*vehicle.doubts, *vehicle_doubts(report, job.options), *color_doubts(picture, report, beside=beside))
-    return replace(report, doubts=doubts)
+    looks = (*color_doubts(picture, report, beside=beside), *lost)
+    return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options), *looks))
 
 
 def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
@@ -129,6 +130,8 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
         Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
     )
     save(job.file("bundle.npz"), replace(scenery, crs=crs))
+    moved = not np.allclose(scenery.scenery_from_file, np.eye(4), rtol=0.0, atol=1e-12)
+    lost = lost_inputs(_materials(drawn, roles), moved=moved)
     write_scenery(job.file("tidy.blend"), drawn, roles, scenery.scenery_from_file)
     used = [(p, role.use) for p, role in zip(drawn.pieces, roles, strict=True)]
     solid = [p for p, use in used if use in ("ground", "water", "obstacle")]
@@ -145,7 +148,8 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
         missing=_missing(drawn, roles),
     )
     parked = parked_vehicles(drawn, roles, meters_from_file(unit, up))
-    return replace(report, doubts=scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet, parked=parked))
+    doubts = scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet, parked=parked)
+    return replace(report, doubts=(*doubts, *lost))
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
@@ -163,10 +167,19 @@ def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
     )
 
 
+def _used(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[Piece]:
+    return [p for p, role in zip(drawn.pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
+
+
+def _materials(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[bpy.types.Material]:
+    """Materials of the used objects."""
+    blocks = [drawn.blocks[number] for number in dict.fromkeys(piece.mesh for piece in _used(drawn, roles))]
+    return list(dict.fromkeys(material for block in blocks for material in block.materials if material is not None))
+
+
 def _missing(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[Missing, ...]:
     """Missing files of the used objects."""
-    used = [p for p, role in zip(drawn.pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
-    return missing_files({link.name for piece in used for link in piece.chain})
+    return missing_files({link.name for piece in _used(drawn, roles) for link in piece.chain})
 
 
 def _rows(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:

@@ -19,9 +19,9 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.reading.blender.frames import pose as set_pose
-from hulldown.reading.blender.surfaces.input_nodes import keep_inputs, reads_places
-from hulldown.reading.blender.tidy_properties import INPUT, PART, REST, ROW
-from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen, Value, Volume
+from hulldown.reading.blender.surfaces.object_inputs import detach_materials
+from hulldown.reading.blender.tidy_properties import PART, RANDOM, REST
+from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen, Volume
 
 CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
 MANY = 8  # from so many on, copies are drawn by one object
@@ -74,8 +74,7 @@ def write_vehicle(
 ) -> Any:
     """Write the pieces whose part is not -1."""
     collection = bpy.data.collections.new("hulldown vehicle")
-    placed = reads_places(bpy.data.materials)
-    keep_inputs(bpy.data.materials, drawn.keys, drawn.places, None)
+    detach_materials(bpy.data.materials)
     for piece, part in zip(drawn.pieces, piece_part, strict=True):
         if part < 0:
             continue
@@ -83,8 +82,6 @@ def write_vehicle(
         obj = _object(piece, drawn.blocks[piece.mesh])
         obj[PART] = int(part)
         obj[REST] = rest.ravel().tolist()
-        for axis in range(3 if placed else 0):
-            obj[f"{ROW}{axis}"] = piece.pose[axis].tolist()
         collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
     return collection
@@ -95,8 +92,8 @@ def _object(thing: Piece | Volume, block: Any) -> Any:
     obj = bpy.data.objects.new(thing.name, block)
     for name, value in zip(LOOK, thing.look, strict=True):
         setattr(obj, name, value)
-    for number, given in enumerate(thing.inputs if isinstance(thing, Piece) else ()):
-        obj[f"{INPUT}{number}"] = given
+    if isinstance(thing, Piece):
+        obj[RANDOM] = thing.random
     return obj
 
 
@@ -105,7 +102,7 @@ def write_scenery(
 ) -> None:
     """Write everything drawn, except backdrops and removed objects, as one collection."""
     collection = bpy.data.collections.new("hulldown scenery")
-    keep_inputs(bpy.data.materials, drawn.keys, drawn.places, np.linalg.inv(scenery_from_file))
+    detach_materials(bpy.data.materials)
     root = bpy.data.objects.new("hulldown scenery", None)
     collection.objects.link(root)
     alike: dict[tuple[int, str, tuple[object, ...]], list[Piece]] = defaultdict(list)
@@ -117,7 +114,7 @@ def write_scenery(
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
         if len(same) >= MANY:
             thing = _object(same[0], drawn.blocks[same[0].mesh])
-            collection.objects.link(_carrier(thing, poses, [piece.inputs for piece in same]))
+            collection.objects.link(_carrier(thing, poses, [piece.random for piece in same]))
             continue
         for piece, world_from_mesh in zip(same, poses, strict=True):
             obj = _object(piece, drawn.blocks[piece.mesh])
@@ -132,15 +129,14 @@ def write_scenery(
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
-def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"], inputs: Sequence[Sequence[Value]]) -> Any:
+def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequence[float]) -> Any:
     """Return one object that draws `thing` in all these poses; ten thousand objects would take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))
     # Blender stores matrices column by column.
     flat = np.ascontiguousarray(np.swapaxes(poses, 1, 2), dtype=np.float32).ravel()
     points.attributes.new(POSE, "FLOAT4X4", "POINT").data.foreach_set("value", flat)
-    for number, given in enumerate(np.array(inputs, np.float32).swapaxes(0, 1)):
-        points.attributes.new(f"{INPUT}{number}", "FLOAT_COLOR", "POINT").data.foreach_set("color", given.ravel())
+    points.attributes.new(RANDOM, "FLOAT", "POINT").data.foreach_set("value", numbers)
     group = bpy.data.node_groups.new(f"draw {thing.name}", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")

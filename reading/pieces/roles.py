@@ -23,9 +23,6 @@ FLAT = 0.02  # a sheet is thinner than this share of its longer side
 THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
 REACH = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
 UNDERSIDE = 0.05  # "lying under" allows for wheels sunk into the floor by this share of the rest's height
-Key = tuple[str, str]  # of what materials read of an object: see `reading.blender.material_inputs`
-Value = tuple[float, float, float, float]
-
 MUCH_LARGER = 4.0  # times the area of the rest's footprint
 
 
@@ -72,7 +69,7 @@ class Piece:
     level: float = 0.0
     filled: float = 1.0  # that area over the area of its bounds, seen from above; small for a curb around a track
     look: tuple[object, ...] = ()  # values of `reading.blender.tidy.LOOK`, for the renderer
-    inputs: tuple[Value, ...] = ()  # what materials read of it: a value for each of the file's `keys`
+    random: float = 0.0  # Cycles' random number of it, which materials may read
 
     @property
     def name(self) -> str:
@@ -113,9 +110,6 @@ class Evaluated:
     # every drawn mesh, where it is drawn; `bounds` after `meters_from_file`
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
-    keys: tuple[Key, ...] = ()  # what materials read of objects
-    # world_from_object of objects whose coordinates materials read, by name
-    places: dict[str, Float[np.ndarray, "4 4"]] = field(default_factory=dict)
     volumes: list[Volume] = field(default_factory=list)  # every drawn volume, which the renderer needs
     # rows of objects without a piece, and how often they're drawn
     left: Counter[ObjectRow] = field(default_factory=Counter)

@@ -1,0 +1,91 @@
+"""What materials read of the objects that wear them, which the objects of a tidy twin don't have.
+
+Cycles' random number follows from an object's name, which in a twin depends on what else is loaded. So twins keep that
+of the file. Attributes, particles, and places in the file are lost, which is a doubt.
+
+References
+----------
+Blender 5.0, intern/cycles/blender/object.cpp and blenkernel/intern/object_dupli.cc (random numbers).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from hulldown.reading.blender.api.add_nodes import add_node
+from hulldown.reading.blender.surfaces.nodes import trees
+from hulldown.reading.blender.tidy_properties import RANDOM
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
+from hulldown.reading.pieces.wording import quoted
+
+TURN = 1.0 / 0xFFFFFFFF
+
+
+def random_number(instance: Any) -> float:
+    """Return Cycles' random number, from 0 to 1, of anything that `depsgraph.object_instances` yields."""
+    return (instance.random_id % 2**32) * TURN if instance.is_instance else random_number_of_name(instance.object.name)
+
+
+def random_number_of_name(name: str) -> float:
+    """Return Cycles' random number of an object that is no instance.
+
+    References
+    ----------
+    Bob Jenkins, lookup3.c, 2006: the macro `final`.
+    """
+    total = 0
+    for byte in name.encode("utf-8", "surrogateescape"):
+        total = (total * 37 + byte) % 2**32
+    start = (0xDEADBEEF + (2 << 2) + 13) % 2**32
+    a, b, c = (start + total) % 2**32, start, start
+    for bits in ((14, 11, 25), (16, 4, 14)):
+        c = ((c ^ b) - _turned(b, bits[0])) % 2**32
+        a = ((a ^ c) - _turned(c, bits[1])) % 2**32
+        b = ((b ^ a) - _turned(a, bits[2])) % 2**32
+    return (((c ^ b) - _turned(b, 24)) % 2**32) * TURN
+
+
+def _turned(number: int, bits: int) -> int:
+    return (number << bits | number >> (32 - bits)) % 2**32
+
+
+def detach_materials(materials: Iterable[Any]) -> None:
+    """Make materials read the property `RANDOM`, not Cycles' random number, and no other object's coordinates."""
+    nodes = [pair for material in materials for pair in _nodes(material) if not pair[0].library]
+    for tree, node in nodes:
+        if node.type == "TEX_COORD":
+            node.object = None
+        elif node.type == "OBJECT_INFO" and (links := list(node.outputs["Random"].links)):
+            number = add_node(tree, "Attribute", attribute_type="INSTANCER", attribute_name=RANDOM).outputs[2]
+            for link in links:
+                tree.links.new(number, link.to_socket)
+
+
+def lost_inputs(materials: Iterable[Any], *, moved: bool) -> list[Doubt]:
+    """Return a doubt about materials that read what twins lack; `moved`: they have coordinates of their own."""
+    losing = [m.name for m in materials if any(_is_lost(node, moved=moved) for _, node in _nodes(m))]
+    text = (
+        f"the materials {quoted(losing)} read attributes, particles, or positions of the file's objects, and look "
+        "different without them; bake them into textures in Blender"
+    )
+    return [Doubt(DoubtKind.NOT_READ, text)] if losing else []
+
+
+def _is_lost(node: Any, *, moved: bool) -> bool:
+    """Return whether a node reads an attribute, a particle, an instancer, or a position in the file."""
+    kind, read = node.type, {socket.name for socket in node.outputs if socket.is_linked}
+    if kind == "ATTRIBUTE":
+        return bool(read) and node.attribute_type != "GEOMETRY" and node.attribute_name != RANDOM
+    if kind == "NEW_GEOMETRY":
+        return moved and "Position" in read
+    if kind == "TEX_COORD" and node.object is not None and "Object" in read:
+        return True
+    instanced = kind in ("TEX_COORD", "UVMAP") and node.from_instancer and bool(read & {"Generated", "UV"})
+    return instanced or (kind == "PARTICLE_INFO" and bool(read))
+
+
+def _nodes(material: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield every node of a material and of the groups in it, after its tree."""
+    if material.node_tree is not None and not material.is_grease_pencil:
+        yield from ((tree, node) for tree in trees(material.node_tree) for node in tree.nodes)
