@@ -45,11 +45,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.annotate.clipping import EMPTY, extremes_of_mesh
-from hulldown.annotate.clusters import ClusteredSurface
+from hulldown.annotate.clipping import extremes_of_mesh
 from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
@@ -110,13 +109,13 @@ def surface_box(
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
         raise ValueError(f"faces: expected indices below {len(vertices)}, got {triangles.min()} to {triangles.max()}")
     # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
-    points = (camera.world_from_camera[:3, :3].T @ (vertices - camera.position).T).copy()
+    used, number = np.unique(triangles, return_inverse=True)
+    triangles = number.reshape(-1, 3)
+    points = (camera.world_from_camera[:3, :3].T @ (vertices[used] - camera.position).T).copy()
     intrinsics = camera.intrinsics
     if intrinsics.distorted:
-        extremes = np.clip(extremes_of_curved(points, triangles, CurvedView(intrinsics, frame), EMPTY), -FAR, FAR)
-    else:
-        extremes = extremes_of_mesh(points, triangles, Frustum(intrinsics, frame=frame))
-    return _known(_xywh(extremes))
+        return _known(_curved_box(points, triangles, intrinsics, frame=frame))
+    return _known(_xywh(extremes_of_mesh(points, triangles, Frustum(intrinsics, frame=frame))))
 
 
 class VehicleBoxes:
@@ -147,7 +146,6 @@ class VehicleBoxes:
     def __init__(self, shape: VehicleShape) -> None:
         self.shape = shape
         self._parts = PosedParts(shape)
-        self._surface = ClusteredSurface(self._parts)
 
     def box(
         self,
@@ -224,26 +222,24 @@ class VehicleBoxes:
             for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
                 for i in np.flatnonzero(~known & (farthest >= NEAR)).tolist():
                     frustum = Frustum(intrinsics.rows(np.array(start + i)), frame=frame)
-                    out[start + i] = _xywh(self._surface.extremes(camera_from_parts[i], frustum))
+                    points = self._points(camera_from_parts[i])
+                    out[start + i] = _xywh(extremes_of_mesh(points, self._parts.faces, frustum))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _curved_boxes(
         self, camera_from_parts: Float[np.ndarray, "p 3 4"], intrinsics: Intrinsics
     ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
         """Return boxes through distorting lenses, in the image and amodal; nan if there is none."""
-        amodal = self._curved(camera_from_parts, intrinsics, frame=False)
+        points, faces = self._points(camera_from_parts), self._parts.faces
+        amodal = _curved_box(points, faces, intrinsics, frame=False)
         low, high = amodal[:2], amodal[:2] + amodal[2:]
         if (low >= 0.0).all() and (high <= intrinsics.size).all():
             return amodal, amodal
         may_show = (high >= 0.0).all() and (low <= intrinsics.size).all()
-        return self._curved(camera_from_parts, intrinsics, frame=True) if may_show else np.full(4, np.nan), amodal
+        return _curved_box(points, faces, intrinsics, frame=True) if may_show else np.full(4, np.nan), amodal
 
-    def _curved(
-        self, camera_from_parts: Float[np.ndarray, "p 3 4"], intrinsics: Intrinsics, *, frame: bool
-    ) -> Float[np.ndarray, "4"]:
-        return _xywh(
-            np.clip(self._surface.curved_extremes(camera_from_parts, CurvedView(intrinsics, frame)), -FAR, FAR)
-        )
+    def _points(self, camera_from_parts: Float[np.ndarray, "p 3 4"]) -> Float[np.ndarray, "3 v"]:
+        return move(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
 
     def _hull(
         self, camera_from_parts: Float[np.ndarray, "n p 3 4"], intrinsics: Intrinsics
@@ -282,6 +278,13 @@ def _xywh(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
     """Return the box between extremes, nan if they are empty."""
     empty = not extremes[0] <= extremes[2]
     return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
+
+
+def _curved_box(
+    points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], intrinsics: Intrinsics, *, frame: bool
+) -> Float[np.ndarray, "4"]:
+    """Return the box of a mesh in the camera's frame through a distorting lens; nan if nothing counts."""
+    return _xywh(np.clip(extremes_of_curved(points, faces, CurvedView(intrinsics, frame)), -FAR, FAR))
 
 
 def _known(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Float, Int, UInt8
 
 from hulldown.camera.frustum import Frustum, distance_from
 
@@ -21,16 +21,12 @@ def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "
 def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustum: Frustum) -> Float[np.ndarray, "4"]:
     """Extremes in pixels of an indexed mesh in the camera's frame, clipped; empty if nothing is left.
 
-    Most triangles are wholly inside or wholly outside; the few that straddle a plane are clipped.
+    Every point is a corner of a triangle. Only triangles that straddle a plane are clipped.
     """
     outside = frustum.outside(points)
     a, b, c = outside[faces[:, 0]], outside[faces[:, 1]], outside[faces[:, 2]]
-    touched = (a | b | c) != 0
-    inside = faces[~touched]
-    seen = np.zeros(points.shape[1], dtype=bool)
-    seen[inside.ravel()] = True
-    straddling = faces[touched & ((a & b & c) == 0)]
-    whole = extremes_of_points(frustum.project(points[:, seen]))
+    straddling = faces[((a | b | c) != 0) & ((a & b & c) == 0)]
+    whole = extremes_of_points(frustum.project(points.compress(outside == 0, axis=1)))
     points, _, on = clipped(points[:, straddling], frustum.planes)
     pixels = frustum.project(points)
     # A corner cut by an edge of the image is exactly on it.
@@ -84,9 +80,9 @@ def union(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndar
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
 
-def next_corner(polygon: np.ndarray) -> np.ndarray:
+def next_corner(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """For each corner in a flat list of polygons the index of the next corner of the same polygon."""
     following = np.arange(1, len(polygon) + 1)
-    last: Bool[np.ndarray, " n"] = np.append(polygon[1:] != polygon[:-1], True)
-    following[last] = np.append(0, np.flatnonzero(last)[:-1] + 1)
+    last = np.flatnonzero(np.diff(polygon, append=-1))
+    following[last] = np.searchsorted(polygon, polygon[last])
     return following

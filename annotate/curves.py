@@ -8,13 +8,15 @@ image that the surface covers. Edges are halved until none that is left can wide
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.clipping import clipped, extremes_of_points, next_corner, union
-from hulldown.camera.distortion import bend, distorted, jacobian
+from hulldown.camera.distortion import bend, distorted
 from hulldown.camera.frustum import NEAR_PLANE
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR
@@ -38,80 +40,84 @@ class CurvedView:
         x, y = self.intrinsics.half_tangents
         return min(self.intrinsics.radius, math.sqrt(x * x + y * y)) if self.frame else self.intrinsics.radius
 
-    def pixels(self, unit: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    def pixels(self, unit: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "2 n"]:
         """Return pixels of points at unit depth, in the image or not."""
-        return distorted(unit, self.intrinsics.distortion) * self.intrinsics.focal + self.intrinsics.center
+        across, down = distorted(unit.T, self.intrinsics.distortion).T
+        (fx, fy), (cx, cy) = self.intrinsics.focal.tolist(), self.intrinsics.center.tolist()
+        return np.stack([across * fx + cx, down * fy + cy])
 
-    def seen(self, points: Float[np.ndarray, "3 n"]) -> Float[np.ndarray, "4"]:
-        """Extremes of the points that are seen, in the camera's frame."""
-        unit = (points[:2, points[2] >= NEAR] / points[2, points[2] >= NEAR]).T
-        pixels = self.pixels(unit[(unit * unit).sum(axis=1) <= self.radius**2])
-        return extremes_of_points(pixels[self.inside(pixels)].T)
+    def gain(
+        self,
+        best: Float[np.ndarray, "4"],
+        pixels: Sequence[Float[np.ndarray, "2 n"]],
+        square: Float[np.ndarray, " n"],
+        farthest: Float[np.ndarray, " n"],
+    ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, "2 n"], Float[np.ndarray, "2 n"]]:
+        """Return how far lines between points may reach beyond a box, and the corners of what holds them.
 
-    def may_widen(
-        self, best: Float[np.ndarray, "4"], low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]
-    ) -> Bool[np.ndarray, " n"]:
-        """Return whether what is in rectangles at unit depth may reach beyond a box; nan: it may."""
-        middle, half = (low + high) / 2.0, (high - low) / 2.0
-        across, both, down = jacobian(middle, self.intrinsics.distortion)
-        linear = np.stack([np.abs(across), np.abs(both), np.abs(down)], 1)
-        reach = np.stack([(linear[:, :2] * half).sum(axis=1), (linear[:, 1:] * half).sum(axis=1)], 1)
-        square = (half * half).sum(axis=1)
-        farthest = np.sqrt((middle * middle).sum(axis=1)) + np.sqrt(square)
-        reach = (reach + (square * bend(farthest, self.intrinsics.distortion) / 2.0)[:, None]) * self.intrinsics.focal
-        pixels = self.pixels(middle)
-        first, last = self.cut(pixels - reach, pixels + reach)
-        nearest = np.maximum(np.maximum(low, -high), 0.0)
-        outside = (nearest * nearest).sum(axis=1) > self.radius**2
-        return ~(outside | (first > last).any(axis=1) | (_beyond(best, first.T, last.T) <= 0.0))
+        `square`, `farthest`: the greatest length squared of a line, and distance from the axis, at unit depth.
+        """
+        # A curve is no farther from its chord than an eighth of its greatest second derivative.
+        sagitta = square * bend(farthest, self.intrinsics.distortion) / 8.0
+        sagitta = self.intrinsics.focal[:, None] * sagitta
+        low, high = reduce(np.minimum, pixels) - sagitta, reduce(np.maximum, pixels) + sagitta
+        if self.frame:
+            low, high = np.maximum(low, 0.0), np.minimum(high, self.intrinsics.size[:, None])
+        gain = _beyond(best, low, high)
+        gain[(low[0] > high[0]) | (low[1] > high[1])] = 0.0
+        return gain, low, high
 
-    def cut(self, low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"]) -> tuple[np.ndarray, np.ndarray]:
-        """Clip boxes in pixels to the image, if its sides count."""
-        return (np.maximum(low, 0.0), np.minimum(high, self.intrinsics.size)) if self.frame else (low, high)
-
-    def inside(self, pixels: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
+    def inside(self, pixels: Float[np.ndarray, "2 n"]) -> Bool[np.ndarray, " n"]:
         """Return which pixels are in the image, if its sides count."""
-        return (
-            ((pixels >= 0.0) & (pixels <= self.intrinsics.size)).all(axis=1)
-            if self.frame
-            else np.isfinite(pixels[:, 0])
-        )
+        (u, v), (width, height) = pixels, self.intrinsics.size.tolist()
+        return (u >= 0.0) & (u <= width) & (v >= 0.0) & (v <= height) if self.frame else np.isfinite(u)
 
 
 def extremes_of_curved(
-    points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: CurvedView, best: Float[np.ndarray, "4"]
+    points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: CurvedView
 ) -> Float[np.ndarray, "4"]:
-    """Return least and greatest u and v of a mesh in the camera's frame, and of a box that may be empty."""
+    """Return least and greatest u and v of a mesh in the camera's frame; every point is a corner of a triangle."""
     ahead = points[2] >= NEAR
-    depth = np.where(ahead, points[2], 1.0)
-    unit = np.stack([points[0] / depth, points[1] / depth], 1)
+    unit = points[:2] / np.where(ahead, points[2], 1.0)
     radius = view.radius
-    known = ahead & ((unit * unit).sum(axis=1) <= radius * radius)
+    known = ahead & (_square(unit) <= radius * radius)
     pixels = np.full_like(unit, np.nan)
-    pixels[known] = view.pixels(unit[known])
-    corners_ahead = ahead[faces]
-    whole, cut = corners_ahead.all(axis=1), corners_ahead.any(axis=1) & ~corners_ahead.all(axis=1)
-    start, end = (faces[whole][:, k].ravel() for k in ([0, 1, 2], [1, 2, 0]))
-    both = known[start] & known[end]
-    of_faces = [unit[start[both]], unit[end[both]], pixels[start[both]], pixels[end[both]]]
-    # Edges that leave the disk, and those of triangles that the near plane cuts, are shortened first.
-    leaving = [unit[start[~both]], unit[end[~both]]]
-    if cut.any():
-        corners, polygon, _ = clipped(points[:, faces[cut]], NEAR_PLANE)
-        flat = (corners[:2] / corners[2]).T
-        leaving = [np.concatenate(pair) for pair in zip(leaving, (flat, flat[next_corner(polygon)]), strict=True)]
-    short = _within(leaving[0], leaving[1], radius)
-    lines = [np.concatenate(pair) for pair in zip(of_faces, (*short, *map(view.pixels, short)), strict=True)]
-    seen = np.zeros(len(unit), dtype=bool)
-    seen[faces[whole]] = True
-    best = union(best, extremes_of_points(pixels[seen & known & view.inside(pixels)].T))
-    best = _widened(best, lines, view)
+    pixels[:, known] = view.pixels(unit[:, known])
+    corners = np.ascontiguousarray(faces.T)
+    corners_ahead = ahead[corners]
+    whole, some = corners_ahead.all(axis=0), corners_ahead.any(axis=0)
+    best = extremes_of_points(pixels.compress(view.inside(pixels), axis=1))
+    near_border = _may_widen(best, unit, pixels, corners.compress(whole, axis=1), view)
+    clipped_points, polygon, _ = clipped(points[:, faces[some & ~whole]], NEAR_PLANE)
+    flat = clipped_points[:2] / clipped_points[2]
+    start = np.concatenate([unit.take(near_border.ravel(), axis=1), flat], axis=1)
+    end = np.concatenate([unit.take(near_border[[1, 2, 0]].ravel(), axis=1), flat[:, next_corner(polygon)]], axis=1)
+    start, end = _clip_to_disk(start, end, radius)
+    best = _widened(best, [start, end, view.pixels(start), view.pixels(end)], view)
     if view.frame or math.isfinite(radius):
-        every = points[:, faces[whole | cut]]
+        every = points.take(corners.compress(some, axis=1), axis=1)
         for spot, at in zip(*_special(view, radius), strict=True):
-            if _beyond(best, at, at).max() > 0.0 and _covers(every, spot):
+            if _beyond(best, at[:, None], at[:, None]).max() > 0.0 and _covers(every, spot):
                 best = union(best, np.concatenate([at, at]))
     return best
+
+
+def _may_widen(
+    best: Float[np.ndarray, "4"],
+    unit: Float[np.ndarray, "2 v"],
+    pixels: Float[np.ndarray, "2 v"],
+    corners: Int[np.ndarray, "3 f"],
+    view: CurvedView,
+) -> Int[np.ndarray, "3 g"]:
+    """Return the corners of the faces whose images may reach beyond a box."""
+    places = [unit.take(corner, axis=1) for corner in corners]
+    low, high = reduce(np.minimum, places), reduce(np.maximum, places)
+    near = _square(np.maximum(np.maximum(low, -high), 0.0)) <= view.radius**2
+    if not near.all():
+        corners, low, high = (columns.compress(near, axis=1) for columns in (corners, low, high))
+    farthest = np.sqrt(_square(np.maximum(-low, high)))
+    gain, _, _ = view.gain(best, [pixels.take(corner, axis=1) for corner in corners], _square(high - low), farthest)
+    return corners.compress(~(gain <= 0.0), axis=1)  # nan where a corner isn't seen
 
 
 def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: CurvedView) -> Float[np.ndarray, "4"]:
@@ -119,49 +125,50 @@ def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: Curved
     for _ in range(ROUNDS):
         start, end, first, last = lines
         for pixels in (first, last):
-            best = union(best, extremes_of_points(pixels[view.inside(pixels)].T))
-        along = end - start
-        square = (along * along).sum(axis=1)
-        farthest = np.sqrt(np.maximum((start * start).sum(axis=1), (end * end).sum(axis=1)))
-        # A curve is no farther from its chord than an eighth of its greatest second derivative.
-        sagitta = (square * bend(farthest, view.intrinsics.distortion) / 8.0)[:, None] * view.intrinsics.focal
-        low, high = np.minimum(first, last) - sagitta, np.maximum(first, last) + sagitta
-        low, high = view.cut(low, high)
-        gain = np.where((low <= high).all(axis=1), _beyond(best, low.T, high.T), 0.0)
+            best = union(best, extremes_of_points(pixels.compress(view.inside(pixels), axis=1)))
+        farthest = np.sqrt(np.maximum(_square(start), _square(end)))
+        gain, low, high = view.gain(best, (first, last), _square(end - start), farthest)
         nearly = (gain > 0.0) & (gain <= CLOSE)
-        best = union(best, np.array([*low[nearly].min(axis=0, initial=np.inf), *high[nearly].max(0, initial=-np.inf)]))
+        some = low[:, nearly].min(axis=1, initial=np.inf), high[:, nearly].max(axis=1, initial=-np.inf)
+        best = union(best, np.concatenate(some))
         left = gain > CLOSE
         if not left.any():
             break
-        start, end, first, last = (each[left] for each in lines)
+        start, end, first, last = (each.compress(left, axis=1) for each in lines)
         middle = (start + end) / 2.0
         half = view.pixels(middle)
-        lines = [np.concatenate(pair) for pair in ((start, middle), (middle, end), (first, half), (half, last))]
+        lines = [np.concatenate(pair, 1) for pair in ((start, middle), (middle, end), (first, half), (half, last))]
     return best
 
 
-def _beyond(best: Float[np.ndarray, "4"], low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Return how far boxes (2, ...) reach beyond another, where it's farthest; infinite if that one is empty."""
-    return np.asarray(np.max([best[0] - low[0], best[1] - low[1], high[0] - best[2], high[1] - best[3]], axis=0))
+def _square(points: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "*n"]:
+    """Return squares of the distances of points from the axis."""
+    return points[0] * points[0] + points[1] * points[1]
 
 
-def _within(
-    start: Float[np.ndarray, "n 2"], end: Float[np.ndarray, "n 2"], radius: float
-) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2"]]:
+def _beyond(
+    best: Float[np.ndarray, "4"], low: Float[np.ndarray, "2 n"], high: Float[np.ndarray, "2 n"]
+) -> Float[np.ndarray, " n"]:
+    """Return how far boxes reach beyond another, where it's farthest; infinite if that one is empty."""
+    across = np.maximum(best[0] - low[0], high[0] - best[2])
+    return np.maximum(across, np.maximum(best[1] - low[1], high[1] - best[3]))
+
+
+def _clip_to_disk(
+    start: Float[np.ndarray, "2 n"], end: Float[np.ndarray, "2 n"], radius: float
+) -> tuple[Float[np.ndarray, "2 m"], Float[np.ndarray, "2 m"]]:
     """Return the parts of lines that are in a disk about the axis."""
-    if math.isinf(radius) or not len(start):
+    if math.isinf(radius) or not start.size:
         return start, end
     along = end - start
-    a, b = (along * along).sum(axis=1), (start * along).sum(axis=1)
-    c = (start * start).sum(axis=1) - radius * radius
+    a, b, c = _square(along), start[0] * along[0] + start[1] * along[1], _square(start) - radius * radius
     root = b * b - a * c
     met = (root >= 0.0) & ((a > 0.0) | (c <= 0.0))
-    start, end, along = start[met], end[met], along[met]
+    start, end, along = start[:, met], end[:, met], along[:, met]
     a, b, root = np.where(a[met] > 0.0, a[met], 1.0), b[met], np.sqrt(root[met])
     first, last = np.maximum((-b - root) / a, 0.0), np.minimum((root - b) / a, 1.0)
     some = first <= last
-    start, along, end = start[some], along[some], end[some]
-    first, last = first[some, None], last[some, None]
+    start, along, end, first, last = start[:, some], along[:, some], end[:, some], first[some], last[some]
     return np.where(first > 0.0, start + first * along, start), np.where(last < 1.0, start + last * along, end)
 
 
@@ -179,22 +186,21 @@ def _special(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"],
         middle, step = 0.0, 2.0 * math.pi / AROUND
         for _ in range(8):
             sine, cosine = sin_cos(middle + step * np.arange(-AROUND / 2, AROUND / 2 + 1))
-            circle = radius * np.stack([cosine, sine], 1)
-            best = int((sign * view.pixels(circle)[:, axis]).argmax())
+            circle = radius * np.stack([cosine, sine])
+            best = int((sign * view.pixels(circle)[axis]).argmax())
             middle, step = middle + step * (best - AROUND / 2), 4.0 * step / AROUND
-        found.append(circle[best])
+        found.append(circle[:, best])
     spots = np.array(found)
-    return spots, view.pixels(spots)
+    return spots, view.pixels(spots.T).T
 
 
-def _covers(triangles: Float[np.ndarray, "3 f 3"], spot: Float[np.ndarray, "2"]) -> bool:
+def _covers(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
     """Return whether a triangle in front of the near plane lies on the ray through a point at unit depth."""
     x, y = spot.tolist()
     across, down = triangles[0] - x * triangles[2], triangles[1] - y * triangles[2]
     following = [1, 2, 0]
-    turns = across * down[:, following] - across[:, following] * down
-    on = (turns >= 0.0).all(axis=1) | (turns <= 0.0).all(axis=1)
-    turns, depth = turns[on][:, [1, 2, 0]], triangles[2][on]
-    area = turns.sum(axis=1)
+    turns = across * down[following] - across[following] * down
+    on = (turns >= 0.0).all(axis=0) | (turns <= 0.0).all(axis=0)
+    turns, depth = turns.compress(on, axis=1)[following], triangles[2].compress(on, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return bool(((turns * depth).sum(axis=1) / area >= NEAR).any())
+        return bool(((turns * depth).sum(axis=0) / turns.sum(axis=0) >= NEAR).any())

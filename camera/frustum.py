@@ -51,20 +51,6 @@ class Frustum:
             np.clip(v, 0.0, size[1], out=v)
         return np.stack([u, v])
 
-    def beyond(self, box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4 4"]:
-        """Linear functions that are positive, in front of the camera, at what lies beyond each side of a box.
-
-        Zero for sides that the image's edge has closed. Of an empty box everything in the image lies beyond.
-        """
-        (fx, fy), (cx, cy), (width, height) = self._numbers
-        u0, v0, u1, v1 = [width, height, 0.0, 0.0] if np.isinf(box).any() else box.tolist()
-        rows = np.array(
-            [[-fx, 0.0, u0 - cx, 0.0], [0.0, -fy, v0 - cy, 0.0], [fx, 0.0, cx - u1, 0.0], [0.0, fy, cy - v1, 0.0]]
-        )
-        if self.frame:
-            rows[[u0 <= 0.0, v0 <= 0.0, u1 >= width, v1 >= height]] = 0.0
-        return rows
-
 
 def distance_from(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
     """Signed distance of points from a plane, scaled; not negative inside."""
