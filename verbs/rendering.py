@@ -58,7 +58,7 @@ def _findings(found: Findings, dataset: AnyPath) -> Answer:
 def _page(comparison: Comparison | None, output: AnyPath) -> Answer:
     rows = comparison.rows() if comparison else []
     lines = [f"{distance}  {title} ({keys})" for title, distance, keys in rows]
-    return Answer(result=comparison, shown=lines, said=[f"wrote {output}"])
+    return Answer(result=comparison and comparison.distances(), shown=lines, said=[f"wrote {output}"])
 
 
 def _export(counts: Mapping[str, int], output: AnyPath) -> Answer:

@@ -11,7 +11,7 @@ from jaxtyping import Float, Shaped
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, ScalarFormatter
+from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
 from hulldown.geometry.indices import spread
 
@@ -60,41 +60,34 @@ def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False)
     """Histogram of the known numbers."""
     figure, axes = axes_of(title)
     known = values[np.isfinite(values) & ((values > 0) | (not log))]
-    low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 1.0)
-    if log and low < high:
-        edges = np.geomspace(low, high, BINS + 1)
-        _log_scale(axes)
-    else:
-        edges = np.linspace(low, high if high > low else low + 1.0, BINS + 1)
-    axes.hist(np.clip(known, edges[0], edges[-1]), bins=edges.tolist(), color=BLUE)
+    axes.hist(known, bins=_bin_edges(axes, known, log=log), color=BLUE)
     return figure
-
-
-def _log_scale(axes: Axes) -> None:
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(ScalarFormatter())
-    axes.xaxis.set_minor_formatter(NullFormatter())
 
 
 def two_histograms(
-    title: str,
-    edges: Float[np.ndarray, " b_plus_1"],
-    shares: Float[np.ndarray, "2 b"],
-    *,
-    log: bool = False,
+    title: str, own: Float[np.ndarray, " n"], photographs: Float[np.ndarray, " m"], *, log: bool = False
 ) -> Figure:
     """Histograms of a dataset (filled) and of photographs (a line) in the same bins."""
     figure, axes = axes_of(title)
-    axes.stairs(100 * shares[0], edges, fill=True, color=BLUE, alpha=0.55, label="this dataset")
-    axes.stairs(100 * shares[1], edges, color=RED, linewidth=1.6, label="photographs")
-    if log:
-        _log_scale(axes)
-    if edges[0] % 1.0 == 0.5:
-        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    edges = _bin_edges(axes, np.concatenate([own, photographs]), log=log)
+    weights = [np.full(len(values), 100.0 / len(values)) for values in (own, photographs)]
+    axes.hist(own, edges, weights=weights[0], color=BLUE, alpha=0.55, label="this dataset")
+    axes.hist(photographs, edges, weights=weights[1], histtype="step", color=RED, linewidth=1.6, label="photographs")
     axes.set(ylabel="%")
     axes.legend(fontsize=7, frameon=False)
     return figure
+
+
+def _bin_edges(axes: Axes, values: Float[np.ndarray, " n"], *, log: bool) -> list[float]:
+    """Edges of bins that hold all values; with `log`, they and the axis are logarithmic."""
+    low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
+    if log and 0.0 < low < high:
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter(ScalarFormatter())
+        axes.xaxis.set_minor_formatter(NullFormatter())
+        return [low, *np.geomspace(low, high, BINS + 1)[1:-1].tolist(), high]
+    return np.linspace(low, high if high > low else low + 1.0, BINS + 1).tolist()
 
 
 def azimuths(values: Float[np.ndarray, " n"]) -> Figure:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
 from matplotlib.figure import Figure
-from msgspec import Struct
 from PIL import Image as Pictures
 from scipy.stats import ks_2samp
 
@@ -17,7 +17,7 @@ from hulldown.assets.photographs import Photographs
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import reporting
-from hulldown.dataset.reports.charts import BINS, two_histograms
+from hulldown.dataset.reports.charts import two_histograms
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import spread
@@ -26,7 +26,8 @@ MOST_PICTURES = 500  # most measured pictures, spread evenly
 SIDE = 512  # pixels of the longer side at which pictures are measured
 
 
-class Feature(Struct, frozen=True):
+@dataclass(frozen=True, slots=True)
+class Feature:
     """A feature of pictures or boxes: its title, the config keys that change it, and whether its bins are ratios."""
 
     title: str
@@ -47,33 +48,30 @@ FEATURES = {
 Values = dict[str, Float[np.ndarray, " n"]]  # of each feature by name
 
 
-class ComparedFeature(Struct, frozen=True):
-    """A feature of a dataset next to that of photographs."""
+@dataclass(frozen=True, eq=False, slots=True)
+class Comparison:
+    """A dataset's values and those of photographs, of each feature that both have."""
 
-    distance: float  # Kolmogorov-Smirnov: the largest difference of the two cumulative distributions, 0 to 1
-    keys: str
-    edges: list[float]  # of common bins that hold nearly all values; one bin per value if they're few
-    own: list[float]  # own, photographs: the share of values in each bin; outliers are in the first or last
-    photographs: list[float]
+    own: Values
+    wanted: Values
 
-
-class Comparison(Struct, frozen=True):
-    """The comparison in all features that both have, by name."""
-
-    photographs: str
-    features: Mapping[str, ComparedFeature]
+    def distances(self) -> dict[str, float]:
+        """Kolmogorov-Smirnov distance in each feature: the largest difference of the cumulative distributions."""
+        return {
+            name: float(ks_2samp(own, self.wanted[name], method="asymp").statistic) for name, own in self.own.items()
+        }
 
     def rows(self) -> list[list[str]]:
         """Title, distance, and keys of each feature."""
-        return [[FEATURES[name].title, f"{one.distance:.2f}", one.keys] for name, one in self.features.items()]
+        return [[FEATURES[name].title, f"{far:.2f}", FEATURES[name].keys] for name, far in self.distances().items()]
 
     def charts(self) -> dict[str, Figure]:
         """Histograms of dataset and photographs for each feature, by description."""
         return {
             f"{FEATURES[name].title}: this dataset and the photographs": two_histograms(
-                FEATURES[name].title, np.array(one.edges), np.array([one.own, one.photographs]), log=FEATURES[name].log
+                FEATURES[name].title, own, self.wanted[name], log=FEATURES[name].log
             )
-            for name, one in self.features.items()
+            for name, own in self.own.items()
         }
 
 
@@ -91,8 +89,7 @@ def compare_with_photographs(dataset: Dataset, photographs: Photographs, *, pixe
     elif pixels:
         own |= _light_values(lambda i: dataset.picture(i, labels=False).convert("RGB"), len(dataset))
         wanted |= _light_values(lambda i: Pictures.fromarray(read_pixels(files[i])), len(files))
-    features = {name: _compared(feature, own[name], wanted[name]) for name, feature in FEATURES.items() if name in own}
-    return Comparison(str(photographs.path), features)
+    return Comparison(own, wanted)
 
 
 def boxes_in(dataset: Dataset) -> Photographs:
@@ -133,20 +130,6 @@ def _light_values(picture: Callable[[int], Pictures.Image], count: int) -> Value
             found.append(brightness_and_contrast(picture(i)))
             advance(len(found), len(chosen))
     return dict(zip(("brightness", "contrast"), np.array(found).T, strict=True))
-
-
-def _compared(feature: Feature, own: Float[np.ndarray, " n"], wanted: Float[np.ndarray, " m"]) -> ComparedFeature:
-    both = np.concatenate([own, wanted])
-    low, high = np.quantile(both, [0.005, 0.995])
-    if len(different := np.unique(both)) <= BINS // 2 and (different == np.round(different)).all():
-        edges = np.arange(different[0], different[-1] + 2) - 0.5
-    elif feature.log:
-        edges = np.geomspace(*((low, high) if low < high else (low / 2, high * 2)), BINS + 1)
-    else:
-        edges = np.linspace(*((low, high) if low < high else (low - 0.5, high + 0.5)), BINS + 1)
-    shares = [np.histogram(np.clip(side, edges[0], edges[-1]), edges)[0] / len(side) for side in (own, wanted)]
-    distance = float(ks_2samp(own, wanted, method="asymp").statistic)
-    return ComparedFeature(distance, feature.keys, edges.tolist(), *(share.round(6).tolist() for share in shares))
 
 
 def _inside(folder: Path, name: str) -> Path | None:

@@ -1,4 +1,4 @@
-"""A dataset or a plan as one HTML page: tables, charts, maps, and thumbnails."""
+"""A dataset or a plan as one HTML page: thumbnails with boxes, a table of classes, charts, and maps."""
 
 from __future__ import annotations
 
@@ -9,27 +9,22 @@ from typing import Annotated
 
 import numpy as np
 from cyclopts import Parameter
-from jaxtyping import Float
 from matplotlib.figure import Figure
 from PIL import Image as Pictures
+from PIL import ImageDraw
 
-from hulldown.annotate.outlines import polygons
-from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import reporting
-from hulldown.dataset.attributes import SCALES, SIDES, SIZE, bins_of, camera_poses, poses
-from hulldown.dataset.images import Image, Label
-from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.labels.oriented_box import rectangle_of
+from hulldown.dataset.attributes import SCALES, SIZE, camera_poses, poses
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison, compare_with_photographs
-from hulldown.dataset.reports.page import Facet, Shape, Tile, render
+from hulldown.dataset.reports.page import Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import color_of
+from hulldown.pictures.drawing import IGNORED, color_of
 from hulldown.pictures.own_files import refuse_foreign
 from hulldown.planning.inputs.loading import Library, load_planned_library
 from hulldown.planning.pictures.preview import Artist
@@ -37,18 +32,17 @@ from hulldown.planning.plan_file import read_plan
 from hulldown.planning.summary import SIZES
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
-MOST_THUMBNAILS = 1_000  # thumbnails on a page: some 15 MB
-THUMBNAIL_WIDTH = 320  # pixels of a thumbnail
-QUALITY = 65  # of JPEG
-MARK = b'content="hulldown"'  # of a page by hulldown
-ORDERS = (SIZE, *SCALES)
+MAX_THUMBNAILS = 1_000  # thumbnails on a page: some 10 MB
+THUMBNAIL_WIDTH_PX = 320
+JPEG_QUALITY = 65
+PAGE_MARK = b'content="hulldown"'  # of a page by hulldown
 
 
 def report(
     source: AnyPath,
     output: HtmlFile,
     *,
-    images: Count = MOST_THUMBNAILS,
+    images: Count = MAX_THUMBNAILS,
     photographs: Annotated[AnyPath | None, Parameter(name="--beside")] = None,
     cache: AnyPath | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
@@ -56,8 +50,7 @@ def report(
 ) -> Comparison | None:
     """Show a dataset or a plan as a page.
 
-    Reads a dataset's folder or a plan; writes one page with tables, charts, maps, and thumbnails that filter by every
-    field.
+    Reads a dataset's folder or a plan; writes one page with tables, charts, maps, and thumbnails that filter.
 
     Parameters
     ----------
@@ -80,11 +73,11 @@ def report(
     else:
         plan = read_plan(source)
         artist = Artist(plan, (library or load_planned_library(plan, cache=cache, limits=limits)).assets)
-        dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH, labels=False))
+        dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH_PX, labels=False))
     if not dataset.images:
         raise DatasetError("has no images yet", path=source, remedy="render some first")
     make_room(out)
-    refuse_foreign(out, MARK)
+    refuse_foreign(out, PAGE_MARK)
     comparison = None
     if photographs is not None:
         comparison = compare_with_photographs(dataset, read_photographs(Path(photographs)), pixels=source.is_dir())
@@ -100,16 +93,12 @@ def report(
             "dataset": dataset,
             "comparison": comparison,
             "tiles": tiles,
-            "facets": _facets(dataset),
-            "orders": {scale.name: scale.title for scale in ORDERS},
+            "facets": [(key, key, sorted({v for tile in tiles for v in tile.values[key]})) for key in tiles[0].values],
             "facts": _facts(dataset),
             "sizes": SIZES,
             "classes": _classes(dataset),
-            "charts": [
-                ("Labels", "", _of_labels(dataset)),
-                ("Sceneries, light, and weather", "", _of_conditions(dataset)),
-                ("Maps", "Dots are vehicles, ends of lines are cameras. Meters.", _maps(dataset)),
-            ],
+            "charts": _charts(dataset),
+            "maps": _maps(dataset),
         },
     )
     replace_file(out, page.encode())
@@ -119,12 +108,15 @@ def report(
 def _facts(dataset: Dataset) -> list[str]:
     """Numbers of images, labels, and positions."""
     images = dataset.of_images
-    empty = int((images["labels"] == 0).sum())
     places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
-    classes = _number(len(dataset.categories), "class", "classes")
-    facts = [_number(len(dataset), "image"), f"{_number(len(dataset.labels['id']), 'label')} of {classes}"]
-    facts += [f"{_number(empty, 'image')} without labels"] if empty else []
-    return facts + ([_number(places, "position")] if places else [])
+    counts = {
+        "images": len(dataset),
+        "images without labels": int((images["labels"] == 0).sum()),
+        "positions": places,
+        "labels": len(dataset.labels["id"]),
+        "classes": len(dataset.categories),
+    }
+    return [f"{name}: {count:,}" for name, count in counts.items()]
 
 
 def _classes(dataset: Dataset) -> list[list[str]]:
@@ -140,10 +132,10 @@ def _classes(dataset: Dataset) -> list[list[str]]:
     return rows
 
 
-def _of_labels(dataset: Dataset) -> dict[str, Figure]:
-    """Charts of the labels by title."""
+def _charts(dataset: Dataset) -> dict[str, Figure]:
+    """Charts of the labels and of the images' conditions by title."""
     labels, images, charts = dataset.labels, dataset.of_images, {}
-    for scale in ORDERS:
+    for scale in (SIZE, *SCALES):
         if np.isfinite(values := labels[scale.name]).any():
             title = f"{scale.title}, {scale.unit}" if scale.unit else scale.title
             charts[title] = histogram(title, values, log=scale.name in ("box_size", "distance"))
@@ -153,13 +145,7 @@ def _of_labels(dataset: Dataset) -> dict[str, Figure]:
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
         charts["label positions"] = places_in_pictures(centers / sizes)
-    return charts
-
-
-def _of_conditions(dataset: Dataset) -> dict[str, Figure]:
-    """Charts of sceneries, light, and weather by title."""
-    images = dataset.of_images
-    charts = {title: shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()}
+    charts |= {title: shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()}
     if np.isfinite(images["strength"]).any():
         charts["strength of light"] = histogram("strength of light", images["strength"])
     return charts
@@ -179,34 +165,16 @@ def _maps(dataset: Dataset) -> dict[str, Figure]:
     }
 
 
-def _facets(dataset: Dataset) -> list[Facet]:
-    return [
-        ("class", "class", [*dataset.categories.values(), "none"]),
-        ("vehicle", "vehicle", _names(dataset.labels["vehicle"])),
-        *((key, title, _names(dataset.of_images[key])) for key, title in CONDITIONS.items()),
-        *((scale.name, scale.title, scale.bins) for scale in ORDERS),
-        ("side", "side seen", SIDES),
-    ]
-
-
 def _tile(dataset: Dataset, i: int) -> Tile:
-    """Return an image's thumbnail: facets of all its labels, sort values of its first."""
-    image, labels, images = dataset.images[i], dataset.labels, dataset.of_images
+    """Return an image's thumbnail with the facets of all its labels."""
+    labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
-    conditions = [str(images[key][i]) for key in CONDITIONS]
-    values = {"class": _names(labels["category"][rows]) or ["none"]}
-    values |= {key: _names(labels[key][rows]) for key in ("vehicle", "side")}
-    values |= {key: [value] for key, value in zip(CONDITIONS, conditions, strict=True)}
-    for scale in ORDERS:
-        bins = bins_of(labels[scale.name][rows], scale)
-        values[scale.name] = [scale.bins[b] for b in np.unique(bins[bins >= 0])]
-    numbers = {scale.name: float(labels[scale.name][rows[0]]) for scale in ORDERS} if len(rows) else {}
-    lines = [image.file_name]
-    lines += [", ".join(_about(dataset, row)) for row in rows.tolist()] or ["no labels"]
-    lines.append(", ".join(filter(None, conditions)))
-    picture = _thumbnail(dataset.picture(i, labels=False))
-    caption = [each for each in lines if each]
-    return Tile(picture, caption, values, numbers, (image.width, image.height), _shapes(image, dataset))
+    values = {"class": _names(labels["category"][rows]) or ["none"], "vehicle": _names(labels["vehicle"][rows])}
+    values |= {title: _names(images[key][[i]]) for key, title in CONDITIONS.items()}
+    values["side seen"] = _names(labels["side"][rows])
+    lines = [", ".join(_about(dataset, row)) for row in rows.tolist()] or ["no labels"]
+    lines.append(", ".join(filter(None, (str(images[key][i]) for key in CONDITIONS))))
+    return Tile(_thumbnail(dataset, i), [dataset.images[i].file_name, *filter(None, lines)], values)
 
 
 def _about(dataset: Dataset, row: int) -> list[str]:
@@ -217,47 +185,21 @@ def _about(dataset: Dataset, row: int) -> list[str]:
         caption.append(f"{distance:.0f} m")
     if np.isfinite(visible := labels["visible_fraction"][row]):
         caption.append(f"{100 * visible:.0f} % visible")
-    if np.isfinite(cut := labels["truncated_fraction"][row]) and cut > 0:
-        caption.append(f"{100 * cut:.0f} % outside")
     return [each for each in caption if each]
 
 
-def _shapes(image: Image, dataset: Dataset) -> list[Shape]:
-    """Return an image's masks, oriented boxes, and boxes."""
-    masks, lines, boxes = [], [], []
+def _thumbnail(dataset: Dataset, i: int) -> bytes:
+    """Return a small JPEG of an image with its boxes."""
+    image, file = dataset.images[i], io.BytesIO()
+    small = dataset.picture(i, labels=False).convert("RGB")
+    small.thumbnail((THUMBNAIL_WIDTH_PX, small.height), Pictures.Resampling.LANCZOS)
+    pen = ImageDraw.Draw(small)
     for label in image.labels:
-        color = "rgb({},{},{})".format(*color_of(label.category_id))
-        if mask := MASK.read(label).segmentation:
-            within = image.width / THUMBNAIL_WIDTH / 2  # half a pixel of the thumbnail
-            try:
-                rings = polygons(mask, *image.size, within=within)
-            except ValueError as error:
-                remedy = "check the dataset with `hulldown verify`"
-                raise DatasetError(f"{image.file_name}: {error}", path=Path(dataset.name), remedy=remedy) from None
-            masks += [Shape("mask", color, np.reshape(ring, (-1, 2)).tolist()) for ring in rings]
-        lines += [Shape("thin", color, ring.tolist()) for ring in _oriented(label, image)]
-        x, y, w, h = label.bbox.tolist()
-        corners = [(x, y), (x + w, y), (x + w, y + h), (x, y + h), (x, y)]
-        boxes.append(Shape("ignored" if label.crowd else "box", color, corners, label.category))
-    return masks + lines + boxes
-
-
-def _oriented(label: Label, image: Image) -> list[Float[np.ndarray, "_ 2"]]:
-    """Return lines around the visible mask, and around the ground under the vehicle, with an arrow to its front."""
-    rings = [] if (visible := rectangle_of(label)) is None else [rectangle_corners(visible)]
-    return [np.concatenate([ring, ring[:1]]) if len(ring) == 4 else ring for ring in rings]
-
-
-def _thumbnail(picture: Pictures.Image) -> bytes:
-    file = io.BytesIO()
-    small = picture.convert("RGB")
-    small.thumbnail((THUMBNAIL_WIDTH, small.height), Pictures.Resampling.LANCZOS)
-    small.save(file, "JPEG", quality=QUALITY, optimize=True)
+        x, y, w, h = (label.bbox * small.width / image.width).tolist()
+        color = IGNORED if label.crowd else color_of(label.category_id)
+        pen.rectangle((x - 1, y - 1, x + max(w, 0.0), y + max(h, 0.0)), outline=color)
+    small.save(file, "JPEG", quality=JPEG_QUALITY, optimize=True)
     return file.getvalue()
-
-
-def _number(count: int, singular: str, plural: str = "") -> str:
-    return f"{count:,} {singular if count == 1 else plural or singular + 's'}"
 
 
 def _names(values: np.ndarray) -> list[str]:

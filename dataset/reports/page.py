@@ -9,9 +9,9 @@ from __future__ import annotations
 import base64
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -23,15 +23,6 @@ FOLDER = "dataset/reports"
 Facet: TypeAlias = tuple[str, str, Sequence[str]]  # a key of `Tile.values`, its title, and its choices in order
 
 
-class Shape(NamedTuple):
-    """A line over a picture: its class in ``page.css``, its color, its points in pixels, and a label's name."""
-
-    kind: str
-    color: str
-    points: Sequence[Sequence[float]]
-    name: str = ""
-
-
 @dataclass(frozen=True, slots=True)
 class Tile:
     """A thumbnail."""
@@ -39,10 +30,6 @@ class Tile:
     picture: bytes
     caption: Sequence[str]  # lines below it; the first is emphasized
     values: Mapping[str, list[str]]  # the thumbnail's values for each facet by key; unknown facets are left out
-    numbers: Mapping[str, float] = field(default_factory=dict)  # sort values by key; unknown ones come last
-    # size, shapes: width and height of the picture in pixels, and the labels drawn over it, which can be hidden
-    size: tuple[int, int] = (1, 1)
-    shapes: Sequence[Shape] = ()
 
 
 def render(template: str, data: Mapping[str, object], *, layout: str = "page.html") -> str:
