@@ -38,7 +38,7 @@ CONFIGS: dict[str, dict[str, dict[str, Any]]] = {
         "placement": {"vehicles_per_image": [1, 3], "companion_distance": [6.0, 20.0], "distractors_per_image": [0, 4]},
         "camera": {"roll_deg": [-6.0, 6.0], "truncated_fraction": [0.0, 0.5], "visible_fraction": [0.2, 1.0]},
         "weather": {"fog": 0.25, "rain": 0.25, "snow": 0.2, "dust": 0.2},
-        "annotate": {"below": "ignored", "keypoints": ["muzzle", "wheel_*"]},
+        "annotate": {"below": "ignored", "keypoints": ["roof"]},
     },
     "distorted": {
         "budget": {"images_per_class": 8, "images_per_position": 2},
@@ -213,6 +213,7 @@ def config_text(sections: dict[str, dict[str, Any]], assets: Path, cache: Path) 
         lines += ["[[assets.vehicles]]", f'path = "{assets}/vehicles/{name}.blend"', f'category = "{category}"']
         if name == "mbt_wedge":
             lines += ['paint = [{ materials = ["Camouflage"], colors = ["#5b6146", "#94835e"] }]']
+            lines += ["keypoints = { roof = [0.0, 0.0, 2.5] }"]
     for name in ("civilian_car", "container"):
         lines += ["[[assets.distractors]]", f'path = "{assets}/distractors/{name}.blend"']
     for name in ("temperate_hills", "dry_steppe"):

@@ -22,7 +22,7 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import NARROWEST, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
-from hulldown.reading.vehicle.found_keypoints import known_points, marked_points
+from hulldown.reading.vehicle.marked_keypoints import marked_points
 from hulldown.reading.vehicle.nose import forward_text
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
@@ -145,7 +145,6 @@ def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle,
         seen=None if surface is mesh else standing,
         seen_part=seen_part,
     )
-    shape = shape.with_keypoints(known_points(shape, whole.solids, wheels, base))
     marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})

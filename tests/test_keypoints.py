@@ -15,7 +15,7 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.reading.vehicle.found_keypoints import marked_points
+from hulldown.reading.vehicle.marked_keypoints import marked_points
 from hulldown.rendering.verify import verify
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
@@ -69,11 +69,11 @@ def test_a_keypoint_moves_with_the_part_of_the_nearest_surface(tmp_path):
 
 def test_names_and_skeletons_of_categories(tmp_path):
     shapes = [CUBE_WITH_POINTS, SHAPE.with_keypoints({"muzzle": ([1, 0, 0], 0), "turret": ([0, 0, 1], 0)})]
-    found = category_fields(shapes, ["muzzle", "turret", "[fn]ear*"], None, path=tmp_path)
-    assert found == {"keypoints": ["muzzle", "turret", "near"], "skeleton": [[1, 2]]}
-    assert category_fields(shapes, ["*"], [("far", "near")], path=tmp_path)["skeleton"] == [[4, 3]]
+    found = category_fields(shapes, ["muzzle", "turret", "[n]ear*"], None, path=tmp_path)
+    assert found == {"keypoints": ["near", "muzzle", "turret"], "skeleton": []}
+    assert category_fields(shapes, ["*"], [("far", "near")], path=tmp_path)["skeleton"] == [[2, 1]]
     assert category_fields(shapes, None, None, path=tmp_path) == {}
-    with pytest.raises(ConfigError, match=r"'wheel_.' matches no keypoint of a vehicle; there are: 'muzzle'"):
+    with pytest.raises(ConfigError, match=r"'wheel_.' matches no keypoint of a vehicle; there are: 'near'"):
         category_fields(shapes, ["wheel_*"], None, path=tmp_path)
     with pytest.raises(ConfigError, match="'far' is no keypoint; these are: 'near'"):
         category_fields(shapes, ["near"], [("far", "near")], path=tmp_path)

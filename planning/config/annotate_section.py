@@ -24,6 +24,6 @@ class AnnotateSection(Section):
     below: Literal["ignored", "left_out"] = "ignored"
     """vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")"""
     keypoints: Patterns | None = Field(default=None, examples=[["*"]], exclude_if=is_absent)
-    """patterns of the keypoints to label, such as muzzle and wheel_*; default: none"""
+    """patterns of the keypoints to label, such as wheel_*; default: none"""
     skeleton: Lines | None = Field(default=None, examples=[[["muzzle", "turret"]]], exclude_if=is_absent)
-    """pairs of keypoints to join; default: muzzle to turret, and wheel to wheel"""
+    """pairs of keypoints to join; default: none"""

@@ -13,7 +13,7 @@ from hulldown.geometry.transforms import apply
 from hulldown.reading.pieces.naming import PIVOT, first_match, words
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link
-from hulldown.reading.vehicle.found_keypoints import keypoint_of
+from hulldown.reading.vehicle.marked_keypoints import keypoint_of
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, key_of, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces
 
