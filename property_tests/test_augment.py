@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hulldown.tests.test_augment import TABLE, augmentation, corners, mask_corners
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import at_work_size, example
-from hulldown.training.inputs.samples import Sample
+from hulldown.training.inputs.sources import Sample
 
 WIDTH, HEIGHT = 96, 64
 FULL = Augmenter(TABLE)

@@ -11,9 +11,8 @@ from hulldown.training.inputs import data
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import Batches, DrawnExamples
 from hulldown.training.inputs.draws import make_draws
-from hulldown.training.inputs.samples import Sample
 from hulldown.training.inputs.settings import KNOWN_AUGMENTATIONS, load_settings
-from hulldown.training.inputs.sources import read_sources
+from hulldown.training.inputs.sources import Sample, read_sources
 from hulldown.training.sheet import augmentation_sheet
 
 TABLE = load_settings(None, {"augmentation": "table1"}).augmentation

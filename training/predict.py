@@ -228,7 +228,7 @@ def _draw(
 
 def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
     """Return a key of the results: weights, classes, images, and tiles."""
-    digest = hashlib.sha256(weights_digest(weights_of(run)).encode())
+    digest = hashlib.sha256(weights_digest(run).encode())
     images = [[image.id, image.file_name, *image.size] for image in pictures.images]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.category_ids.items()), tile]))
     return digest.hexdigest()

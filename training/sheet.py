@@ -13,9 +13,8 @@ from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import at_work_size
-from hulldown.training.inputs.samples import Sample
 from hulldown.training.inputs.settings import load_settings
-from hulldown.training.inputs.sources import read_sources
+from hulldown.training.inputs.sources import Sample, read_sources
 
 TIMES = 8  # augmentations in a row
 WORK_SIZE = (512, 288)  # size of the pictures, as for a network of that size

@@ -25,7 +25,6 @@ from hulldown.training.detectors.detector import (
     RunSource,
     chosen_device,
     weights_digest,
-    weights_of,
 )
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.draws import Draws, make_draws, read_draws, source_shares
@@ -139,7 +138,7 @@ def train(
         classes=list(classes),
         data={source.name: RunData(len(source), checked[source.name].sha256) for source in sources},
         valid=RunData(len(held_back[0]), checked["valid"].sha256) if held_back else None,
-        weights_sha256=weights_digest(weights_of(named)) if named.exists() else None,
+        weights_sha256=weights_digest(named) if named.exists() else None,
         draws_sha256=None if draws_file is None else sha256_of(draws_file),
     )
     if (run := finished_run(out, config)) is not None:

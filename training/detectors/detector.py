@@ -128,8 +128,9 @@ def weights_of(path: Path) -> Path:
 
 
 def weights_digest(path: Path) -> str:
-    """Return the SHA-256 of weights: of a file, or of the tensors in a folder."""
-    return sha256_of(path / TRANSFORMERS_FILES[-1] if path.is_dir() else path)
+    """Return the SHA-256 of the weights of a run, of a file, or of the tensors in a folder."""
+    weights = weights_of(path)
+    return sha256_of(weights / TRANSFORMERS_FILES[-1] if weights.is_dir() else weights)
 
 
 def read_weights(path: Path) -> dict[str, object]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from hulldown.annotate.masks import mask_box
 from hulldown.base.errors import ConfigError
-from hulldown.training.inputs.samples import Sample
+from hulldown.training.inputs.sources import Sample
 
 MIN_VISIBLE = 0.2  # least share of a box inside the picture
 MASK_ROUNDING = 1.0  # pixels between the box of a mask and that of its outline

@@ -15,8 +15,7 @@ from torch.utils.data import Dataset, Sampler
 from hulldown.base.errors import HulldownError
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.draws import Draws
-from hulldown.training.inputs.samples import Sample
-from hulldown.training.inputs.sources import LabeledPictures
+from hulldown.training.inputs.sources import LabeledPictures, Sample
 
 KEPT_BYTES = 256 * 2**20  # bytes of pictures that each worker keeps in memory
 

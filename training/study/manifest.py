@@ -19,7 +19,7 @@ from hulldown.base.outside import read_json
 from hulldown.base.terminal import reporting
 from hulldown.base.toml_files import validated
 from hulldown.dataset.records import read_usable
-from hulldown.training.detectors.detector import weights_digest, weights_of
+from hulldown.training.detectors.detector import weights_digest
 from hulldown.training.inputs.draws import draws_text
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
@@ -187,7 +187,7 @@ def predictions_paths(study: Path, manifest: Manifest, run: PlannedRun) -> dict[
 def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
     """Return a hash of everything that determines a run."""
     named = Path(settings.weights or "none")
-    weights = weights_digest(weights_of(named)) if named.exists() else None
+    weights = weights_digest(named) if named.exists() else None
     made_of = {
         "settings": settings.model_dump(mode="json", exclude={"weights", "logger"}),
         "weights": weights or settings.weights,
