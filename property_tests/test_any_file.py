@@ -29,7 +29,6 @@ from hulldown.property_tests.any_values import MANY, refusal
 from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.pieces.formats import format_of
-from hulldown.reading.scenery.buildings import read_buildings
 from hulldown.reading.scenery.geotiff import read_elevations, read_orthophoto
 from hulldown.tests.networks import RUN
 from hulldown.training.detectors.detector import weights_of
@@ -48,15 +47,12 @@ COCO = {
     "annotations": [{"id": 1, "image_id": 1, "category_id": 1, "bbox": [9, 9, 20, 20], "iscrowd": 0}],
     "categories": [{"id": 1, "name": "tank"}],
 }
-RING = [[447010, 5410970], [447018, 5410970], [447018, 5410978], [447010, 5410970]]
-FEATURE = {"type": "Feature", "properties": {"height": "9 m"}, "geometry": {"type": "Polygon", "coordinates": [RING]}}
 LOW, HIGH = np.array([447000.0, 5410970.0]), np.array([447030.0, 5411000.0])
 CALIBRATION = (
     b"%YAML:1.0\nimage_width: 64\nimage_height: 48\nK: !!opencv-matrix\n  data: [90, 0, 32, 0, 90, 24, 0., 0, 1]\n"
 )
 BOX = "<bndbox><xmin>1</xmin><ymin>2</ymin><xmax>9</xmax><ymax>9</ymax></bndbox>"
 VOC = f"<annotation><filename>1.png</filename><object><name>tank</name>{BOX}</object></annotation>".encode()
-TOWN = {"type": "FeatureCollection", "features": [FEATURE], "crs": {"properties": {"name": "EPSG:32632"}}}
 GLTF = {"asset": {"version": "2.0"}, "buffers": [{"uri": "m.bin", "byteLength": 3}]}
 RUNS = {"plans": {"a": {"blender": ["5.0"], "devices": ["CPU"], "systems": ["Linux"], "confinement": ["none"]}}}
 FOUND = [{"image_id": 1, "category_id": 1, "bbox": [9, 9, 20, 20], "score": 0.5}]
@@ -136,7 +132,6 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
     "calibration": ("c.yaml", lambda: CALIBRATION, read_camera),
     "photographs": ("a.json", lambda: encoded(COCO), read_photographs),
     "poses": ("p.csv", lambda: b"x,y,yaw_deg,sequence\n1,2,30,\n", read_poses),
-    "buildings": ("b.json", lambda: encoded(TOWN), lambda path: read_buildings(path, "EPSG:32632")),
     "elevations": ("e.tif", lambda: raster(1, "float32"), lambda path: read_elevations(path, area=None, scale=None)),
     "orthophoto": ("o.tif", lambda: raster(3, "uint8"), lambda path: read_orthophoto(path, crs="", low=LOW, high=HIGH)),
     "glTF": ("m.gltf", lambda: encoded(GLTF), lambda path: refuse_odd_references(path, format_of(path))),

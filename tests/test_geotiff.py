@@ -1,25 +1,20 @@
 """Terrain from GeoTIFFs, compared with rasterio: heights in any encoding, and map coordinates."""
 
-import json
-
 import numpy as np
 import pytest
 import rasterio
-import shapely.geometry
 from pyproj import Transformer
 from rasterio.transform import Affine, from_origin
 from rasterio.vrt import WarpedVRT
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.base.errors import AssetError, ConfigError
-from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.config.schema import Config
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import export
-from hulldown.reading.scenery.buildings import USUAL, read_buildings
 from hulldown.reading.scenery.geotiff import on_map, read_elevations, read_orthophoto
 
 UTM = "EPSG:32632"
@@ -237,64 +232,3 @@ def test_keys_of_geotiffs_are_checked(keys):
     scenery = {"path": "dem.tif", **keys}
     with pytest.raises(ConfigError, match=r"assets\.sceneries"):
         Config.of({"assets": {"vehicles": [{"path": "a.blend", "category": "a"}], "sceneries": [scenery]}})
-
-
-def feature(corner, size, properties, *, hole=0.0):
-    """A square of a map in meters, in degrees, with a square hole in its middle."""
-    x, y = np.add(corner, size / 2)
-    outer, inner = (shapely.box(x - half, y - half, x + half, y + half) for half in (size / 2, hole / 2))
-    to_degrees = Transformer.from_crs(UTM, "OGC:CRS84", always_xy=True).transform
-    outline = shapely.transform(outer - inner, to_degrees, interleaved=False)
-    return {"type": "Feature", "properties": properties, "geometry": shapely.geometry.mapping(outline)}
-
-
-@pytest.mark.blender
-def test_buildings_stand_on_the_terrain(tmp_path):
-    path = write(tmp_path / "dem.tif", np.tile(300.0 + 0.1 * np.arange(50), (40, 1)))
-    x, y = CORNER
-    features = [
-        feature((x + 10, y - 40), 12.0, {"height": "8.5 m"}),
-        feature((x + 40, y - 70), 20.0, {"building:levels": 4}, hole=8.0),
-        feature((x + 70, y - 30), 5.0, {}),
-        feature((x - 3, y - 30), 5.0, {}),  # over the edge of the terrain
-    ]
-    (tmp_path / "town.geojson").write_text(json.dumps({"type": "FeatureCollection", "features": features}))
-    read = export(path, tmp_path, options=Options(buildings="town.geojson"))
-    scenery = load_scenery(read.bundle)
-    assert read.files == (str(tmp_path / "town.geojson"),)
-    assert scenery.instance_names == ("building 1", "building 2", "building 3")
-    ground = Terrain(scenery.ground)
-    for k, (height, area) in enumerate([(8.5, 144.0), (12.0, 336.0), (USUAL, 25.0)]):
-        mesh = scenery.obstacle_meshes[scenery.instance_mesh[k]]
-        vertices = apply(scenery.world_from_instance[k], mesh.vertices)
-        below = ground.top_hits(vertices[:, :2]).z
-        low, high = vertices[:, 2].min(), vertices[:, 2].max()
-        assert high == pytest.approx(below.mean() + height, abs=1e-3)
-        assert low == pytest.approx(below.min() - 1.0, abs=1e-3)
-        a, b, c = np.moveaxis(vertices[mesh.faces], 1, 0)
-        cross = np.cross(b - a, c - a)
-        assert (a * cross).sum() / 6 == pytest.approx(area * (high - low), rel=1e-3), "closed, with outward faces"
-        assert cross[cross[:, 2] > 1e-6, 2].sum() / 2 == pytest.approx(area, rel=1e-3), "a roof with a courtyard"
-    (tmp_path / "town.geojson").write_text(json.dumps(feature((x + 9000, y), 12.0, {})))
-    with pytest.raises(AssetError, match="no building on the terrain"):
-        export(path, tmp_path, options=Options(buildings="town.geojson"))
-
-
-@pytest.mark.parametrize(
-    ("ring", "crs", "message"),
-    [
-        ('["west", 1], [2, 3], [3, 4], [1, 1]', "EPSG:4326", "GeoJSON"),
-        ("[1, 2], [3, 4], [3, 5], [1, 2]", "EPSG:0", "unknown coordinate reference system 'EPSG:0'"),
-        ("[1, 2], [3, 4], [3, 5], [1, 2]]]]", "EPSG:4326", "GeoJSON"),
-        ("", "EPSG:4326", "has 0 polygons"),
-    ],
-)
-def test_files_without_buildings_are_refused(tmp_path, ring, crs, message):
-    crs = {"properties": {"name": crs}}
-    text = f'{{"type": "Polygon", "coordinates": [[{ring}]], "crs": {json.dumps(crs)}}}'
-    (tmp_path / "town.geojson").write_text(text)
-    with pytest.raises(AssetError, match=rf"town\.geojson: .*{message}"):
-        read_buildings(tmp_path / "town.geojson", UTM)
-    (tmp_path / "town.geojson").write_text('{"type": "Point", "coordinates": [1, 2]}')
-    with pytest.raises(AssetError, match="has 0 polygons"):
-        read_buildings(tmp_path / "town.geojson", UTM)

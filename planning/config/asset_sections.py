@@ -144,8 +144,6 @@ class SceneryEntry(FileEntry):
     """[west, south, east, north] of a GeoTIFF to read, in its coordinates; default: all"""
     texture: str | None = Field(default=None, examples=["ortho.tif"], exclude_if=is_absent)
     """a GeoTIFF's orthophoto, also a GeoTIFF; default: colors by slope"""
-    buildings: str | None = Field(default=None, examples=["buildings.geojson"], exclude_if=is_absent)
-    """GeoJSON outlines of buildings on a GeoTIFF's terrain"""
     ground: Patterns = ()
     """patterns of objects that are its ground"""
     not_ground: Patterns = ()
@@ -166,8 +164,8 @@ class SceneryEntry(FileEntry):
 
     @model_validator(mode="after")
     def _is_geotiff(self) -> SceneryEntry:
-        if (self.area or self.texture or self.buildings) and not self.path.lower().endswith((".tif", ".tiff")):
-            raise ValueError("`area`, `texture`, and `buildings` are for GeoTIFFs (.tif)")
+        if (self.area or self.texture) and not self.path.lower().endswith((".tif", ".tiff")):
+            raise ValueError("`area` and `texture` are for GeoTIFFs (.tif)")
         return self
 
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 REMOVED_KEYS = MappingProxyType(
     {
         "sensor": "`train` adds blur, noise, and compression (docs/training.md)",
+        "assets.sceneries.buildings": "model them in Blender, or import them there by BlenderGIS, and list the .blend",
         "placement.rule = 'least_squares'": 'use "support", which is nearer to the resting pose',
         **{
             f"assets.{kind}.paint.{key}": "list the `colors` to draw from"

@@ -239,10 +239,9 @@ def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
     options = {key: value for key, value in entry if key in names}
     if isinstance(entry, SceneryEntry):
         options |= {"include": config.ground.include, "exclude": config.ground.exclude}
-        folder = (config.folder / entry.path).parent
-        for key in ("texture", "buildings"):
-            if options[key]:  # relative to the scenery's folder, so that moving the project changes nothing
-                options[key] = Path(os.path.relpath(config.folder / options[key], folder)).as_posix()
+        if entry.texture:  # relative to the scenery's folder, so that moving the project changes nothing
+            folder = (config.folder / entry.path).parent
+            options["texture"] = Path(os.path.relpath(config.folder / entry.texture, folder)).as_posix()
     return Options(**options, texture_size=config.assets.texture_size)
 
 

@@ -1,10 +1,9 @@
-"""A GeoTIFF's elevations as an object in Blender, with an orthophoto or colors by slope, and buildings."""
+"""A GeoTIFF's elevations as an object in Blender, with an orthophoto or colors by slope."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,19 +13,15 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 from hulldown.base.errors import AssetError
-from hulldown.placement.terrain import Terrain
 from hulldown.reading.blender.api.add_nodes import add_node, maths
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.scenery.buildings import Building, read_buildings
 from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto
 
 NAME = "terrain"
 # Linear colors by the upward component of the normal: rock, scree, soil, grass.
 SLOPES = ((0.65, (0.17, 0.15, 0.13)), (0.8, (0.2, 0.17, 0.13)), (0.9, (0.13, 0.11, 0.06)), (0.97, (0.06, 0.08, 0.025)))
 PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # noise: waves per meter, and amplitude of brightness
-DEEP = 1.0  # meters of a building's wall below the lowest ground
-WALL = (0.36, 0.31, 0.25, 1.0)
 
 
 def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
@@ -51,16 +46,14 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     shader.inputs["Roughness"].default_value = 0.95
     shader.inputs["Specular IOR Level"].default_value = 0.1
     color = _by_slope(material.node_tree)
-    texture, outlines = (_beside(path, name) if name else None for name in (options.texture, options.buildings))
+    texture = _beside(path, options.texture) if options.texture else None
     if texture:
         low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
         anchor = terrain.anchor[:2]
         picture = read_orthophoto(texture, crs=terrain.crs, low=anchor + low, high=anchor + high)
         color = _over(material.node_tree, color, picture, low, high)
     material.node_tree.links.new(color, shader.inputs["Base Color"])
-    if outlines and not _add_buildings(read_buildings(outlines, terrain.crs), terrain):
-        raise AssetError("has no building on the terrain", path=outlines, remedy="check its coordinates and the `area`")
-    return terrain, [str(file) for file in (texture, outlines) if file]
+    return terrain, [str(texture)] if texture else []
 
 
 def _beside(path: Path, name: str) -> Path:
@@ -69,38 +62,6 @@ def _beside(path: Path, name: str) -> Path:
     if not is_inside(file, asset_folders(path)):
         raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")
     return file
-
-
-def _add_buildings(buildings: Sequence[Building], terrain: Elevations) -> int:
-    """Make an object of each building completely on the terrain; return their number.
-
-    A height counts from the mean of the ground along the outline.
-    """
-    ground = Terrain(terrain.mesh)
-    material = bpy.data.materials.new("building")
-    shader = material.node_tree.nodes["Principled BSDF"]
-    shader.inputs["Base Color"].default_value, shader.inputs["Roughness"].default_value = WALL, 0.9
-    standing = 0
-    for rings, height in buildings:
-        outlines = [ring - terrain.anchor[:2] for ring in rings]
-        hits = ground.top_hits(np.concatenate(outlines))
-        if not hits.hit.all():
-            continue
-        standing += 1
-        low, high = hits.z.min() - DEEP, max(hits.z.mean() + height, hits.z.max() + 1.0)
-        curve = bpy.data.curves.new(f"building {standing}", "CURVE")
-        curve.dimensions, curve.fill_mode, curve.extrude = "2D", "BOTH", float(high - low) / 2
-        curve.materials.append(material)
-        center = outlines[0].mean(axis=0)
-        for outline in outlines:
-            spline = curve.splines.new("POLY")
-            spline.points.add(len(outline) - 1)
-            spline.points.foreach_set("co", np.pad(outline - center, ((0, 0), (0, 2))).ravel())
-            spline.use_cyclic_u, spline.use_smooth = True, False
-        obj = bpy.data.objects.new(curve.name, curve)
-        obj.location = terrain.anchor + np.append(center, (low + high) / 2)
-        bpy.context.scene.collection.objects.link(obj)
-    return standing
 
 
 def _by_slope(tree: Any) -> Any:

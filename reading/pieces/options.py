@@ -35,7 +35,6 @@ class Options:
     # west, south, east, and north bound of the read part of a GeoTIFF, in its own coordinates
     area: tuple[float, float, float, float] | None = None
     texture: str | None = None  # a GeoTIFF's orthophoto, relative to its folder
-    buildings: str | None = None  # outlines of buildings on a GeoTIFF, relative to its folder
 
 
 DEFAULTS = Options()
