@@ -10,6 +10,7 @@ import pytest
 import torch
 from safetensors.torch import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+from transformers import DetrConfig, DetrForObjectDetection, DetrImageProcessor, ResNetConfig
 
 from hulldown.base.errors import HulldownError
 from hulldown.tests.editing import edit
@@ -173,6 +174,27 @@ def test_new_classes_start_from_those_of_their_name_in_a_run_or_from_truck(tmp_p
         rows = [2, 0, 3] if given.shape[:1] == (4,) else [2, 0]
         assert torch.equal(value, given if value.shape == given.shape else given[rows]), key
     assert network.state_dict()["class_embed.0.weight"].shape == (2, 32)
+
+
+def test_another_detector_of_transformers_trains_too(pictures, tmp_path):
+    """DETR has a class for nothing, normalized pictures, and one query embedding for each object."""
+    backbone = ResNetConfig(
+        embedding_size=8, hidden_sizes=[8, 16, 16, 32], depths=[1, 1, 1, 1], out_features=["stage4"]
+    )  # fmt: skip
+    config = DetrConfig(
+        backbone_config=backbone, use_timm_backbone=False, d_model=32, encoder_layers=1, decoder_layers=1,
+        encoder_ffn_dim=32, decoder_ffn_dim=32, encoder_attention_heads=2, decoder_attention_heads=2, num_queries=10,
+        id2label={0: "truck", 1: "N/A", 2: "N/A", 3: "car"}, label2id={"truck": 0, "car": 3},
+    )  # fmt: skip
+    DetrForObjectDetection(config).save_pretrained(tmp_path / "start")
+    DetrImageProcessor().save_pretrained(tmp_path / "start")
+    settings = small(weights=str(tmp_path / "start"), budget=8, queries=5, freeze="encoder")
+    run = train({"demo": pictures}, tmp_path / "run", settings=settings, workers=0, device="cpu")
+    assert 0.0 < run.figures.final_loss < 100.0
+    detector = load_detector(tmp_path / "run", "cpu")
+    (found,) = detector.detect([np.zeros((54, 96, 3), dtype=np.uint8)])
+    assert detector.classes == ("square", "disc")
+    assert len(found.score) == 5
 
 
 def test_d_fine_nano_has_its_published_size():
