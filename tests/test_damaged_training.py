@@ -87,6 +87,10 @@ def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, t
         ("config.json", b"{"),
         ("config.json", b'{"model_type": "d_fine", "d_model": 30}'),
         ("config.json", b'{"model_type": "bert"}'),
+        (
+            "config.json",
+            b'{"model_type": "own", "auto_map": {"AutoConfig": "code.Config"}}',
+        ),  # which asks on a terminal
         ("preprocessor_config.json", b"[]"),
         ("preprocessor_config.json", None),
     ],

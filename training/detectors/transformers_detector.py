@@ -124,11 +124,12 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
         for name in TRANSFORMERS_FILES if Path(source).exists() else ():
             open_regular(Path(source, name)).close()
         with quiet():
-            config = AutoConfig.from_pretrained(source, **names)
-            processor = AutoImageProcessor.from_pretrained(source)
+            config = AutoConfig.from_pretrained(source, trust_remote_code=False, **names)
+            processor = AutoImageProcessor.from_pretrained(source, trust_remote_code=False)
             network, found = AutoModelForObjectDetection.from_pretrained(
                 source, config=config if settings is None else _fitted_config(config, settings),
                 ignore_mismatched_sizes=settings is not None, use_safetensors=True, output_loading_info=True,
+                trust_remote_code=False,
             )  # fmt: skip
     except UNUSABLE as error:
         raise HulldownError(
