@@ -1,4 +1,4 @@
-"""Statistics of a plan: counts, rejections, sizes, and histograms, as tables and a picture."""
+"""Statistics of a plan: counts, rejections, sizes, and histograms, as tables."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -18,8 +17,6 @@ from rich.table import Table
 from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.transforms import apply
-from hulldown.pictures.bar_charts import Bars, Stairs, sheet
-from hulldown.pictures.own_files import save_picture
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.planning.config.paint_section import OWN
 from hulldown.planning.plan.row import LeftOut, Row
@@ -173,26 +170,6 @@ class Summary:
             for phrase, n in [("were taken", taken), *sorted(rejected.items(), key=lambda item: -item[1])]:
                 table.add_row(f"{what}: {phrase}", f"{n:,}", f"{100 * n / total:.1f} %" if total else "")
         return table
-
-    def draw(self, path: str | Path) -> None:
-        """Write a picture of the histograms and counts."""
-        charts: list[Bars | Stairs] = [Bars(title, counts) for title, counts in self._bar_charts().items()]
-        for histogram in self.histograms.values():
-            used = histogram.used
-            edges = histogram.edges[used.start : used.stop + 1]
-            charts.append(Stairs(histogram.title, edges, histogram.counts[used], bool(histogram.edges[0] > 0)))
-        save_picture(sheet(f"{self.images:,} images at {self.positions:,} positions", charts), Path(path))
-
-    def _bar_charts(self) -> dict[str, Mapping[str, int]]:
-        counts, background = self.counts, self.counts["backgrounds"].total()
-        charts: dict[str, Mapping[str, int]] = {
-            "images of each class": {category: models.total() for category, models in self.classes.items()}
-            | ({"no target": background} if background else {}),
-            "boxes by COCO size": {size: sum(by[size] for by in self.sizes.values()) for size in SIZES},
-            "rejected tries": {key.replace("_", " "): n for key, n in counts["rejected"].most_common(8)},
-        }
-        extras = counts["companions"] + counts["distractors"]
-        return charts | ({"companions and distractors": dict(extras.most_common(12))} if extras else {})
 
 
 def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:

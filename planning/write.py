@@ -31,7 +31,7 @@ from hulldown.planning.config.asset_sections import CACHE_NAME
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.plan.given_poses import GivenPoses
-from hulldown.planning.plan.lines import PlanWriter, picture_of
+from hulldown.planning.plan.lines import PlanWriter
 from hulldown.planning.plan.row import FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import BLOCK, Planner
@@ -58,8 +58,8 @@ def plan(
 ) -> Plan:
     """Plan every pose of a dataset.
 
-    Reads a config and its assets; writes a plan, one line an image, and a picture of its statistics next to it. The
-    same call continues a plan that was stopped. Doubts about assets are warnings.
+    Reads a config and its assets; writes a plan, one line an image. The same call continues a plan that was stopped.
+    Doubts about assets are warnings.
 
     Parameters
     ----------
@@ -92,7 +92,6 @@ def plan(
     """
     # Local imports, since the worker processes import this module.
     from hulldown.base.terminal import reporting
-    from hulldown.pictures.own_files import make_room_for_picture
     from hulldown.planning.appearance.hdri_land import land_above_horizon
     from hulldown.planning.inputs.loading import load_library
 
@@ -102,7 +101,6 @@ def plan(
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")
     make_room(path)
-    make_room_for_picture(picture_of(path, "summary"))
     photographs = None
     if config.camera.like is not None:
         photographs = read_photographs(config.folder / config.camera.like)  # before the long work
@@ -132,7 +130,6 @@ def plan(
             'is seen behind it; set light.backdrop = "sky"',
             stacklevel=2,
         )
-    made.summary.draw(picture_of(path, "summary"))
     return made
 
 

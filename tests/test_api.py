@@ -170,7 +170,6 @@ def test_the_example_notebook_runs_and_its_plan_can_be_displayed_and_rendered_in
     plan = shared["plan"]
     assert len(shared["dataset"]) == len(plan) > 2
     assert not [finding for finding in shared["findings"] if finding.severity == "error"]
-    assert (tmp_path / "project" / "small.jsonl.summary.png").exists()
     assert np.ptp(np.asarray(plan.preview([0, 1], width=64).convert("L"))) > 100
     assert "<img" in plan._repr_html_()
     from hulldown.rendering.supervisor import Part

@@ -102,11 +102,6 @@ def test_tables_show(rows, shown):
     assert all(words in text for words in shown), text
 
 
-def test_a_class_is_not_a_formula(tmp_path):
-    summarize([*ROWS, row(4, category="$^$")]).draw(tmp_path / "plan.png")
-    assert (tmp_path / "plan.png").is_file()
-
-
 def test_a_histogram_counts_all_values():
     histogram = Histogram("x", np.array([0.0, 1.0, 2.0]), np.array([-5.0, 0.0, 0.5, 1.0, 2.0, 9.0]))
     assert histogram.counts.tolist() == [3, 3]

@@ -34,11 +34,14 @@ def _inspection(found: Inspection) -> Answer:
 
 
 def _plan(plan: Plan) -> Answer:
-    summary = plan.summary
+    summary, page = plan.summary, plan.path.with_suffix(".html")
     return Answer(
         result=summary.to_json(),
         shown=[*summary.tables(), *summary.notes()],
-        said=[f"wrote {plan.path} ({len(plan)} images); next: hulldown preview {plan.path}"],
+        said=[
+            f"wrote {plan.path} ({len(plan)} images); next: hulldown preview {plan.path}, "
+            f"or hulldown report {plan.path} -o {page}"
+        ],
     )
 
 

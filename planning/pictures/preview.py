@@ -24,7 +24,7 @@ from hulldown.planning.appearance.light import card
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.loading import load_planned_library
 from hulldown.planning.pictures.shading import look, paint_of, previewed, sun_of
-from hulldown.planning.plan.lines import PlanFile, picture_of
+from hulldown.planning.plan.lines import PlanFile
 from hulldown.planning.plan.row import Row
 from hulldown.planning.plan.row_scenes import RowScenes
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
@@ -61,7 +61,7 @@ def preview_sheet(
         Time and memory for reading an asset.
     """
     rows = PlanFile.read(plan)
-    path = picture_of(rows.path, "preview") if output is None else Path(output)
+    path = rows.path.with_name(f"{rows.path.name}.preview.png") if output is None else Path(output)
     make_room_for_picture(path)
     artist = Artist(rows, assets or load_planned_library(rows, cache=cache, limits=limits).assets)
     chosen = spread(len(rows), count).tolist()

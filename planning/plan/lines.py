@@ -149,11 +149,6 @@ def _damaged(path: Path, number: int, what: str) -> ConfigError:
     return ConfigError(f"line {number} {what}", path=path, remedy="plan again with `hulldown plan`")
 
 
-def picture_of(plan: Path, what: str) -> Path:
-    """Return the path of a picture of a plan, such as `plan.jsonl.summary.png`."""
-    return plan.with_name(f"{plan.name}.{what}.png")
-
-
 class _Names:
     """File names of the images so far. Planned names follow from the index, so only other names take memory."""
 
