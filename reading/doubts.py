@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow
@@ -21,47 +21,36 @@ SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
 EDGE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
 LIKELY_LENGTHS = (2.0, 20.0)
+Used = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
 def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
     """Return doubts about a vehicle's size and dropped pieces."""
-    doubts = []
+    return tuple(_vehicle_doubts(report, options))
+
+
+def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     length, width, height = report.size
-    longest, rows = max(report.size), report.rows
+    longest, across = max(report.size), max(length, width)
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
         hint = likely_scale(longest, report.unit)
-        doubts.append(
-            Doubt(DoubtKind.SCALE, f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong")
-        )
-    if height > 1.5 * max(length, width) and options.up is None:
-        doubts.append(
-            Doubt(
-                DoubtKind.UP,
-                f"it is {length_said(height)} high and {length_said(max(length, width))} long; "
-                'set up = "y" if it lies on its side',
-            )
-        )
-    dropped = [row for row in rows if row.use == "dropped" and row.triangles and row.by is not By.CONFIG]
-    kept = [row for row in rows if row.use != "dropped"]
+        text = f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong"
+        yield Doubt(DoubtKind.SCALE, text)
+    if height > 1.5 * across and options.up is None:
+        text = f"it is {length_said(height)} high and {length_said(across)} long"
+        yield Doubt(DoubtKind.UP, f'{text}; set up = "y" if it lies on its side')
+    kept = [row for row in report.rows if row.use != "dropped"]
+    asked = [row for row in report.rows if row.use == "dropped" and row.by is By.CONFIG]
+    dropped = [row for row in report.rows if row.use == "dropped" and row.by is not By.CONFIG and row.triangles]
     if sum(row.triangles * row.count for row in dropped) > sum(row.triangles * row.count for row in kept):
-        names = quoted([row.name for row in dropped])
-        doubts.append(
-            Doubt(
-                DoubtKind.MOST_DROPPED,
-                f"more triangles are dropped than kept; name the vehicle's objects in `keep`: {names}",
-            )
-        )
-    asked = [row for row in rows if row.use == "dropped" and row.by is By.CONFIG]
+        text = "more triangles are dropped than kept; name the vehicle's objects in `keep`"
+        yield Doubt(DoubtKind.MOST_DROPPED, f"{text}: {quoted(row.name for row in dropped)}")
     most = max(asked, key=_volume, default=None)
     if most and _volume(most) > max(map(_volume, kept), default=0.0):
-        doubts.append(
-            Doubt(
-                DoubtKind.LARGEST_DROPPED,
-                f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull",
-            )
-        )
-    return (*doubts, *_missing(report.missing))
+        text = f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull"
+        yield Doubt(DoubtKind.LARGEST_DROPPED, text)
+    yield from _missing(report.missing)
 
 
 def _volume(row: ObjectRow) -> float:
@@ -78,125 +67,93 @@ def scenery_doubts(
     parked: Mapping[str, Sequence[str]] = MappingProxyType({}),
 ) -> tuple[Doubt, ...]:
     """Return doubts about a scenery, missing ground first. Ground in `wet` is partly water; `parked` are vehicles."""
-    doubts = []
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
+    return (
+        *_role_doubts(used, options, wet, parked),
+        *_shape_doubts(used),
+        *_size_doubts(report, options),
+        *_missing(report.missing),
+    )
+
+
+def _role_doubts(
+    used: Used, options: Options, wet: Sequence[str], parked: Mapping[str, Sequence[str]]
+) -> Iterator[Doubt]:
+    """Yield doubts about what is ground, water, or a vehicle."""
     if not any(role.use == "ground" for _, role in used):
-        doubts.append(
-            Doubt(
-                DoubtKind.NO_GROUND,
-                "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
-                f"ground.fallback_z; {_proposed_ground([p for p, r in used if r.use == 'obstacle'])}; in the file is "
-                + quoted([piece.name for piece, _ in used]),
-            )
-        )
+        text = "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
+        proposed = _proposed_ground([piece for piece, role in used if role.use == "obstacle"])
+        there = quoted(piece.name for piece, _ in used)
+        yield Doubt(DoubtKind.NO_GROUND, f"{text}ground.fallback_z; {proposed}; in the file is {there}")
     if parked:
         objects = list(dict.fromkeys(name for own in parked.values() for name in own))
         key = f"drop = {as_key(objects)}" if len(objects) <= MOST_NAMES else "their objects in drop"
-        doubts.append(
-            Doubt(
-                DoubtKind.UNLABELED,
-                f"vehicles stand in it and get no label: {quoted(parked)}; if they're of your classes, set {key}, and "
-                "list them as vehicles",
-            )
-        )
+        text = f"vehicles stand in it and get no label: {quoted(parked)}; if they're of your classes, set {key}, and "
+        yield Doubt(DoubtKind.UNLABELED, f"{text}list them as vehicles")
     for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.by is By.SHAPE]:
-            doubts.append(Doubt(DoubtKind(use), f"taken as {use}: {quoted(found)}, by shape; {keys}"))
+            yield Doubt(DoubtKind(use), f"taken as {use}: {quoted(found)}, by shape; {keys}")
     if wet:
-        doubts.append(
-            Doubt(
-                DoubtKind.WATER,
-                f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []",
-            )
-        )
-    doubts += _perhaps_water(used, wet) if options.water is None else []
+        text = f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []"
+        yield Doubt(DoubtKind.WATER, text)
+    if options.water is None:
+        yield from _perhaps_water(used, wet)
     for piece, role in used:
         if role.use == "obstacle" and role.by is By.SHAPE:
-            doubts.append(
-                Doubt(
-                    DoubtKind.NOT_GROUND,
-                    f"{piece.name!r} isn't used as ground, {role.why}",
-                )
-            )
+            yield Doubt(DoubtKind.NOT_GROUND, f"{piece.name!r} isn't used as ground, {role.why}")
+
+
+def _shape_doubts(used: Used) -> Iterator[Doubt]:
+    """Yield doubts about steep ground, sheets above it, and what is around everything."""
     grounds = [piece for piece, role in used if role.use == "ground"]
     if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < LEVEL:
-        doubts.append(
-            Doubt(
-                DoubtKind.STEEP_GROUND,
-                f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep: if buildings are part of "
-                "it, vehicles are placed on their roofs; make them objects of their own in Blender",
-            )
-        )
+        steep = f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep"
+        text = "if buildings are part of it, vehicles are placed on their roofs; make them objects of their own"
+        yield Doubt(DoubtKind.STEEP_GROUND, f"{steep}: {text} in Blender")
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
     for sheet, above in canopies(solid, [piece.bounds for piece in grounds]):
         name = as_key([sheet.name])
-        doubts.append(
-            Doubt(
-                DoubtKind.SHEET_ABOVE,
-                f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it; if "
-                f"it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}",
-            )
-        )
+        text = f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it"
+        keys = f"if it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}"
+        yield Doubt(DoubtKind.SHEET_ABOVE, f"{text}; {keys}")
     if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
-        doubts.append(
-            Doubt(
-                DoubtKind.AROUND_ALL,
-                f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
-                f"drop = {as_key([around.name])}",
-            )
-        )
+        text = f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
+        yield Doubt(DoubtKind.AROUND_ALL, f"{text}drop = {as_key([around.name])}")
+
+
+def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
+    """Yield doubts about a scenery's size and its up axis."""
     *sides, height = report.size
-    across = max(sides)
+    across, other = max(sides), "z" if report.up == "y" else "y"
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
-        doubts.append(
-            Doubt(
-                DoubtKind.SCALE,
-                f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is "
-                f"{report.unit:g} m)",
-            )
-        )
-    other = "z" if report.up == "y" else "y"
-    if height > across and options.up is None:
-        doubts.append(
-            Doubt(
-                DoubtKind.UP,
-                f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side',
-            )
-        )
-    elif min(sides) < EDGE * min(across, height) and options.up is None:
+        text = f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
+        yield Doubt(DoubtKind.SCALE, text)
+    if options.up is not None:
+        return
+    if height > across:
+        text = f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side'
+        yield Doubt(DoubtKind.UP, text)
+    elif min(sides) < EDGE * min(across, height):
         seen = " x ".join(map(length_said, sides))
-        doubts.append(
-            Doubt(
-                DoubtKind.UP,
-                f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"',
-            )
-        )
-    return (*doubts, *_missing(report.missing))
+        text = f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"'
+        yield Doubt(DoubtKind.UP, text)
 
 
-def _perhaps_water(used: Sequence[tuple[Piece, PieceRole]], wet: Sequence[str]) -> list[Doubt]:
-    """Return doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
+def _perhaps_water(used: Used, wet: Sequence[str]) -> Iterator[Doubt]:
+    """Yield doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
     ground = [piece for piece, role in used if role.use == "ground"]
     dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
-    doubts = [
-        Doubt(
-            DoubtKind.WATER,
+    for name, material in list(dict.fromkeys(dressed))[:MOST_NAMES]:
+        text = (
             f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
-            "Blender and name it in water",
         )
-        for name, material in list(dict.fromkeys(dressed))[:MOST_NAMES]
-    ]
+        yield Doubt(DoubtKind.WATER, f"{text}Blender and name it in water")
     open_ = [i for i, (_, role) in enumerate(used) if role.use == "obstacle" and role.by is By.DEFAULT]
     found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
     if found:
-        names = quoted([used[i][0].name for i in found])
-        doubts.append(
-            Doubt(
-                DoubtKind.PERHAPS_WATER,
-                f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water",
-            )
-        )
-    return doubts
+        names = quoted(used[i][0].name for i in found)
+        text = f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water"
+        yield Doubt(DoubtKind.PERHAPS_WATER, text)
 
 
 def _proposed_ground(among: Sequence[Piece]) -> str:
@@ -219,14 +176,10 @@ def _level_area(pieces: Sequence[Piece]) -> float:
     return sum(piece.level * piece.area for piece in pieces)
 
 
-def _missing(missing: Sequence[Missing]) -> list[Doubt]:
-    return [
-        Doubt(
-            DoubtKind.MISSING,
-            f"{m.problem}: {m.path}, used by {quoted(m.wanted_by) if m.wanted_by else 'the file'}",
-        )
-        for m in missing
-    ]
+def _missing(missing: Sequence[Missing]) -> Iterator[Doubt]:
+    for one in missing:
+        users = quoted(one.wanted_by) if one.wanted_by else "the file"
+        yield Doubt(DoubtKind.MISSING, f"{one.problem}: {one.path}, used by {users}")
 
 
 def likely_scale(longest: float, unit: float, usual: tuple[float, float] = LIKELY_LENGTHS) -> str:

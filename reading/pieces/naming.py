@@ -26,8 +26,9 @@ GUN_HINTS = (
     *("eldror", "namlu", "kanonsloop", "shuhou", "paoguan", "пушка", "ствол", "орудие", "炮管", "砲身", "포신"),
 )
 NOT_GUN_HINTS = (
-    *("machine", "mitrailleuse", "maschinen", "pulemet", "smoke", "rauch", "fume", "auspuff", "abgas", "fuel", "kraft"),
-    *("treib", "oil", "drum", "rack", "ammo", "munition", "coax", "gunner", "gunmetal", "gunpowder", "begun"),
+    *("machine", "mitrailleuse", "maschinen", "pulemet", "smoke", "rauch", "fume", "auspuff", "abgas", "fuel"),
+    *("kraft", "treib", "oil", "drum", "rack", "ammo", "munition", "coax", "gunner", "gunmetal", "gunpowder"),
+    *("begun",),
 )
 
 ARMED = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # carried by an aiming part
@@ -41,8 +42,8 @@ FRONT = (  # parts at a vehicle's nose
 )
 REAR = (  # parts at its tail
     *("rear", "tail", "taillight", "tail lamp", "tailgate", "trunk", "brake light", "back", "exhaust", "tow bar"),
-    *("tow hook", "tow hitch", "trailer hitch"),
-    *("heck", "hinten", "rueckleuchte", "auspuff", "arriere", "hayon", "zad", "posteriore", "trasero"),
+    *("tow hook", "tow hitch", "trailer hitch", "heck", "hinten", "rueckleuchte", "auspuff", "arriere", "hayon"),
+    *("zad", "posteriore", "trasero"),
 )
 
 VEHICLE = (  # parts that only vehicles have
@@ -50,55 +51,16 @@ VEHICLE = (  # parts that only vehicles have
 )
 
 VEHICLES = (  # whole ones
-    *(
-        "vehicle",
-        "car",
-        "truck",
-        "lorry",
-        "bus",
-        "van",
-        "minivan",
-        "pickup",
-        "jeep",
-        "suv",
-        "sedan",
-        "hatchback",
-        "taxi",
-    ),
-    *(
-        "cab",
-        "limousine",
-        "ambulance",
-        "firetruck",
-        "humvee",
-        "tractor",
-        "bulldozer",
-        "excavator",
-        "motorcycle",
-        "motorbike",
-    ),
-    *("tank", "mbt", "apc", "ifv", "howitzer", "semi trailer", "police car"),
-    *("auto", "pkw", "lkw", "lastwagen", "panzer", "voiture", "camion", "coche", "macchina", "samochod", "ciezarowka"),
+    *("vehicle", "car", "truck", "lorry", "bus", "van", "minivan", "pickup", "jeep", "suv", "sedan", "hatchback"),
+    *("taxi", "cab", "limousine", "ambulance", "firetruck", "humvee", "tractor", "bulldozer", "excavator"),
+    *("motorcycle", "motorbike", "tank", "mbt", "apc", "ifv", "howitzer", "semi trailer", "police car", "auto"),
+    *("pkw", "lkw", "lastwagen", "panzer", "voiture", "camion", "coche", "macchina", "samochod", "ciezarowka"),
     *("mashina", "avtomobil", "автомобиль", "машина", "танк", "грузовик", "汽车", "自動車"),
 )
 NO_VEHICLES = (  # things beside vehicles, or that hold water
-    *(
-        "park",
-        "parking",
-        "port",
-        "carport",
-        "garage",
-        "stop",
-        "station",
-        "shelter",
-        "wash",
-        "lane",
-        "track",
-        "sign",
-        "toll",
-    ),
-    *("barrier", "trap", "wheel", "tire", "tyre", "road", "street", "water", "fuel", "oil", "gas", "septic", "storage"),
-    *("tower", "rail", "cable", "ramp", "propane", "rain", "auto save"),
+    *("park", "parking", "port", "carport", "garage", "stop", "station", "shelter", "wash", "lane", "track", "sign"),
+    *("toll", "barrier", "trap", "wheel", "tire", "tyre", "road", "street", "water", "fuel", "oil", "gas", "septic"),
+    *("storage", "tower", "rail", "cable", "ramp", "propane", "rain", "auto save"),
 )
 
 NO_TURRET = (  # vehicles without a turret
@@ -107,8 +69,8 @@ NO_TURRET = (  # vehicles without a turret
 )
 
 BODY = (  # other parts of vehicles: a file with such names would name a turret too
-    *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window", "glass"),
-    *("bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
+    *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window"),
+    *("glass", "bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
 )
 
 HELPERS = (
@@ -128,10 +90,10 @@ GROUND = (
 )
 NOT_GROUND = (
     *("rock", "stone", "boulder", "tree", "bush", "bushes", "shrub", "grass", "grasses", "plant", "fern", "flower"),
-    *("leaf", "leaves", "branch", "branches", "log", "trunk", "stump", "fence", "wall", "sign", "lamp", "pole", "post"),
-    *("house", "building", "hut", "bridge", "car", "cover", "scatter", "debris", "water", "sky", "skydome", "cloud"),
-    *("barrier", "guardrail", "kerb", "curb", "fog", "asset", "prop", "vegetation", "foliage", "forest", "obstacle"),
-    *("prototype",),
+    *("leaf", "leaves", "branch", "branches", "log", "trunk", "stump", "fence", "wall", "sign", "lamp", "pole"),
+    *("post", "house", "building", "hut", "bridge", "car", "cover", "scatter", "debris", "water", "sky", "skydome"),
+    *("cloud", "barrier", "guardrail", "kerb", "curb", "fog", "asset", "prop", "vegetation", "foliage", "forest"),
+    *("obstacle", "prototype"),
 )
 WATER = (  # substances
     *("water", "wasser", "eau", "agua", "água", "acqua", "woda", "voda", "vatten", "vann", "vand", "вода", "水"),
@@ -141,20 +103,18 @@ WATER = (  # substances
 )
 WATERS = (  # bodies of water
     *("lake", "river", "sea", "ocean", "pond", "pool", "stream", "creek", "brook", "lagoon", "canal", "swamp"),
-    *("puddle",),
-    *("flood", "lakesurface", "riversurface", "oceansurface", "oceanplane", "seasurface"),
-    *("see", "fluss", "teich", "meer", "ozean", "bach", "tümpel", "weiher", "kanal", "pfütze"),
-    *("lac", "rivière", "riviere", "fleuve", "mer", "océan", "étang", "etang", "ruisseau"),
-    *("lago", "río", "rio", "mar", "océano", "oceano", "estanque", "laguna", "fiume", "mare", "stagno", "lagoa"),
-    *("jezioro", "rzeka", "morze", "staw", "jezero", "řeka", "reka", "rybník", "ozero", "more", "prud"),
-    *("озеро", "река", "море", "пруд", "rivier", "vijver", "sjö", "sjø", "hav", "flod", "elv", "göl", "deniz", "nehir"),
-    *("湖", "河", "海", "川", "池", "湖面", "海面"),
+    *("puddle", "flood", "lakesurface", "riversurface", "oceansurface", "oceanplane", "seasurface", "see", "fluss"),
+    *("teich", "meer", "ozean", "bach", "tümpel", "weiher", "kanal", "pfütze", "lac", "rivière", "riviere", "fleuve"),
+    *("mer", "océan", "étang", "etang", "ruisseau", "lago", "río", "rio", "mar", "océano", "oceano", "estanque"),
+    *("laguna", "fiume", "mare", "stagno", "lagoa", "jezioro", "rzeka", "morze", "staw", "jezero", "řeka", "reka"),
+    *("rybník", "ozero", "more", "prud", "озеро", "река", "море", "пруд", "rivier", "vijver", "sjö", "sjø", "hav"),
+    *("flod", "elv", "göl", "deniz", "nehir", "湖", "河", "海", "川", "池", "湖面", "海面"),
 )
 NOT_WATER = (  # things near water
-    *("bed", "bottom", "shore", "bank", "beach", "coast", "side", "edge", "tower", "tank", "pump", "bottle", "barrel"),
-    *("drum", "trough", "mill", "wheel", "lily", "lilies", "weed", "melon", "pipe", "hose", "hydrant", "fall", "well"),
-    *("barrier", "barriers", "guardrail", "kerb", "curb", "boat", "ship", "bird", "dam", "pier", "gate", "lock"),
-    *("window", "glass", "roof", "greenhouse", "under"),
+    *("bed", "bottom", "shore", "bank", "beach", "coast", "side", "edge", "tower", "tank", "pump", "bottle"),
+    *("barrel", "drum", "trough", "mill", "wheel", "lily", "lilies", "weed", "melon", "pipe", "hose", "hydrant"),
+    *("fall", "well", "barrier", "barriers", "guardrail", "kerb", "curb", "boat", "ship", "bird", "dam", "pier"),
+    *("gate", "lock", "window", "glass", "roof", "greenhouse", "under"),
 )
 BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
 
