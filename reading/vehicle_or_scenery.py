@@ -57,7 +57,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
             f"{max(_extent(kept or pieces)):,.0f} m long",
             remedy="list it under [[assets.sceneries]], or name the vehicle's objects in `keep`, or set its `scale`",
         )
-    overrides = (options.scale, options.include, options.exclude, options.ground, options.not_ground, options.drop)
+    overrides = (options.scale, options.ground, options.not_ground, options.drop)
     if any(overrides) or likely_kind(pieces, options) == "scenery":
         return None
     telling = next((p.name for p in pieces if first_match(p.name, VEHICLE)), None)

@@ -121,7 +121,8 @@ WRONG = [  # the addition, the key in the error, and its text
     ("[placement]\nmax_slope = 20", "unknown key placement.max_slope", "did you mean placement.max_slope_deg?"),
     ("[placement]\nfov_x_deg = 20", "unknown key placement.fov_x_deg", "did you mean camera.fov_x_deg?"),
     ("[placment]\nmargin = 1", "unknown key placment", "did you mean placement?"),
-    ("[ground]\nqwerty = 1", "unknown key ground.qwerty", "known here: exclude, fallback_z, include"),
+    ("[ground]\ninclude = ['Hills']", "ground.include is gone; ", "`ground` of each scenery"),
+    ("[ground]\nqwerty = 1", "unknown key ground.qwerty", "known here: fallback_z"),
     (WEATHER, "weather", f"{', '.join(KINDS)} are 1.1 together; expected shares of at most 1 in all"),
     *((f"[camera]\nfov_x_deg = {x}", f"camera.fov_x_deg = {x}", "0.1 <= low <= high <= 179")
       for x in ("[50, 40]", "'wide'", "nan", "[1, 2, 3]")),

@@ -52,10 +52,7 @@ hdris = ["*.hdr"]
 vehicles = [
     { path = "tank.blend", category = "tank", scale = 0.01, forward = "+y", drop = ["Crate"], turret_limits_deg = 30 },
 ]
-sceneries = [{ path = "park.blend" }]
-
-[ground]
-include = ["Lawn"]
+sceneries = [{ path = "park.blend", ground = ["Lawn"] }]
 
 [budget]
 images_per_class = 1

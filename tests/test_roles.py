@@ -185,7 +185,7 @@ def test_a_vehicle_listed_as_a_scenery_is_refused_by_its_names() -> None:
         with pytest.raises(AssetError, match=r"looks like a vehicle but is listed as a scenery: it contains 'Hull'"):
             refuse_wrong_kind("scenery", pieces, Options())
         assert refuse_wrong_kind("vehicle", pieces, Options()) is None
-        assert refuse_wrong_kind("scenery", pieces, Options(include=("floor",))) is None
+        assert refuse_wrong_kind("scenery", pieces, Options(ground=("Floor",))) is None
     rocks = [piece("Rock", size=(6, 3, 1))]
     doubt = refuse_wrong_kind("scenery", rocks, Options())
     assert doubt is not None

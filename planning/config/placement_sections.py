@@ -1,4 +1,4 @@
-"""The config's `[ground]` and `[placement]`: the ground's objects, and where vehicles stand on it."""
+"""The config's `[ground]` and `[placement]`: where vehicles stand."""
 
 from __future__ import annotations
 
@@ -6,16 +6,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from hulldown.planning.config.section import AtLeastZero, Lengths, Patterns, Section, ranged
+from hulldown.planning.config.section import AtLeastZero, Lengths, Section, ranged
 
 
 class GroundSection(Section):
-    """Which objects are ground in all sceneries, by name (paper, section 2.1.5)."""
+    """What replaces missing ground (paper, section 2.1.5)."""
 
-    include: Patterns = ()
-    """patterns of objects that are ground"""
-    exclude: Patterns = ()
-    """patterns of objects that aren't ground"""
     fallback_z: float = 0.0
     """height of the plane that replaces missing ground, meters"""
 

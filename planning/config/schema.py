@@ -39,6 +39,8 @@ REMOVED_KEYS = MappingProxyType(
     {
         "sensor": "`train` adds blur, noise, and compression (docs/training.md)",
         "assets.sceneries.buildings": "model them in Blender, or import them there by BlenderGIS, and list the .blend",
+        "ground.include": "name what is ground in the `ground` of each scenery",
+        "ground.exclude": "name what isn't ground in the `not_ground` of each scenery",
         "placement.rule = 'least_squares'": 'use "support", which is nearer to the resting pose',
         **{
             f"assets.{kind}.paint.{key}": "list the `colors` to draw from"

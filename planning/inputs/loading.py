@@ -237,11 +237,10 @@ def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
     """Return the options for reading a file: those of its entry in the config, and shared ones."""
     names = {field.name for field in fields(Options)}
     options = {key: value for key, value in entry if key in names}
-    if isinstance(entry, SceneryEntry):
-        options |= {"include": config.ground.include, "exclude": config.ground.exclude}
-        if entry.texture:  # relative to the scenery's folder, so that moving the project changes nothing
-            folder = (config.folder / entry.path).parent
-            options["texture"] = Path(os.path.relpath(config.folder / entry.texture, folder)).as_posix()
+    if isinstance(entry, SceneryEntry) and entry.texture:
+        # Relative to the scenery's folder, so that moving the project changes nothing.
+        folder = (config.folder / entry.path).parent
+        options["texture"] = Path(os.path.relpath(config.folder / entry.texture, folder)).as_posix()
     return Options(**options, texture_size=config.assets.texture_size)
 
 

@@ -25,8 +25,6 @@ class Options:
     # turret_pivot, gun_pivot: their pivots: a point in the file's axes and units, or the name of an object
     turret_pivot: str | tuple[float, float, float] | None = None
     gun_pivot: str | tuple[float, float, float] | None = None
-    include: tuple[str, ...] = ()  # include, exclude: patterns of ground, and of other objects, in all sceneries
-    exclude: tuple[str, ...] = ()
     # ground, not_ground, water: the same in this scenery, and its water; None: found by name, material, and shape
     ground: tuple[str, ...] = ()
     not_ground: tuple[str, ...] = ()

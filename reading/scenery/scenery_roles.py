@@ -14,15 +14,8 @@ from hulldown.reading.pieces.roles import Piece, PieceRole, Unseen
 from hulldown.reading.scenery.shape import carpets, ground_by_shape, is_wide_and_level, sheets_between, sunken
 
 NARROWEST = 1.0  # meters, of water by its name or material
-# The scenery's own keys in the order in which they are asked, then those of the table [ground] for all sceneries.
-ASKED = (
-    ("drop", "removed", "the scenery's drop"),
-    ("water", "water", "the scenery's water"),
-    ("not_ground", "obstacle", "the scenery's not_ground"),
-    ("ground", "ground", "the scenery's ground"),
-    ("exclude", "obstacle", "the config's ground.exclude"),
-    ("include", "ground", "the config's ground.include"),
-)
+# The scenery's keys in the order in which they are asked.
+ASKED = (("drop", "removed"), ("water", "water"), ("not_ground", "obstacle"), ("ground", "ground"))
 _DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")))
 
 
@@ -69,7 +62,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
 
 def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
     """Return the first key and pattern of a scenery without a match; None if all match."""
-    for key in ("drop", "water", "not_ground", "ground"):
+    for key, _ in ASKED:
         for pattern in getattr(options, key) or ():
             drawn = any(piece.carrier and _is(piece.carrier, pattern) for piece in pieces) and key == "drop"
             if not drawn and not any(matching(piece, (pattern,)) for piece in pieces):
@@ -132,12 +125,12 @@ def _role(piece: Piece, options: Options) -> PieceRole:
 def _by_config(piece: Piece, options: Options) -> PieceRole | None:
     if piece.carrier and any(_is(piece.carrier, pattern) for pattern in options.drop):
         return PieceRole("removed", f"it is drawn by {piece.carrier!r}, which the scenery's `drop` names", By.CONFIG)
-    for key, use, whose in ASKED:
+    for key, use in ASKED:
         if use == "ground" and piece.anonymous:
             continue  # its only name is that of the ground that carries it
         if found := matching(piece, getattr(options, key) or ()):
             level, name, pattern = found
-            return PieceRole(use, f"{level} {name!r} matches {pattern!r} of {whose}", By.CONFIG)
+            return PieceRole(use, f"{level} {name!r} matches {pattern!r} of the scenery's {key}", By.CONFIG)
     return None
 
 
