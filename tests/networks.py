@@ -89,4 +89,4 @@ def nano_module(settings, classes, folder):
 def nano_weights(folder):
     settings = load_settings(None, {"model": "nano", "resolution": 64, "weights": "none", "queries": 20, "groups": 1})
     module = nano_module(settings, CLASSES, folder)
-    return detr.saved_detr(module, CLASSES, module.model)
+    return detr.detr_contents(module, CLASSES, module.model)

@@ -17,8 +17,8 @@ from hulldown.training.detectors.detector import WEIGHTS_NAME
 from hulldown.training.detectors.detr import (
     DetrDetector,
     detr_configs,
+    detr_contents,
     normalized,
-    saved_detr,
     starting_module,
     starting_weights,
 )
@@ -65,7 +65,7 @@ def detr_trainee(settings: Settings, classes: Sequence[str], device: torch.devic
 
     def save(network: Any, run: Path) -> None:
         content = io.BytesIO()  # PyTorch hides the reason of a full disk
-        torch.save(saved_detr(module, classes, network), content)
+        torch.save(detr_contents(module, classes, network), content)
         replace_file(run / WEIGHTS_NAME, content.getbuffer())
 
     return Trainee(

@@ -71,7 +71,7 @@ def fit(trainee: Trainee, training: Training) -> RunFigures:
     done = _steps_done(checkpoint, trainee.module) if checkpoint.exists() else None
     batches = Batches(len(training.examples), batch=settings.batch, first=(done or 0) * settings.accumulate)
     loader = _Loader(
-        training.examples, batch_sampler=batches, collate_fn=partial(_collated, trainee.collate),
+        training.examples, batch_sampler=batches, collate_fn=partial(_collate_or_error, trainee.collate),
         num_workers=training.workers, prefetch_factor=4 if training.workers else None,
     )  # fmt: skip
     recorder = Recorder(trainee, training)
@@ -85,7 +85,7 @@ def fit(trainee: Trainee, training: Training) -> RunFigures:
         accumulate_grad_batches=settings.accumulate,
         callbacks=[trainee.average, recorder, keeper],
         logger=_loggers(settings.logger, training.folder.path),
-        plugins=[_WholeFiles()],
+        plugins=[AtomicCheckpointIO()],
         enable_progress_bar=False,
         enable_model_summary=False,
         num_sanity_val_steps=0,
@@ -172,10 +172,11 @@ class Recorder(pl.Callback):
         return found
 
 
-class _WholeFiles(TorchCheckpointIO):
+class AtomicCheckpointIO(TorchCheckpointIO):
     """Writes checkpoints in one step on any disk; Lightning moves them from another folder."""
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
+        """Write a checkpoint."""
         with replacing(Path(path)) as file:
             torch.save(checkpoint, file)
 
@@ -190,7 +191,7 @@ class _Loader(DataLoader[Any]):
             yield batch
 
 
-def _collated(collate: Callable[[Sequence[Example]], Any], batch: Sequence[Example | HulldownError]) -> Any:
+def _collate_or_error(collate: Callable[[Sequence[Example]], Any], batch: Sequence[Example | HulldownError]) -> Any:
     """Return a batch, or the first error in it."""
     examples = [one for one in batch if not isinstance(one, HulldownError)]
     errors = [one for one in batch if isinstance(one, HulldownError)]

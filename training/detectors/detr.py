@@ -144,7 +144,7 @@ def normalized(pictures: Tensor) -> Tensor:
     return normalize(pictures.float() / 255, MEAN, DEVIATION)
 
 
-def saved_detr(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
+def detr_contents(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
     """Return the contents of a weights file, which `rfdetr.RFDETR.from_checkpoint` opens too."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     config = BestModelCallback._serialize_model_config(module, state)

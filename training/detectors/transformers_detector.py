@@ -79,7 +79,7 @@ def starting_network(settings: Settings, classes: Sequence[str]) -> tuple[Any, A
     names = {"id2label": dict(enumerate(classes)), "label2id": {name: i for i, name in enumerate(classes)}}
     size = {"height": settings.resolution, "width": settings.resolution}
     if settings.weights == "none":
-        config = _fitted_config(nano_config(**names), settings)
+        config = _config_with_queries(nano_config(**names), settings)
         return AutoModelForObjectDetection.from_config(config), RTDetrImageProcessor(size=size)
     source = settings.weights or D_FINE_NANO
     if Path(source).is_dir():
@@ -106,7 +106,7 @@ def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
             new[key].copy_(old[key][rows + last])
 
 
-def _fitted_config(config: Any, settings: Settings) -> Any:
+def _config_with_queries(config: Any, settings: Settings) -> Any:
     """Return a config with as many queries as the settings ask for, and no more than the input has cells."""
     if settings.queries is not None:
         config.num_queries = settings.queries
@@ -127,7 +127,7 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
             config = AutoConfig.from_pretrained(source, trust_remote_code=False, **names)
             processor = AutoImageProcessor.from_pretrained(source, trust_remote_code=False)
             network, found = AutoModelForObjectDetection.from_pretrained(
-                source, config=config if settings is None else _fitted_config(config, settings),
+                source, config=config if settings is None else _config_with_queries(config, settings),
                 ignore_mismatched_sizes=settings is not None, use_safetensors=True, output_loading_info=True,
                 trust_remote_code=False,
             )  # fmt: skip
