@@ -27,10 +27,10 @@ from hulldown.base.code import version_of
 ROOT = Path(__file__).parents[1]
 SUITES = (
     "top_hits", "top_hits_demo", "settling", "visibility", "boxes", "coco", "planning", "rendering", "cluster",
-    "evaluation", "reading",
+    "reading",
 )  # fmt: skip
 HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
-LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "distributed", "open3d", "pycocotools", "faster-coco-eval")
+LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "distributed", "open3d", "pycocotools")
 
 
 def main() -> int:

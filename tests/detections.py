@@ -8,7 +8,7 @@ import numpy as np
 
 from hulldown.dataset.images import LabeledImages
 from hulldown.training.evaluation.labels import Labels, labels_of
-from hulldown.training.evaluation.matching import match, overlapping
+from hulldown.training.evaluation.matching import match
 from hulldown.training.evaluation.metrics import sums_by
 from hulldown.training.evaluation.predictions import Predictions, predictions_of
 
@@ -44,8 +44,7 @@ def loaded(coco, found) -> tuple[Labels, Predictions]:
 
 
 def matched(coco, found):
-    labels, predictions = loaded(coco, found)
-    return match(labels, predictions, overlapping(labels, predictions))
+    return match(*loaded(coco, found))
 
 
 def by_position(seen):

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image
 from selenium.webdriver.common.by import By
-from selenium.webdriver.support.ui import Select
 
 from hulldown.cli import main
 from hulldown.tests.detections import dataset, random_case, results
@@ -70,13 +69,9 @@ def test_the_report_has_the_documented_keys_and_hand_counted_figures(weak):
     classes = found["per_class"]
     for key, count in (("tp", 11), ("fp", 6), ("fn", 7)):
         assert found["overall"][key] == classes["tank"][key] + classes["truck"][key] == count
-    assert found["errors"]["class"]["count"] == 1
-    # Two positions are too few for an interval, and so for a worst bin.
-    assert found["overall"]["intervals"]["recall"] == [None, None]
-    assert found["worst_bins"] == []
+    assert found["overall"]["intervals"]["recall"] == [None, None]  # two positions are too few
     rows = [[row[key] for key in ("bin", "labels", "found", "detections")] for row in found["bins"]["distance"]]
     assert rows == [["25 to 50 m", 12, 11, None], ["200 to 400 m", 6, 0, None]]
-    assert {row["bin"] for row in found["bins"]["scenery"]} == {"hills", "steppe"}
     assert found["confusion"]["classes"] == ["tank", "truck", "background"]
     assert np.array(found["confusion"]["counts"]).sum() == 11 + 1 + 5 + 6
     with (output / "metrics.csv").open(newline="") as file:
@@ -86,11 +81,15 @@ def test_the_report_has_the_documented_keys_and_hand_counted_figures(weak):
     assert lines["per_class.truck"]["mean_confidence_fp"] == ""
 
 
+def labels_shown(path, color=(0, 200, 120)):
+    """Pixels of a sheet in the color of labels, or another one."""
+    with Image.open(path) as sheet:
+        return (abs(np.asarray(sheet).astype(int) - color) < 40).all(axis=2).sum()
+
+
 def test_sheets_show_misses_and_false_positives(weak):
-    _, output = weak
-    for name, color in (("misses.png", (0, 200, 120)), ("false_alarms.png", (255, 120, 0))):
-        pixels = np.asarray(Image.open(output / name)).astype(int)
-        assert (abs(pixels - color) < 40).all(axis=2).sum() > 500  # thumbnails are JPEG
+    assert labels_shown(weak[1] / "misses.png") > 500
+    assert labels_shown(weak[1] / "false_alarms.png", (255, 120, 0)) > 500
 
 
 def test_a_second_report_is_equal_to_the_byte(weak, scene, tmp_path):
@@ -99,37 +98,15 @@ def test_a_second_report_is_equal_to_the_byte(weak, scene, tmp_path):
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 
 
-def test_the_page_filters_misses_by_outcome_class_and_bin(weak, browser):
+def test_the_page_has_figures_bins_and_sheets(weak, browser):
     browser.get((weak[1] / "report.html").as_uri())
-    tiles = browser.find_elements(By.CSS_SELECTOR, ".tile")
-    assert len(tiles) == 11 + 6 + 7
-
-    def shown():
-        return [tile.find_element(By.TAG_NAME, "strong").text for tile in tiles if tile.is_displayed()]
-
-    def choose(facet, value):
-        Select(browser.find_element(By.CSS_SELECTOR, f"select[data-facet={facet}]")).select_by_value(value)
-
-    choose("outcome", "missed")
-    assert len(shown()) == 7
-    choose("class", "truck")
-    assert shown() == ["truck missed"]
-    choose("class", "")
-    choose("distance", "200 to 400 m")
-    assert shown() == ["tank missed"] * 6
-    choose("distance", "")
-    choose("outcome", "false alarm")
-    choose("cause", "background")
-    assert len(shown()) == 5
-    details = next(d for d in browser.find_elements(By.TAG_NAME, "details") if d.text.startswith("by scenery"))
-    details.click()
-    details.find_elements(By.CSS_SELECTOR, ".choose")[0].click()
-    assert 0 < len(shown()) < 24
+    text = browser.find_element(By.TAG_NAME, "main").text
+    assert "true positives (TP) 11 " in text
+    assert "200 to 400 m 6 0 0.000 (too few positions to tell)" in text
     assert [line for line in browser.get_log("browser") if line["level"] == "SEVERE"] == []
     decoded = """const done = arguments[0], images = [...document.querySelectorAll("main img")];
-        for (const image of images) image.loading = "eager";
         Promise.all(images.map((i) => i.decode())).then(() => done(images.length), (error) => done(String(error)));"""
-    assert browser.execute_async_script(decoded) > 24
+    assert browser.execute_async_script(decoded) == 2 + 2  # charts and sheets
 
 
 def test_detectors_are_compared_with_the_first(scene, tmp_path, browser):
@@ -181,16 +158,14 @@ def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
         assert {one[key] for key in ("fp", "fn")} == {0}
         assert one["intervals"]["recall"][1] == one["intervals"]["ap50"][1] == 1
         assert 0.5 < one["intervals"]["recall"][0] < 0.9
-    assert {one["count"] for one in got["errors"].values()} == {0}
-    assert {one["ap50"] for one in got["errors"].values()} == {0}
 
 
-def test_missing_pictures_are_named_and_do_not_change_figures(scene, weak, tmp_path, browser):
+def test_missing_pictures_do_not_change_figures(scene, weak, tmp_path):
     shutil.copy(scene / "annotations.json", tmp_path)
     found = evaluated(tmp_path, [scene / "weak.json"], tmp_path / "r")
     assert found["overall"] == weak[0]["overall"]
-    browser.get((tmp_path / "r" / "report.html").as_uri())
-    assert "couldn't be read: images/1.png is missing" in browser.find_element(By.TAG_NAME, "body").text
+    assert labels_shown(weak[1] / "misses.png") > 500
+    assert labels_shown(tmp_path / "r" / "misses.png") == 0  # captions name the missing ones
 
 
 def test_the_threshold_can_come_from_a_validation_set(scene, tmp_path):
@@ -199,13 +174,6 @@ def test_the_threshold_can_come_from_a_validation_set(scene, tmp_path):
     valid = stored(tmp_path / "valid", dataset(boxes), found=results(found))
     got = evaluated(scene, [scene / "weak.json"], tmp_path / "r", validation=[valid, valid / "found.json"])
     assert (got["threshold"], got["threshold_source"]) == (0.7, "validation")
-
-
-def test_a_threshold_chosen_on_the_test_set_is_reported(scene, tmp_path):
-    got = evaluated(scene, [scene / "weak.json"], tmp_path, threshold="best")
-    assert got["threshold_source"] == got["per_class"]["tank"]["threshold_source"] == "test"
-    assert "recall, at a threshold chosen on this set" in (tmp_path / "report.html").read_text()
-    assert "chosen on the test set itself" in (tmp_path / "report.html").read_text()
 
 
 def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
@@ -223,7 +191,7 @@ def test_the_command_writes_and_prints_the_report(scene, tmp_path, capsys):
     [
         ("nowhere.json", (), "nowhere.json: no such file"),
         ("annotations.json", (), "detection 0: score is None"),
-        ("none.json", ("--threshold", "best"), "none: has nothing to choose a threshold from; give one with --thresh"),
+        ("weak.json", ("--validation", ".", "none.json"), "has nothing to choose a threshold from; give one with --th"),
         ("weak.json", ("--validation", "."), "names 0 files of detections where 1 are evaluated"),
     ],
 )
@@ -236,7 +204,7 @@ def test_a_mistake_is_a_one_line_error_and_leaves_nothing(scene, tmp_path, monke
     assert not (tmp_path / "r").exists()
 
 
-@pytest.mark.parametrize("words", [["--threshold", "2"], ["--iou", "0"], ["--threshold", "x"]])
+@pytest.mark.parametrize("words", [["--threshold", "2"], ["--iou", "0"], ["--threshold", "best"]])
 def test_a_number_out_of_range_is_refused(words, capsys):
     with pytest.raises(SystemExit) as caught:
         main(["evaluate", "d", "p", "-o", "r", *words])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.stats import binomtest
 
-from hulldown.tests.detections import by_position, dataset, loaded, matched, random_case, results, total
+from hulldown.tests.detections import dataset, loaded, matched, random_case, results, total
 from hulldown.training.evaluation.average_precision import (
     IOUS,
     resampled_averages,
@@ -18,9 +18,8 @@ from hulldown.training.evaluation.bootstrap import (
     standard_error,
 )
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
-from hulldown.training.evaluation.matching import match, overlapping
-from hulldown.training.evaluation.metrics import SHARES, confusion, curves, denominators, figures, sums_at_best
-from hulldown.training.evaluation.tide import CAUSES, errors
+from hulldown.training.evaluation.matching import match_repeatedly
+from hulldown.training.evaluation.metrics import SHARES, confusion, curves, denominators, figures
 
 
 def test_figures_and_confusion_of_one_image_by_hand():
@@ -69,77 +68,9 @@ def test_a_position_drawn_three_times_counts_as_three_images(seed):
 def averages(coco, found, times):
     """`AVERAGES` of each class, where each image counts so many times."""
     labels, predictions = loaded(coco, found)
-    pairs = overlapping(labels, predictions)
-    matchings = [match(labels, predictions, pairs, iou=iou) for iou in IOUS]
+    matchings = match_repeatedly(labels, predictions, IOUS)
     weights = np.bincount(labels.position, weights=times)
     return resampled_averages(matchings, np.stack([np.ones_like(weights), weights]))[1]
-
-
-def errors_of(boxes, found):
-    return errors(matched(dataset(boxes), results(found)))
-
-
-# A label of class 1 at x = 0, and the kind of each detection.
-BOX = (0, 0, 100, 100)
-TIDE = {
-    "class": [(1, 2, BOX, 0.9)],
-    "localization": [(1, 1, (60, 0, 100, 100), 0.9)],
-    "both": [(1, 2, (60, 0, 100, 100), 0.9)],
-    "duplicate": [(1, 1, BOX, 0.9), (1, 1, (5, 0, 100, 100), 0.8)],
-    "background": [(1, 1, (300, 0, 100, 100), 0.9)],
-    "missed": [],
-}
-
-
-@pytest.mark.parametrize("cause", TIDE)
-def test_one_error_of_each_kind_has_its_name(cause):
-    found = errors_of([(1, 1, BOX)], TIDE[cause])
-    assert [CAUSES[c] for c in found.cause if c >= 0] == [cause] * (cause != "missed")
-    # Without the only missed label, nothing is left to find.
-    repair = {"class": "class", "localization": "localization", "both": "missed", "missed": "missed"}.get(cause)
-    assert found.loss == pytest.approx({name: float(name == repair) for name in CAUSES})
-
-
-HALF = 51 / 101  # of the 101 recalls, those up to 0.5
-COSTS = {
-    "a false positive before the first match; a label that is confused and missed": (
-        [(1, BOX), (1, (200, 0, 100, 100))],
-        [(1, 1, (500, 0, 100, 100), 0.9), (1, 1, BOX, 0.8), (1, 2, (200, 0, 100, 100), 0.7)],
-        {"background": HALF - 0.5 * HALF, "class": 2 / 3 - 0.5 * HALF},
-    ),
-    "a false positive of one class of two": (
-        [(1, BOX), (2, (200, 0, 100, 100))],
-        [(1, 1, (500, 0, 100, 100), 0.9), (1, 1, BOX, 0.8), (1, 2, (200, 0, 100, 100), 0.7)],
-        {"background": (1 - 0.5) / 2},
-    ),
-    "two errors for one label, of which fixing keeps the more confident": (
-        [(1, BOX), (1, (400, 0, 100, 100))],
-        [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, (0, 60, 100, 100), 0.8)],
-        {"localization": HALF},
-    ),
-    "a false positive beside a crowd with a detection in it": (
-        [(1, BOX), (1, (400, 0, 100, 100), {"iscrowd": 1})],
-        [(1, 1, (400, 0, 100, 100), 0.95), (1, 1, (800, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)],
-        {"background": 1 - 0.5},
-    ),
-    "a misplaced duplicate of a found label": (
-        [(1, BOX), (1, (400, 0, 100, 100))],
-        [(1, 1, (60, 0, 100, 100), 0.9), (1, 1, BOX, 0.8)],
-        {"localization": HALF - 0.5 * HALF, "missed": 0.5 - 0.5 * HALF},
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("case", COSTS)
-def test_the_cost_of_an_error_is_the_gain_of_fixing_it(case):
-    boxes, found, cost = COSTS[case]
-    assert errors_of([(1, *box) for box in boxes], found).loss == pytest.approx(dict.fromkeys(CAUSES, 0.0) | cost)
-
-
-def test_a_duplicate_that_also_touches_another_label_is_a_duplicate():
-    boxes = [(1, 1, BOX), (1, 1, (60, 0, 100, 100))]
-    found = [(1, 1, BOX, 0.9), (1, 1, (10, 0, 100, 100), 0.8)]
-    assert [CAUSES[c] for c in errors_of(boxes, found).cause if c >= 0] == ["duplicate"]
 
 
 def counted(found):
@@ -221,30 +152,6 @@ def test_different_seeds_widen_an_interval():
     assert 2 < freedom < 6
     alone, many = combined_error(0.03, 0.0, test_freedom=100, seed_freedom=0)
     assert (alone, many) == (pytest.approx(0.03), pytest.approx(100))
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_each_resample_chooses_its_own_threshold(seed):
-    matching = matched(*random_case(seed))
-    weights = np.concatenate([np.ones((1, 12)), np.eye(12)[:3] * 2])
-    chosen = sums_at_best(matching, weights)
-    for k, weight in enumerate(weights):
-        best = -1.0
-        for threshold in np.unique(matching.predictions.score):
-            each = by_position(matching.above(threshold))
-            best = max(best, float(np.nan_to_num(figures(weight @ each)["f1"])))
-        got = figures(chosen[k].sum(axis=0))["f1"]
-        assert np.nan_to_num(got) == pytest.approx(best, abs=1e-12)
-
-
-def test_a_threshold_chosen_on_the_test_set_is_chosen_again_in_every_resample():
-    labels, predictions = loaded(*random_case(0))
-    given, own = (
-        Evaluation(labels, predictions, threshold=Threshold(0.7, source)).resampled()["f1"]
-        for source in ("given", "test")
-    )
-    assert (own >= given - 1e-12).all()
-    assert (own > given).any()
 
 
 @pytest.mark.parametrize("groups", [7, 70_000])

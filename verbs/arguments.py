@@ -101,8 +101,3 @@ three_shares = argument(
 one_of_shares = argument("K/N with K from 1 to N, such as 3/8", _share, lambda share: 1 <= share[0] <= share[1])
 tile_size = argument("WxH, such as 640x480", _size, lambda size: min(size) >= 32)
 named_folder = argument("NAME=DIR, such as real=photographs", _named_folder)
-
-
-def threshold_or_best(text: str) -> float | str:
-    """Return a confidence, or the word best."""
-    return text if text == "best" else fraction(text)

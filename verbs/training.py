@@ -11,11 +11,11 @@ from hulldown.verbs.arguments import (
     Subparsers,
     add_verb,
     at_least_one,
+    fraction,
     fractions,
     named_folder,
     overlap,
     picture_name,
-    threshold_or_best,
     tile_size,
 )
 from hulldown.verbs.output import show_result
@@ -107,8 +107,7 @@ def _evaluate(arguments: argparse.Namespace) -> None:
     reports = found.runs if isinstance(found, DetectorReports) else {found.predictions: found}
     for name, one in reports.items():
         figures = (f"{key} {_figure(getattr(one.overall, key))}" for key in ("precision", "recall", "f1", "ap50"))
-        chosen = " (threshold chosen on this very set)" if one.threshold_source == "test" else ""
-        say(f"{name}: {', '.join(figures)}{chosen}")
+        say(f"{name}: {', '.join(figures)}")
     say(f"look at {arguments.output / 'report.html'}")
 
 
@@ -207,7 +206,7 @@ def add(verbs: Subparsers) -> None:
     sub.add_argument("-o", "--output", type=Path, metavar="MODEL", required=True, help="an .onnx file")
 
     sub = add_verb(
-        verbs, "evaluate", _evaluate, "evaluate detections, with intervals and causes of errors",
+        verbs, "evaluate", _evaluate, "evaluate detections, with intervals",
         "Reads a dataset and COCO results of any detector; writes report.html and report.json. Several files of "
         "results are compared with the first.",
     )  # fmt: skip
@@ -216,9 +215,8 @@ def add(verbs: Subparsers) -> None:
     sub.add_argument("-o", "--output", type=Path, metavar="DIR", required=True, help="folder of the report")
     choice = sub.add_mutually_exclusive_group()
     choice.add_argument(
-        "--threshold", type=threshold_or_best, default=0.5, metavar="T",
-        help="confidence threshold (default: 0.5); best: that of the best F1 on DATASET, which gives too good figures",
-    )  # fmt: skip
+        "--threshold", type=fraction, default=0.5, metavar="T", help="confidence threshold (default: 0.5)"
+    )
     choice.add_argument(
         "--validation", type=Path, nargs="+", metavar="FILE",
         help="another dataset and each detector's detections in it, to choose the threshold with the best F1",

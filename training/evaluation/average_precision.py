@@ -1,8 +1,7 @@
 """Average precision: of a test set by faster-coco-eval, and of resampled test sets by array operations.
 
 faster-coco-eval equals pycocotools on thousands of random sets with crowds, ties, areas, and empty classes, in a sixth
-of its time. No library resamples positions, or knows oriented boxes; both need the match of every detection,
-from `training.evaluation.matching`.
+of its time. No library resamples positions.
 
 References
 ----------
@@ -14,11 +13,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from faster_coco_eval import COCO, COCOeval_faster
 from jaxtyping import Bool, Float
 
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching
+from hulldown.training.evaluation.matching import Matching, loaded_evaluation
 from hulldown.training.evaluation.metrics import ratio
 from hulldown.training.evaluation.predictions import Predictions
 
@@ -26,7 +24,6 @@ RECALLS = np.linspace(0.0, 1.0, 101)
 IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
 AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
 CELLS = 1 << 22  # approximate largest size of an array
-KEYS = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "score")  # of a COCO annotation
 AVERAGES = ("ap", "ap50", "ap75")
 SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
@@ -36,36 +33,22 @@ SUMMARY = (
 
 def average_precision(labels: Labels, predictions: Predictions) -> dict[str, float]:
     """AP and AR over all classes as COCO defines them: the twelve figures of its summary; nan where COCO has -1."""
+    return coco_averages(labels, predictions)[0]
+
+
+def coco_averages(labels: Labels, predictions: Predictions) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
+    """COCO's summary over all classes, and `AVERAGES` of each class; nan without labels."""
     if not len(predictions.score):
         # The library refuses an empty list of results. Without detections, AP is 0 if there are labels.
-        return dict.fromkeys(SUMMARY, float("nan") if labels.crowd.all() else 0.0)
-    evaluation = COCOeval_faster(*_loaded(labels, predictions), "bbox", print_function=lambda *text: None)
-    evaluation.evaluate()
-    evaluation.accumulate()
-    evaluation.summarize()
+        wanted = np.bincount(labels.class_index[~labels.crowd], minlength=len(predictions.class_names)) > 0
+        each = np.where(wanted, 0.0, np.nan)
+        return dict.fromkeys(SUMMARY, 0.0 if wanted.any() else np.nan), np.tile(each[:, None], len(AVERAGES))
+    evaluation = loaded_evaluation(labels, predictions)
+    evaluation.run()
     figures = (float(figure) if figure >= 0 else float("nan") for figure in evaluation.stats)
-    return dict(zip(SUMMARY, figures, strict=False))
-
-
-def _loaded(labels: Labels, predictions: Predictions) -> list[COCO]:
-    """Labels and detections for the library; images, classes, and boxes are numbered from 1."""
-    areas, nothing = predictions.xywh[:, 2] * predictions.xywh[:, 3], np.zeros(len(predictions.score), dtype=bool)
-    loaded = []
-    for boxes, area, crowd, score in (
-        (labels, labels.area, labels.crowd, np.zeros(len(labels.area))),  # a label's score is ignored
-        (predictions, areas, nothing, predictions.score),
-    ):
-        columns = (boxes.image + 1, boxes.class_index + 1, boxes.xywh, area, crowd.astype(np.int64), score)
-        rows = enumerate(zip(*(column.tolist() for column in columns), strict=True), start=1)
-        coco = COCO()
-        coco.dataset = {
-            "images": [{"id": i + 1} for i in range(len(labels.images))],
-            "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
-            "annotations": [dict(zip(KEYS, (k, *row), strict=True)) for k, row in rows],
-        }
-        coco.createIndex()
-        loaded.append(coco)
-    return loaded
+    found = evaluation.eval["precision"][:, :, :, 0, -1].mean(axis=1)  # of each IoU and class, over recalls
+    each = np.stack([found.mean(axis=0), found[AT_50], found[AT_75]], axis=1)
+    return dict(zip(SUMMARY, figures, strict=False)), np.where(each < 0.0, np.nan, each)
 
 
 def resampled_averages(

@@ -11,10 +11,9 @@ import numpy as np
 from msgspec import UNSET, Struct, UnsetType
 
 from hulldown.geometry.indices import spread
-from hulldown.training.evaluation.bins import BinFigures, worst
+from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.metrics import COUNTS, confusion, curves
-from hulldown.training.evaluation.tide import CAUSES
 
 DIGITS = 6
 CURVE_POINTS = 200
@@ -51,13 +50,6 @@ class Confusion(Struct, frozen=True):
     counts: list[list[int]]
 
 
-class ReportedCause(Struct, frozen=True):
-    """Errors of a cause, and the AP50 that fixing it alone would gain."""
-
-    count: int
-    ap50: float | None
-
-
 class ReportedBin(Struct, frozen=True):
     """A bin of `BinFigures`."""
 
@@ -86,10 +78,8 @@ class DetectorReport(Struct, frozen=True, kw_only=True):
     overall: ReportedFigures
     per_class: dict[str, ReportedFigures]
     confusion: Confusion
-    errors: dict[str, ReportedCause]
     curves: dict[str, list[float | None]]
     bins: dict[str, list[ReportedBin]]
-    worst_bins: list[str]
 
 
 class ReportedComparison(Struct, frozen=True):
@@ -127,25 +117,14 @@ def report(one: Evaluation) -> DetectorReport:
         overall=_figures(one),
         per_class={name: _figures(one, c) for c, name in enumerate(names)},
         confusion=Confusion([*names, "background"], confusion(one.seen).tolist()),
-        errors={name: ReportedCause(count, plain(one.errors.loss[name])) for name, count in causes(one).items()},
         curves={key: plain(values[shown]) for key, values in curve.items()},
         bins={found.field.name: _bins(found) for found in one.bins},
-        worst_bins=worst(one.bins),
     )
 
 
 def reported_comparison(found: DetectorComparison) -> ReportedComparison:
     """Return a comparison for the report."""
     return ReportedComparison(**plain(asdict(found)))
-
-
-def causes(one: Evaluation) -> dict[str, int]:
-    """Count errors of each cause above the threshold: false positives, and labels without any detection."""
-    confident = one.predictions.score >= one.threshold.value
-    counts = {name: int((confident & (one.errors.cause == k)).sum()) for k, name in enumerate(CAUSES)}
-    missed = one.seen.missed.copy()
-    missed[one.errors.meant[confident & (one.errors.meant >= 0)]] = False
-    return {**counts, "missed": int(missed.sum())}
 
 
 def plain(value: Any) -> Any:

@@ -11,9 +11,8 @@ from jaxtyping import Float
 from hulldown.training.evaluation.average_precision import (
     AVERAGES,
     IOUS,
-    SUMMARY,
-    average_precision,
     class_mean,
+    coco_averages,
     resampled_averages,
 )
 from hulldown.training.evaluation.bins import BinFigures, fields, figures_of
@@ -25,21 +24,10 @@ from hulldown.training.evaluation.bootstrap import (
     standard_error,
 )
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching, match, overlapping
-from hulldown.training.evaluation.metrics import (
-    COUNTS,
-    FIGURES,
-    SUMS,
-    curves,
-    denominators,
-    figures,
-    sums_at_best,
-    sums_by,
-)
+from hulldown.training.evaluation.matching import match, match_repeatedly
+from hulldown.training.evaluation.metrics import COUNTS, FIGURES, SUMS, curves, denominators, figures, sums_by
 from hulldown.training.evaluation.predictions import Predictions
-from hulldown.training.evaluation.tide import BACKGROUND, Errors, errors
 
-FOREGROUND = 0.5  # IoU of AP50 and of the causes of errors, independent of the counts' IoU
 AP_RESAMPLES = 400  # enough for a standard error; each passes over all detections
 
 
@@ -48,9 +36,7 @@ class Threshold:
     """The confidence threshold of detections, and its source."""
 
     value: float  # detections with at least this score count
-    # ``"given"``, ``"validation"`` (the best F1 on another set), ``"count"`` (`equal_count`), or ``"test"``: the best
-    # F1 on the set itself, which makes every figure at the threshold too good. Each resample then chooses its own.
-    source: str
+    source: str  # ``"given"``, ``"validation"`` (the best F1 on another set), or ``"count"`` (`equal_count`)
 
 
 class Evaluation:
@@ -58,8 +44,7 @@ class Evaluation:
 
     def __init__(self, labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> None:
         self.labels, self.predictions, self.threshold = labels, predictions, threshold
-        pairs = overlapping(labels, predictions, at_least=min(BACKGROUND, iou))
-        self.matching = match(labels, predictions, pairs, iou=iou)
+        self.matching = match(labels, predictions, iou=iou)
         self.seen = self.matching.above(threshold.value)
 
     @cached_property
@@ -72,41 +57,27 @@ class Evaluation:
     @cached_property
     def resampled_sums(self) -> Float[np.ndarray, "r c 6"]:
         """`metrics.SUMS` of each class in every resample of positions."""
-        if self.threshold.source != "test":
-            return resampled_sums(self.position_sums)
-        return np.concatenate([sums_at_best(self.matching, weights) for weights in resamples(self.labels.positions)])
+        return resampled_sums(self.position_sums)
 
     @cached_property
     def position_labels(self) -> Float[np.ndarray, " positions"]:
         """Number of labels in each position, without crowds."""
         return denominators(self.position_sums.sum(axis=1))["recall"]
 
-    @cached_property
+    @property
     def summary(self) -> dict[str, float]:
-        """COCO's summary of all classes; of oriented boxes, which the library doesn't support, it has AP alone."""
-        if self.predictions.corners is None:
-            return average_precision(self.labels, self.predictions)
-        known = class_mean(self._averages[None])[0].tolist()
-        return dict.fromkeys(SUMMARY, float("nan")) | dict(zip(AVERAGES, known, strict=True))
+        """COCO's summary of all classes."""
+        return self._averages[0]
 
     @cached_property
-    def _averages(self) -> Float[np.ndarray, "c 3"]:
-        return resampled_averages(self._matchings, np.ones((1, self.labels.positions)))[0]
-
-    @cached_property
-    def _matchings(self) -> list[Matching]:
-        among = self.matching.pairs.where(self.matching.pairs.iou >= IOUS[0])
-        return [match(self.labels, self.predictions, among, iou=iou) for iou in IOUS]
+    def _averages(self) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
+        return coco_averages(self.labels, self.predictions)
 
     @cached_property
     def _resampled_averages(self) -> Float[np.ndarray, "r c 3"]:
+        matchings = match_repeatedly(self.labels, self.predictions, IOUS)
         some = resamples(self.labels.positions, times=AP_RESAMPLES)
-        return np.concatenate([resampled_averages(self._matchings, weights) for weights in some])
-
-    @cached_property
-    def errors(self) -> Errors:
-        """Causes of errors, at an IoU of 0.5."""
-        return errors(match(self.labels, self.predictions, self.matching.pairs, iou=FOREGROUND))
+        return np.concatenate([resampled_averages(matchings, weights) for weights in some])
 
     @cached_property
     def bins(self) -> list[BinFigures]:
@@ -116,7 +87,8 @@ class Evaluation:
     def values(self, label: int | None = None) -> dict[str, float]:
         """`metrics.COUNTS`, `metrics.FIGURES`, and `AVERAGES`, over all classes or of one; nan if undefined."""
         sums = self.position_sums[:, _among(label)].sum(axis=0).sum(axis=0)
-        averages = [self.summary[key] for key in AVERAGES] if label is None else self._averages[label]
+        summary, of_classes = self._averages
+        averages = [summary[key] for key in AVERAGES] if label is None else of_classes[label]
         found = {**dict(zip(SUMS, sums, strict=True)), **figures(sums), **dict(zip(AVERAGES, averages, strict=True))}
         return {key: float(found[key]) for key in (*COUNTS, *FIGURES, *AVERAGES)}
 
@@ -149,7 +121,7 @@ class DetectorComparison:
 
 def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> float | None:
     """Return the highest confidence with the highest F1 over all classes; None without detections."""
-    curve = curves(match(labels, predictions, overlapping(labels, predictions, at_least=iou), iou=iou))
+    curve = curves(match(labels, predictions, iou=iou))
     return float(curve["threshold"][np.argmax(curve["f1"])]) if len(curve["f1"]) else None
 
 

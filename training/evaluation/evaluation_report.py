@@ -24,7 +24,7 @@ from hulldown.training.evaluation.detector_report import (
     reported_comparison,
 )
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
-from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, thumbnails, write_sheets
+from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, write_sheets
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.metrics import COUNTS, FIGURES
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
@@ -37,7 +37,7 @@ def evaluate(
     predictions: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     output: str | os.PathLike[str],
     *,
-    threshold: float | str = 0.5,
+    threshold: float = 0.5,
     iou: float = 0.5,
     validation: Sequence[str | os.PathLike[str]] = (),
     progress: Callable[[int, int], None] | None = None,
@@ -54,7 +54,7 @@ def evaluate(
         Folder of ``report.html``, ``report.json``, ``metrics.csv``, and sheets of misses and false positives, made if
         missing; for several files of detections, a folder for each too.
     threshold
-        The confidence threshold; ``"best"``: that of the highest F1 on the dataset itself.
+        The confidence threshold.
     iou
         Least IoU of a match.
     validation
@@ -85,8 +85,8 @@ def evaluate(
     >>> evaluate(folder, folder / "found.json", folder / "report").overall.recall
     1.0
     """
-    if not (threshold == "best" or (isinstance(threshold, int | float) and 0 <= threshold <= 1)):
-        raise ValueError(f"threshold: expected a number from 0 to 1 or 'best', got {threshold!r}")
+    if not (isinstance(threshold, int | float) and 0 <= threshold <= 1):
+        raise ValueError(f"threshold: expected a number from 0 to 1, got {threshold!r}")
     if not 0 < iou <= 1:
         raise ValueError(f"iou: expected a number above 0 and up to 1, got {iou!r}")
     output = Path(output)
@@ -103,37 +103,34 @@ def evaluate(
         if validation:
             valid = read_labels(Path(validation[0]))
             others = [read_predictions(Path(path), valid, name=str(path)) for path in validation[1:]]
-            thresholds = [_best_threshold(valid, one, iou, "validation") for one in others]
-        elif isinstance(threshold, str):
-            thresholds = [_best_threshold(labels, one, iou, "test") for one in read]
+            thresholds = [_best_threshold(valid, one, iou) for one in others]
         else:
             thresholds = [Threshold(float(threshold), "given")] * len(read)
-        evaluations = []
-        for detections, at in zip(read, thresholds, strict=True):
-            evaluations.append(Evaluation(labels, detections, threshold=at, iou=iou))
-            advance(len(evaluations), 2 * len(paths))
+        reports, evaluations = {}, []
         make_room(output / "report.html")
-        reports = {one.predictions.name: report(one) for one in evaluations}
-        for k, (one, (name, found)) in enumerate(zip(evaluations, reports.items(), strict=True)):
-            folder = output / name if len(evaluations) > 1 else output
-            tiles, unread = thumbnails(one)
-            _write(folder, {name: found}, found, evaluation_page(one, found, tiles, unread))
-            write_sheets(folder, tiles)
-            advance(len(paths) + k + 1, 2 * len(paths))
+        for k, (detections, at) in enumerate(zip(read, thresholds, strict=True), start=1):
+            one = Evaluation(labels, detections, threshold=at, iou=iou)
+            found = report(one)
+            evaluations.append(one)
+            reports[detections.name] = found
+            folder = output / detections.name if len(paths) > 1 else output
+            make_room(folder / "report.html")
+            _write(folder, {detections.name: found}, found, evaluation_page(one, found, write_sheets(folder, one)))
+            advance(k, len(paths))
     if len(evaluations) == 1:
-        return next(iter(reports.values()))
+        return found
     compared = [compare(evaluations[0], other) for other in evaluations[1:]]
     written = DetectorReports(reports, [reported_comparison(one) for one in compared])
     _write(output, reports, written, comparison_page(evaluations, reports, compared))
     return written
 
 
-def _best_threshold(labels: Labels, predictions: Predictions, iou: float, source: str) -> Threshold:
+def _best_threshold(labels: Labels, predictions: Predictions, iou: float) -> Threshold:
     best = best_threshold(labels, predictions, iou=iou)
     if best is None:
         remedy = "give one with --threshold"
         raise DatasetError("has nothing to choose a threshold from", path=predictions.name, remedy=remedy)
-    return Threshold(best, source)
+    return Threshold(best, "validation")
 
 
 def _names(paths: Sequence[Path]) -> list[str]:
@@ -151,7 +148,6 @@ def _names(paths: Sequence[Path]) -> list[str]:
 def _write(
     folder: Path, reports: Mapping[str, DetectorReport], written: DetectorReport | DetectorReports, page: str
 ) -> None:
-    make_room(folder / "report.html")
     replace_file(folder / "metrics.csv", metrics_csv(reports).encode())
     replace_file(folder / "report.json", orjson.dumps(msgspec.to_builtins(written), option=orjson.OPT_INDENT_2) + b"\n")
     replace_file(folder / "report.html", page.encode())

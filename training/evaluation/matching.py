@@ -1,43 +1,29 @@
-"""COCO's matching of detections with labels, for all images at once.
+"""COCO's matching of detections with labels, by faster-coco-eval, whose every decision is pycocotools'.
 
-COCO takes the detections of a class in an image by falling score; each gets the free label with the highest overlap, if
-that is at least the threshold. Images and classes are independent, so the n-th detections of all of them are
-matched together in one array operation.
+The library doesn't know oriented boxes; their overlaps come from Shapely.
 
 References
 ----------
-Lin et al., Microsoft COCO, ECCV 2014; pycocotools 2.0, `COCOeval.evaluateImg`, whose every decision is reproduced.
+Lin et al., Microsoft COCO, ECCV 2014; pycocotools 2.0, `COCOeval.evaluateImg`.
 """
 
 from __future__ import annotations
 
-import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
+from faster_coco_eval import COCO, COCOeval_faster
 from jaxtyping import Bool, Float, Int
 
 from hulldown.dataset.labels.oriented_box import visible_corners
-from hulldown.geometry.indices import numbered
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
 MAX_DETECTIONS = 100  # of a class in an image, COCO's limit
-PAIRS_AT_ONCE = 1 << 15  # about, which bounds memory
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Overlaps:
-    """Detections and labels that overlap, sorted by detection."""
-
-    detection: Int[np.ndarray, " p"]  # detection, box: indices of detection and label
-    box: Int[np.ndarray, " p"]
-    iou: Float[np.ndarray, " p"]  # their IoU; for crowds, intersection over the detection's area
-
-    def where(self, keep: Bool[np.ndarray, " p"] | Int[np.ndarray, " k"]) -> Overlaps:
-        """Select pairs by a mask or by indices."""
-        return Overlaps(self.detection[keep], self.box[keep], self.iou[keep])
+KEYS = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "score")  # of a COCO annotation
+ALL_AREAS = [[0.0, 1e10]]  # COCO's range without a limit
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -46,7 +32,6 @@ class Matching:
 
     labels: Labels
     predictions: Predictions
-    pairs: Overlaps  # the overlaps that the matches are among, of any class
     iou_threshold: float  # least IoU of a match
     box: Int[np.ndarray, " d"]  # matched label; -1 if none
     iou: Float[np.ndarray, " d"]  # its IoU; nan if none
@@ -82,88 +67,84 @@ class Matching:
         return replace(self, ignored=ignored, detection=detection)
 
 
-def overlaps(
-    found: Float[np.ndarray, "p 4"], true: Float[np.ndarray, "p 4"], crowd: Bool[np.ndarray, " p"]
-) -> Float[np.ndarray, " p"]:
-    """IoU of boxes, pair by pair, bit-equal to pycocotools'."""
-    ends = np.minimum(found[:, :2] + found[:, 2:], true[:, :2] + true[:, 2:])
-    size = ends - np.maximum(found[:, :2], true[:, :2])
-    meets = (size > 0.0).all(axis=1)
-    shared = np.where(meets, size[:, 0] * size[:, 1], 0.0)
-    own = found[:, 2] * found[:, 3]
-    union = np.where(crowd, own, own + true[:, 2] * true[:, 3] - shared)
-    return np.divide(shared, union, out=np.zeros(len(shared)), where=meets)
+class _OrientedEvaluation(COCOeval_faster):
+    """The library's evaluation, with overlaps of oriented boxes."""
+
+    def computeIoU(self, imgId: int, catId: int) -> Float[np.ndarray, "d g"] | list[float]:
+        """Overlaps of an image's detections of a class, by falling score, with its labels."""
+        sets = self.dt_dataset, self.gt_dataset
+        found, true = (one.get_instances([imgId], [catId], True)[0][0] for one in sets)
+        found = sorted(found, key=lambda one: -one["score"])[: self.params.maxDets[-1]]
+        if not found or not true:
+            return []
+        first, second = (np.array([one["corners"] for one in boxes]) for boxes in (found, true))
+        return oriented_overlaps(first, second, np.array([one["iscrowd"] for one in true], dtype=bool))
 
 
 def oriented_overlaps(
-    found: Float[np.ndarray, "p 4 2"], true: Float[np.ndarray, "p 4 2"], crowd: Bool[np.ndarray, " p"]
-) -> Float[np.ndarray, " p"]:
-    """IoU of convex quadrilaterals by their corners, by Shapely."""
-    near = ((found.max(axis=1) > true.min(axis=1)) & (true.max(axis=1) > found.min(axis=1))).all(axis=1)
-    result = np.zeros(len(found))
-    first, second = shapely.polygons(found[near]), shapely.polygons(true[near])
+    found: Float[np.ndarray, "d 4 2"], true: Float[np.ndarray, "g 4 2"], crowd: Bool[np.ndarray, " g"]
+) -> Float[np.ndarray, "d g"]:
+    """IoU of convex quadrilaterals by their corners; of crowds, intersection over the detection's area."""
+    first, second = shapely.polygons(found)[:, None], shapely.polygons(true)
     shared, own = shapely.area(shapely.intersection(first, second)), shapely.area(first)
-    union = np.where(crowd[near], own, own + shapely.area(second) - shared)
-    result[near] = np.divide(shared, union, out=np.zeros(len(shared)), where=union > 0.0)
-    return result
+    union = np.where(crowd, own, own + shapely.area(second) - shared)
+    return np.divide(shared, union, out=np.zeros(shared.shape), where=union > 0.0)
 
 
-def overlapping(labels: Labels, predictions: Predictions, *, at_least: float = 0.1) -> Overlaps:
-    """Return all pairs of a detection and a label of its image, of any class, with enough overlap.
-
-    Detections beyond the first hundred of their class and image have no pairs. Oriented detections are
-    compared with the labels' `dataset.labels.oriented_box.visible_corners`.
-    """
-    found, true, iou_of = predictions.xywh, labels.xywh, overlaps
-    if predictions.corners is not None:
+def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_faster:
+    """Load labels and at least one detection into the library; images, classes, and boxes are numbered from 1."""
+    true, found = None, predictions.corners
+    areas, never = predictions.xywh[:, 2] * predictions.xywh[:, 3], np.zeros(len(predictions.score), dtype=bool)
+    if found is not None:
         images = [labels.images[i] for i in labels.image.tolist()]
-        corners = list(map(visible_corners, labels.annotations, images))
-        found, true, iou_of = predictions.corners, np.reshape(corners, (-1, 4, 2)), oriented_overlaps
-    first = np.searchsorted(labels.image, np.arange(len(labels.images) + 1))
-    counts = np.where(predictions.place < MAX_DETECTIONS, np.diff(first)[predictions.image], 0)
-    ends = np.cumsum(counts)
-    cuts = np.searchsorted(ends, np.arange(PAIRS_AT_ONCE, counts.sum(), PAIRS_AT_ONCE)) + 1
-    parts = []
-    for start, stop in itertools.pairwise([0, *cuts.tolist(), len(counts)]):
-        detection, within = numbered(counts[start:stop])
-        detection += start
-        box = first[predictions.image[detection]] + within
-        iou = iou_of(found[detection], true[box], labels.crowd[box])
-        parts.append(Overlaps(detection, box, iou).where(iou >= at_least))
-    return Overlaps(*(np.concatenate([getattr(part, key) for part in parts]) for key in Overlaps.__slots__))
+        true, areas = list(map(visible_corners, labels.annotations, images)), shapely.area(shapely.polygons(found))
+    loaded = []
+    for boxes, area, crowd, score, corners in (
+        (labels, labels.area, labels.crowd, np.zeros(len(labels.area)), true),  # a label's score is ignored
+        (predictions, areas, never, predictions.score, found),
+    ):
+        columns = (boxes.image + 1, boxes.class_index + 1, boxes.xywh, area, crowd.astype(np.int64), score)
+        rows = enumerate(zip(*(column.tolist() for column in columns), strict=True), start=1)
+        records = [dict(zip(KEYS, (k, *row), strict=True)) for k, row in rows]
+        if corners is not None:
+            records = [{**one, "corners": turned} for one, turned in zip(records, corners, strict=True)]
+        coco = COCO()
+        coco.dataset = {
+            "images": [{"id": i + 1} for i in range(len(labels.images))],
+            "categories": [{"id": c + 1} for c in range(len(predictions.class_names))],
+            "annotations": records,
+        }
+        coco.createIndex()
+        loaded.append(coco)
+    kind = COCOeval_faster if found is None else _OrientedEvaluation
+    return kind(*loaded, "bbox", print_function=lambda *text: None, extra_calc=True)
 
 
-def match(labels: Labels, predictions: Predictions, pairs: Overlaps, *, iou: float = 0.5) -> Matching:
+def match(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> Matching:
     """Match detections with labels of their class as COCO does."""
-    same = labels.class_index[pairs.box] == predictions.class_index[pairs.detection]
-    keep = same & (pairs.iou >= min(iou, 1.0 - 1e-10))
-    chosen = greedy(pairs.where(keep), predictions.place, labels.crowd)
+    return match_repeatedly(labels, predictions, [iou])[0]
+
+
+def match_repeatedly(labels: Labels, predictions: Predictions, ious: Sequence[float]) -> list[Matching]:
+    """Match with each of several least IoUs."""
+    evaluation = loaded_evaluation(labels, predictions) if len(predictions.score) else None
+    return [_matching(labels, predictions, evaluation, iou) for iou in ious]
+
+
+def _matching(labels: Labels, predictions: Predictions, evaluation: COCOeval_faster | None, iou: float) -> Matching:
     box = np.full(len(predictions.score), -1, dtype=np.int64)
     overlap = np.full(len(predictions.score), np.nan)
-    box[chosen.detection], overlap[chosen.detection] = chosen.box, chosen.iou
-    ignored = predictions.place >= MAX_DETECTIONS
-    ignored[chosen.detection] |= labels.crowd[chosen.box]
     detection = np.full(len(labels.class_index), -1, dtype=np.int64)
-    real = chosen.where(~labels.crowd[chosen.box])
-    detection[real.box] = real.detection
-    return Matching(labels, predictions, pairs, iou, box, overlap, ignored, detection)
-
-
-def greedy(pairs: Overlaps, turn: Int[np.ndarray, " d"], crowd: Bool[np.ndarray, " g"]) -> Overlaps:
-    """Choose for each detection, turn by turn, the free label with the highest overlap.
-
-    `turn`: turn of each detection, from 0; those with a common label have different ones.
-    """
-    turns = turn[pairs.detection]
-    # Of equal overlaps the last label wins, as in COCO's loop.
-    best_first = np.lexsort((-pairs.box, -pairs.iou, crowd[pairs.box], pairs.detection, turns))
-    starts = np.searchsorted(turns[best_first], np.arange(turns.max(initial=-1) + 2))
-    taken = np.zeros(len(crowd), dtype=bool)
-    chosen = np.zeros(len(turns), dtype=bool)
-    for start, stop in itertools.pairwise(starts):
-        rows = best_first[start:stop]
-        rows = rows[~taken[pairs.box[rows]]]
-        rows = rows[np.diff(pairs.detection[rows], prepend=-1) != 0]
-        taken[pairs.box[rows]] = ~crowd[pairs.box[rows]]
-        chosen[rows] = True
-    return pairs.where(chosen)
+    ignored = predictions.place >= MAX_DETECTIONS
+    if evaluation is not None:
+        wanted = {"iouThrs": np.array([iou]), "areaRng": ALL_AREAS, "areaRngLbl": ["all"], "maxDets": [MAX_DETECTIONS]}
+        vars(evaluation.params).update(wanted)
+        evaluation.evaluate()
+        evaluation.accumulate()
+        pairs = [(k - 1, one["gt_id"] - 1) for k, one in evaluation.cocoDt.anns.items() if "gt_id" in one]
+        found, true = np.array(pairs, dtype=np.int64).reshape(-1, 2).T
+        box[found], overlap[found] = true, [evaluation.cocoDt.anns[k + 1]["iou"] for k in found.tolist()]
+        crowd = labels.crowd[true]
+        ignored[found] |= crowd
+        detection[true[~crowd]] = found[~crowd]
+    return Matching(labels, predictions, iou, box, overlap, ignored, detection)

@@ -7,13 +7,13 @@ Paper, section 2.3.
 
 from __future__ import annotations
 
-import numpy as np
-from jaxtyping import Bool, Float, Int
-from numpy.typing import ArrayLike
-from scipy.sparse import csr_array
+from dataclasses import replace
 
-from hulldown.training.evaluation.matching import Matching, greedy
-from hulldown.training.evaluation.predictions import places
+import numpy as np
+from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
+
+from hulldown.training.evaluation.matching import Matching, match
 
 COUNTS = ("tp", "fp", "fn")
 SUMS = (*COUNTS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
@@ -72,28 +72,21 @@ def ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
 
 def curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[np.ndarray, " k"]]:
     """``precision``, ``recall``, and ``f1`` at k values of ``threshold``: all scores, falling; of a class or of all."""
-    labels, predictions = matching.labels, matching.predictions
+    labels, score = matching.labels, matching.predictions.score
     counted, wanted = ~matching.ignored, ~labels.crowd
     if label is not None:
-        counted, wanted = counted & (predictions.class_index == label), wanted & (labels.class_index == label)
-    rows, last = _by_score(predictions.score, counted)
+        counted, wanted = counted & (matching.predictions.class_index == label), wanted & (labels.class_index == label)
+    rows = np.flatnonzero(counted)
+    rows = rows[np.argsort(-score[rows], kind="stable")]
+    last = np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)  # of each score
     tp = np.cumsum(matching.true[rows])[last]
     fp, fn = last + 1 - tp, int(wanted.sum()) - tp
     return {
-        "threshold": predictions.score[rows][last],
+        "threshold": score[rows][last],
         "precision": ratio(tp, tp + fp),
         "recall": ratio(tp, tp + fn),
         "f1": ratio(2 * tp, 2 * tp + fp + fn),
     }
-
-
-def _by_score(
-    score: Float[np.ndarray, " d"], counted: Bool[np.ndarray, " d"]
-) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " k"]]:
-    """Return counted detections by falling score, and the places of the last one of each score."""
-    rows = np.flatnonzero(counted)
-    rows = rows[np.argsort(-score[rows], kind="stable")]
-    return rows, np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)
 
 
 def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
@@ -102,44 +95,23 @@ def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
     The diagonal has the true positives. The rest is matched again, ignoring classes, by the same rule; what
     remains is background.
     """
-    labels, predictions, pairs = matching.labels, matching.predictions, matching.pairs
+    labels, predictions = matching.labels, matching.predictions
     background = len(predictions.class_names)
     counted, missed = ~matching.ignored, matching.missed
-    enough = pairs.iou >= min(matching.iou_threshold, 1.0 - 1e-10)
-    left = pairs.where(enough & matching.false[pairs.detection] & missed[pairs.box])
-    by_score = np.lexsort((-predictions.score, predictions.image))
-    turn = np.empty(len(by_score), dtype=np.int64)
-    turn[by_score] = places(predictions.image[by_score])
-    mixed = greedy(left, turn, labels.crowd)
+    wrong = np.flatnonzero(matching.false)
+    wrong = wrong[np.lexsort((-predictions.score[wrong], predictions.image[wrong]))]
+    turned = None if predictions.corners is None else predictions.corners[wrong]
+    rest = replace(
+        predictions, image=predictions.image[wrong], class_index=np.zeros_like(wrong), xywh=predictions.xywh[wrong],
+        score=predictions.score[wrong], corners=turned,
+    )  # fmt: skip
+    # Found labels and crowds are of another class, so nothing matches them.
+    others = replace(labels, class_index=np.where(missed, 0, 1))
+    mixed = match(others, rest, iou=matching.iou_threshold).box
     meant = np.where(matching.true, predictions.class_index, background)
-    meant[mixed.detection], missed[mixed.box] = labels.class_index[mixed.box], False
+    meant[wrong[mixed >= 0]] = labels.class_index[mixed[mixed >= 0]]
+    missed[mixed[mixed >= 0]] = False
     rows = np.concatenate([meant[counted], labels.class_index[missed]])
     columns = np.concatenate([predictions.class_index[counted], np.full(missed.sum(), background)])
     cells = np.bincount(rows * (background + 1) + columns, minlength=(background + 1) ** 2)
     return cells.reshape(background + 1, background + 1)
-
-
-def sums_at_best(matching: Matching, weights: Float[np.ndarray, "r positions"]) -> Float[np.ndarray, "r c 6"]:
-    """Return `SUMS` of each class in each resample of positions, at the threshold of the best F1 in that resample.
-
-    `weights` are the count of each position in each resample.
-    """
-    labels, predictions = matching.labels, matching.predictions
-    classes = len(predictions.class_names)
-    rows, last = _by_score(predictions.score, ~matching.ignored)
-    score, true, where = predictions.score[rows], matching.true[rows], labels.position[predictions.image[rows]]
-    iou = np.where(true, matching.iou[rows], 0.0)
-    each = np.stack([true, ~true, np.zeros(len(rows)), iou, true * score, ~true * score], axis=1)
-    cells = predictions.class_index[rows], np.arange(len(rows))
-    of_class = csr_array((np.ones(len(rows)), cells), (classes, len(rows)))
-    of_all = sums_by(matching, of_detection=predictions.class_index, of_label=labels.class_index, bins=classes)
-    wanted = weights @ denominators(of_all)["recall"]
-    result = np.zeros((len(weights), classes, len(SUMS)))
-    for k, weight in enumerate(weights):
-        counts = weight[where]
-        if len(last):
-            f1 = ratio(2.0 * np.cumsum(counts * true)[last], np.cumsum(counts)[last] + wanted[k].sum())
-            counts[last[np.argmax(np.nan_to_num(f1))] + 1 :] = 0.0
-        result[k] = of_class @ (counts[:, None] * each)
-    result[..., 2] = wanted - result[..., 0]
-    return result

@@ -66,12 +66,8 @@ class Predictions:
     @property
     def place(self) -> Int[np.ndarray, " d"]:
         """Place of each detection among those of its image and class, from 0."""
-        return places(self.image * len(self.class_names) + self.class_index)
-
-
-def places(group: Int[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-    """Place of each element among those of its group, from 0; groups ascend."""
-    return np.arange(len(group)) - np.searchsorted(group, group)
+        group = self.image * len(self.class_names) + self.class_index  # ascends
+        return np.arange(len(group)) - np.searchsorted(group, group)
 
 
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
