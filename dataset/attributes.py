@@ -16,7 +16,6 @@ from msgspec import UNSET, Struct, UnsetType
 
 from hulldown.camera.shell import shell_place
 from hulldown.dataset.images import Image, Label
-from hulldown.dataset.labels.box_3d import BOX_3D
 from hulldown.dataset.store.declared import Pose, View, fields_of
 
 INFINITY = math.inf
@@ -77,7 +76,7 @@ def numbers_of(
     labels: Sequence[Label], images: Sequence[Image], image: Int[np.ndarray, " g"]
 ) -> dict[str, Float[np.ndarray, " g"]]:
     """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown."""
-    fields, spaces = [fields_of(label.record, _Numbers) for label in labels], [BOX_3D.read(label) for label in labels]
+    fields, spaces = [fields_of(label.record, _Numbers) for label in labels], [label.fields for label in labels]
     vehicles = poses([label.world_from_vehicle for label in labels])
     cameras = camera_poses(images)[image]
     # Centers of 3D boxes in the world; without one, vehicles' origins.

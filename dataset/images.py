@@ -42,7 +42,7 @@ class Label:
     truncated_fraction: float
     vehicle: str | None  # vehicle, world_from_vehicle: the model's name, and its pose; None if unknown
     world_from_vehicle: Pose | None
-    record: Record  # all fields in the file; `dataset.labels` reads those of each type of label
+    record: Record  # all fields in the file
 
     @classmethod
     def of(cls, record: Record, names: Mapping[int, str]) -> Label:
@@ -60,6 +60,11 @@ class Label:
             fields.world_from_vehicle,
             record,
         )
+
+    @property
+    def fields(self) -> LabelRecord:
+        """The declared fields of its record; those that don't fit are missing."""
+        return fields_of(self.record, LabelRecord)
 
     def changed(self, **fields: object) -> Label:
         """Return the label with other values of some fields of its record."""

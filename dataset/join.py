@@ -26,7 +26,7 @@ from hulldown.dataset.provenance import (
     read_provenance,
     write_failures,
 )
-from hulldown.dataset.records import check_usable
+from hulldown.dataset.records import refuse_unusable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.placed_pictures import confined, own_picture, place
 from hulldown.dataset.store.reservations import Reservation
@@ -160,7 +160,7 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
                 f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
             )
     images, annotations = document.images, document.annotations
-    check_usable(folder, document.categories, images, annotations)
+    refuse_unusable(folder, document.categories, images, annotations)
     for what, n, unique in (
         ("file names", len(images), document.file_names),
         ("annotation ids", len(annotations), annotations.ids),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -22,8 +22,7 @@ from hulldown.base.outside import typed
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import GHOST
 from hulldown.dataset.images import Category, Image, Label, LabeledImages
-from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.labels.types import LABEL_TYPES, LabelFields
+from hulldown.dataset.labels.types import LABEL_CHECKS
 from hulldown.dataset.store.declared import (
     PICTURE_KEY,
     CategoryRecord,
@@ -77,85 +76,75 @@ def listed(findings: Iterable[Finding]) -> list[str]:
 def read_usable(folder: Path) -> LabeledImages:
     """Read the dataset in `folder`, all records of which must be complete."""
     coco = read_coco(folder)
-    check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
+    refuse_unusable(folder, coco["categories"], coco["images"], coco["annotations"])
     return LabeledImages.of(coco)
 
 
-def check_usable(
-    folder: Path,
-    categories: Sequence[Record],
-    images: Iterable[Record],
-    annotations: Iterable[Record],
+def refuse_unusable(
+    folder: Path, categories: Iterable[Record], images: Iterable[Record], annotations: Iterable[Record]
 ) -> None:
     """Refuse records that can't be drawn, exported, or appended to another dataset."""
+    if found := next(unusable_records(categories, images, annotations), None):
+        raise DatasetError(f"{found.where}: {found.problem}", path=folder, remedy="check it with `hulldown verify`")
 
-    def refuse(where: str, problem: str) -> None:
-        raise DatasetError(f"{where}: {problem}", path=folder, remedy="check it with `hulldown verify`")
 
-    known: set[int] = set()
+def unusable_records(
+    categories: Iterable[Record], images: Iterable[Record], annotations: Iterable[Record]
+) -> Iterator[Finding]:
+    """Find fields that don't have their type, ids given twice, and references to what isn't there."""
+    known: set[object] = set()
     for category in categories:
-        for problem in misfits(category, CategoryRecord):
-            refuse(f"category {category['id']}", problem)
+        where = f"category {category['id']}"
+        yield from (Finding("error", where, problem) for problem in misfits(category, CategoryRecord))
         if category["id"] in known:
-            refuse(f"category {category['id']}", "is given twice")
+            yield Finding("error", where, "its id is given twice")
         known.add(category["id"])
-    first: dict[int, str] = {}
+    first: dict[object, str] = {}
     for image in images:
-        if image["id"] in first:
-            refuse(_name(image), f"has the id {image['id']}, as has {first[image['id']]}")
-        first[image["id"]] = _name(image)
+        name = _name(image)
+        if first.setdefault(image["id"], name) != name:
+            yield Finding("error", name, f"has the id {image['id']}, as has {first[image['id']]}")
         if not stays_inside(image.get("file_name")):
-            refuse(f"image {image['id']}", f"file_name {image.get('file_name')!r} is no path inside the dataset")
-        for problem in misfits(image, ImageRecord):
-            refuse(_name(image), problem)
+            problem = f"file_name {image.get('file_name')!r:.120} is no path inside the dataset"
+            yield Finding("error", f"image {image['id']}", problem)
+        yield from (Finding("error", name, problem) for problem in misfits(image, ImageRecord))
     for annotation in annotations:
         where = f"annotation {annotation['id']}"
-        if not isinstance(annotation.get("image_id"), int) or annotation["image_id"] not in first:
-            refuse(where, f"image {annotation.get('image_id')!r} does not exist")
-        if not isinstance(annotation.get("category_id"), int) or annotation["category_id"] not in known:
-            refuse(where, f"category {annotation.get('category_id')!r} does not exist")
-        for problem in misfits(annotation, LabelFields):
-            refuse(where, problem)
+        image_id, category_id = annotation.get("image_id"), annotation.get("category_id")
+        if isinstance(image_id, int) and image_id in first:
+            where = f"{first[image_id]}: {where}"
+        else:
+            yield Finding("error", where, f"image {image_id!r} does not exist")
+        if not isinstance(category_id, int) or category_id not in known:
+            yield Finding("error", where, f"category {category_id!r} does not exist")
+        yield from (Finding("error", where, problem) for problem in misfits(annotation, LabelRecord))
 
 
-def check_categories(categories: Sequence[Record]) -> Iterator[Finding]:
-    """Check that ids and names are unique."""
-    yield from _repeated("category", [c["id"] for c in categories])
-    spelled: dict[str, str] = {}
-    for category in categories:
-        name = category.get("name")
-        for problem in misfits(category, CategoryRecord):
-            yield Finding("error", f"category {category['id']}", problem)
-        if isinstance(name, str) and (other := spelled.setdefault(name.casefold(), name)) != name:
-            yield Finding("warning", f"category {category['id']}", f"{name!r} and {other!r} differ in capitals only")
-    for name, times in Counter(str(c.get("name")) for c in categories).items():
-        if times > 1:
-            yield Finding("error", f"category {name!r}", f"is there {times} times")
+def check_names(coco: Coco) -> Iterator[Finding]:
+    """Find names of classes and images that are there twice, or differ in capitals only."""
+    for kind, names in (
+        ("category ", [str(category.get("name")) for category in coco["categories"]]),
+        ("", [place_of(str(image.get("file_name"))) for image in coco["images"]]),
+    ):
+        spelled: dict[str, str] = {}
+        for name, times in Counter(names).items():
+            if times > 1:
+                yield Finding("error", f"{kind}{name}", f"belongs to {times} records")
+            if (other := spelled.setdefault(name.casefold(), name)) != name:
+                yield Finding("warning", f"{kind}{name}", f"differs from {other} in capitals only")
 
 
-def check_images(images: Sequence[Record]) -> Iterator[Finding]:
-    """Check ids, names, and sizes."""
-    files: dict[int, str] = {}
+def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
+    """Find fields of a render's view that don't fit; those of other datasets may mean something else."""
     for image in images:
-        if (other := files.setdefault(image["id"], _name(image))) != _name(image):
-            yield Finding("error", _name(image), f"has the id {image['id']}, as has {other}")
-    for name, times in Counter(place_of(str(image.get("file_name"))) for image in images).items():
-        if times > 1:
-            yield Finding("error", name, f"belongs to {times} image records")
-    spelled: dict[str, str] = {}
-    for name in (str(image.get("file_name")) for image in images):
-        if (other := spelled.setdefault(name.casefold(), name)) != name:
-            yield Finding("warning", name, f"differs from {other} in capitals only: on some disks both are one file")
-    for image in images:
-        sized, seen = list(misfits(image, ImageRecord)), list(misfits(image, View))
-        if not (sized or seen) and (view := fields_of(image, View)).K is not None:
+        problems = list(misfits(image, View))
+        if not (problems or any(misfits(image, ImageRecord))) and (view := fields_of(image, View)).K is not None:
             try:
                 Intrinsics.of_fields(image["width"], image["height"], K=view.K, dist=view.dist)
             except ValueError as error:
-                seen = [f"K and dist are no camera: {error}"]
-        yield from (Finding("error", _name(image), problem) for problem in sized)
+                problems = [f"K and dist are no camera: {error}"]
         kind: Literal["error", "warning"] = "error" if PICTURE_KEY in image else "warning"
-        yield from (Finding(kind, _name(image), problem) for problem in seen)
+        yield from (Finding(kind, _name(image), problem) for problem in problems)
 
 
 def sound_images(coco: Coco) -> dict[int, Image]:
@@ -165,54 +154,35 @@ def sound_images(coco: Coco) -> dict[int, Image]:
     for annotation in coco["annotations"]:
         with contextlib.suppress(ValueError, TypeError, KeyError):
             of_image[annotation["image_id"]].append(Label.of(annotation, names))
-    return {number: image.labeled(of_image[number]) for number, image in _unlabeled(coco).items()}
+    sound = (image for image in coco["images"] if not any(misfits(image, ImageRecord)))
+    return {image["id"]: Image.of(image, of_image[image["id"]]) for image in sound}
 
 
-def _unlabeled(coco: Coco) -> dict[int, Image]:
-    """Return images whose records fit, by id, without their labels."""
-    return {image["id"]: Image.of(image, ()) for image in coco["images"] if not any(misfits(image, ImageRecord))}
-
-
-def check_annotations(coco: Coco) -> Iterator[Finding]:
-    """Check ids, references, boxes, masks, fractions, and duplicates."""
-    yield from _repeated("annotation", [a["id"] for a in coco["annotations"]])
-    images = {image["id"]: image for image in coco["images"]}
-    sound = _unlabeled(coco)
-    categories = {record["id"]: Category.of(record) for record in coco["categories"]}
-    names = {category.id: category.name for category in categories.values()}
-    seen: set[tuple[object, ...]] = set()
-    repeated: dict[str, list[int]] = {}
-    for annotation in coco["annotations"]:
-        where = f"annotation {annotation['id']}"
-        if annotation["id"] < 1:
-            yield Finding("warning", where, "ids below 1 are taken for unmatched by pycocotools' evaluation")
-        category_id, image_id = annotation.get("category_id"), annotation.get("image_id")
-        category = categories.get(category_id) if isinstance(category_id, int) else None
-        if category is None:
-            yield Finding("error", where, f"category {category_id!r} does not exist")
-        record = images.get(image_id) if isinstance(image_id, int) else None
-        if record is None:
-            yield Finding("error", where, f"image {image_id!r} does not exist")
-            continue
-        where = f"{_name(record)}: annotation {annotation['id']}"
-        if record.get("background") is True and not annotation.get("iscrowd"):
-            yield Finding("error", where, "is a label on a background, an image without targets")
-        problems = list(misfits(annotation, LabelFields))
-        if not problems and min(annotation["bbox"][2:]) <= 0:
-            problems = [f"bbox {annotation['bbox']} has no area"]
-        if not problems:
-            key = (image_id, None if category is None else category_id, *annotation["bbox"])
-            if key in seen:
-                repeated.setdefault(_name(record), []).append(annotation["id"])
-            seen.add(key)
-            if (image := sound.get(record["id"])) is not None:
-                label = Label.of(annotation, names)
-                problems = [each for kind in LABEL_TYPES for each in kind.problems(label, image, category)]
-                yield from _hints(where, label, image)
-        yield from (Finding("error", where, problem) for problem in problems)
-    for name, ids in repeated.items():
-        such = "annotation" if len(ids) == 1 else f"{len(ids)} annotations, such as"
-        yield Finding("warning", f"{name}: {such} {ids[0]}", "repeats class and box of another one in the same image")
+def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Iterator[Finding]:
+    """Find labels that contradict themselves, their image, or each other."""
+    classes = {record["id"]: Category.of(record) for record in categories}
+    numbers: Counter[int] = Counter()
+    for image in images:
+        boxes: set[tuple[object, ...]] = set()
+        for label in image.labels:
+            where = f"{image.file_name}: annotation {label.id}"
+            numbers[label.id] += 1
+            if label.id < 1:
+                yield Finding("warning", where, "ids below 1 are taken for unmatched by pycocotools' evaluation")
+            if image.record.get("background") is True and not label.crowd:
+                yield Finding("error", where, "is a label on a background, an image without targets")
+            if min(label.bbox[2:]) <= 0:
+                yield Finding("error", where, f"bbox {label.record['bbox']} has no area")
+                continue
+            if (box := (label.category_id, *label.bbox.tolist())) in boxes:
+                yield Finding("warning", where, "repeats class and box of another one in the same image")
+            boxes.add(box)
+            problems = (each for check in LABEL_CHECKS for each in check(label, image, classes.get(label.category_id)))
+            yield from (Finding("error", where, problem) for problem in problems)
+            yield from _hints(where, label, image)
+    for number, times in numbers.items():
+        if times > 1:
+            yield Finding("error", f"annotation {number}", f"its id is there {times} times")
 
 
 def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
@@ -222,7 +192,7 @@ def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
     if (gap := _gap(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
         yield Finding("warning", where, problem, gap)
-    left = fields_of(label.record, LabelRecord).air_contrast
+    left = label.fields.air_contrast
     if left is not None and left < GHOST and not label.crowd:
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
         yield Finding("warning", where, problem, left)
@@ -230,7 +200,7 @@ def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
 
 def _gap(label: Label, image: Image) -> float:
     """Return by how many pixels a box is larger than the mask of a target in full view; 0.0 for as much as antennas."""
-    if label.visible_fraction != 1.0 or not (mask := MASK.read(label).segmentation):
+    if label.visible_fraction != 1.0 or not (mask := label.fields.segmentation):
         return 0.0
     with contextlib.suppress(ValueError):  # found elsewhere
         box = extent(mask, *image.size)[1]
@@ -292,9 +262,3 @@ def _name(image: Record) -> str:
     """Return an image's name in findings: its file's, if it has one."""
     name = image.get("file_name")
     return name if isinstance(name, str) and name else f"image {image['id']}"
-
-
-def _repeated(kind: str, ids: Sequence[object]) -> Iterator[Finding]:
-    for value, times in Counter(ids).items():
-        if times > 1:
-            yield Finding("error", f"{kind} {value}", f"its id is there {times} times")

@@ -13,8 +13,9 @@ from hulldown.assets.coco_types import Record
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.dataset.labels.label_type import SeenVehicle
-from hulldown.dataset.labels.types import fields_of_row, fields_of_scene
+from hulldown.dataset.labels.box_3d import position_in_camera
+from hulldown.dataset.labels.seen_vehicle import SeenVehicle
+from hulldown.dataset.labels.types import fields_of_scene
 from hulldown.dataset.store.entries import new_category
 from hulldown.planning.inputs.loading import Library
 from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
@@ -40,7 +41,7 @@ def label_records(row: Row) -> list[Record]:
         records.append(
             {
                 **{key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded},
-                **fields_of_row(vehicle, row),
+                **position_in_camera(vehicle, row),
                 "iscrowd": ignored,
             }
         )

@@ -16,8 +16,6 @@ from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, conditions_of, numbers_of, sides_of
 from hulldown.dataset.images import LabeledImages
-from hulldown.dataset.labels.keypoints import KEYPOINTS
-from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import image_record, label_records
 from hulldown.geometry.indices import spread
@@ -114,8 +112,8 @@ class Dataset(ShownInNotebooks):
                 label.category_id,
                 label.category,
                 ignored=label.crowd,
-                segmentation=MASK.read(label).segmentation if masks else None,
-                keypoints=KEYPOINTS.read(label).keypoints or (),
+                segmentation=label.fields.segmentation if masks else None,
+                keypoints=label.fields.keypoints or (),
             )
             for label in self.images[i].labels
         ]

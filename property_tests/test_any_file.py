@@ -22,7 +22,7 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.assets.picture_files import read_picture
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.provenance import read_provenance
-from hulldown.dataset.records import check_usable
+from hulldown.dataset.records import refuse_unusable
 from hulldown.planning.inputs.camera_file import read_camera
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.property_tests.any_values import MANY, refusal
@@ -114,7 +114,7 @@ def foreign(folder: Path) -> None:
     read = foreign_reader(folder)
     if read is not None:
         coco = read()
-        check_usable(folder, coco["categories"], coco["images"], coco["annotations"])
+        refuse_unusable(folder, coco["categories"], coco["images"], coco["annotations"])
 
 
 # Files beside the changed one, by the first folder of its path.

@@ -19,8 +19,6 @@ from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
 from hulldown.dataset.images import Label
-from hulldown.dataset.labels.amodal_mask import AMODAL_MASK
-from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
@@ -113,7 +111,7 @@ def verify_masks(
                 findings.append(Finding("error", where, problem))
                 continue
             rows.append(measured)
-            findings += [finding] if (finding := _judged(measured, MASK.read(label).area or 0.0)) else []
+            findings += [finding] if (finding := _judged(measured, label.fields.area or 0.0)) else []
     return MaskReport(tuple(rows), tuple(findings))
 
 
@@ -134,8 +132,8 @@ def compared(
     overlaps = [
         iou(decode(mask, width, height), shown) if mask else math.nan
         for mask, shown in (
-            (MASK.read(label).segmentation, visible),
-            (AMODAL_MASK.read(label).segmentation_amodal, alone),
+            (label.fields.segmentation, visible),
+            (label.fields.segmentation_amodal, alone),
         )
     ]
     return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, *overlaps)

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from hulldown import cli
 from hulldown.camera.shell import camera_pose
-from hulldown.dataset.labels.box_3d import space_of
+from hulldown.dataset.labels.box_3d import position_in_camera
 from hulldown.planning.check import check_plan
 from hulldown.planning.config.schema import Config
 from hulldown.planning.write import write_plan
@@ -56,5 +56,5 @@ def test_the_azimuth_straight_down_is_the_limit_from_nearby(plan, azimuth):
     for elevation in (math.pi / 2, math.pi / 2 - 1e-3):
         pose = camera_pose(middle, 100.0, azimuth, elevation)
         pose[:3, 3] = np.round(pose[:3, 3], 9)  # rounded as in plans, which decides the direction
-        away.append(space_of(target, replace(row, world_from_camera=pose)).azimuth_seen)
+        away.append(position_in_camera(target, replace(row, world_from_camera=pose))["azimuth_seen"])
     assert away == pytest.approx([azimuth, azimuth], abs=1e-5)

@@ -107,4 +107,4 @@ def test_two_spellings_of_one_path_are_one_name(tmp_path, name):
     with CocoDataset.open(fill(tmp_path, 1)) as target, pytest.raises(ValueError, match="is in the dataset already"):
         target.append({"file_name": name, "width": 8, "height": 6}, [])
     edit(tmp_path, lambda c: c["images"].append({**c["images"][0], "id": 9, "file_name": name}))
-    assert "error: images/00000001.png: belongs to 2 image records" in errors(tmp_path)
+    assert "error: images/00000001.png: belongs to 2 records" in errors(tmp_path)

@@ -7,7 +7,6 @@ import subprocess
 import sys
 
 import pytest
-from PIL import Image
 
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, export
@@ -67,14 +66,14 @@ def test_a_full_disk_is_not_reported_as_a_broken_picture_and_nothing_is_left(fol
     assert list(out.iterdir()) == [] if exists else not out.exists()
 
 
-def test_many_equal_annotations_are_one_finding(folder):
+def test_many_equal_annotations_are_few_lines(folder):
     def repeat(coco):
         coco["annotations"] += [{**coco["annotations"][0], "id": i} for i in range(4, 3004)]
 
     edit(folder, repeat)
-    (finding,) = verify(folder)
-    assert "3000 annotations" in finding.where
-    assert len(str(finding)) < 200
+    lines = listed(verify(folder))
+    assert len(lines) == 21
+    assert "2980 more" in lines[-1]
 
 
 def test_findings_of_a_kind_are_counted_beyond_twenty(folder):
@@ -93,14 +92,8 @@ def test_repeated_keys_are_found(folder):
     assert (finding.severity, "'bbox'" in finding.problem, "3 objects" in finding.problem) == ("error", True, True)
 
 
-def test_hard_links_to_other_files_are_found_and_only_pictures_are_exported(folder, tmp_path):
-    other = tmp_path / "mine.png"
-    Image.new("RGB", (32, 24), (0, 80, 0)).save(other)
-    (folder / "2.png").unlink()
-    os.link(other, folder / "2.png")
-    (finding,) = verify(folder)
-    assert (finding.severity, finding.where, "hard link" in finding.problem) == ("warning", "2.png", True)
-    other.write_text("secret")
+def test_a_file_that_is_no_picture_is_not_exported(folder, tmp_path):
+    (folder / "2.png").write_text("secret")
     with pytest.raises(DatasetError, match=r"2\.png cannot be read as a picture"):
         export(folder, tmp_path / "out")
 

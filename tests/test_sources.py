@@ -102,7 +102,7 @@ def test_records_and_pictures_change_the_digest_and_the_order_of_records_does_no
         (lambda c: c["annotations"][0].update(bbox=[90, 0, 20, 5]), r"0000\.png: annotation 1 leaves its image by"),
         (lambda c: c["annotations"][0].update(bbox=[9, 0, 0, 5]), "annotation 1 has no area"),
         (lambda c: c["annotations"][0].update(category_id=9), "annotation 1: category 9 does not exist"),
-        (lambda c: c["categories"].append({"id": 1, "name": "blob"}), "category 1: is given twice"),
+        (lambda c: c["categories"].append({"id": 1, "name": "blob"}), "category 1: its id is given twice"),
         (lambda c: c["annotations"][0].update(image_id=99), "annotation 1: image 99 does not exist"),
         (lambda c: c["images"][0].update(file_name="../x.png"), r"file_name '\.\./x\.png' is no path inside"),
         (

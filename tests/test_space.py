@@ -8,10 +8,9 @@ import pytest
 
 from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.images import Label
-from hulldown.dataset.labels.box_3d import BOX_3D, check_space, space_of
-from hulldown.dataset.labels.types import LabelFields
+from hulldown.dataset.labels.box_3d import box_3d_problems, position_in_camera
 from hulldown.dataset.row_records import label_records
-from hulldown.dataset.store.declared import fields_of, misfits
+from hulldown.dataset.store.declared import Box3D, LabelRecord, misfits
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 from hulldown.tests.shapes import vertices_at
@@ -36,7 +35,7 @@ def points_of(assets, vehicle, row):
 def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, rows):
     for row in rows:
         for vehicle in row.vehicles:
-            box = space_of(vehicle, row).bbox_3d
+            box = Box3D(**position_in_camera(vehicle, row)["bbox_3d"])
             inside = (points_of(assets, vehicle, row) - box.center) @ np.array(box.rotation)
             np.testing.assert_allclose(inside.min(axis=0), -np.array(box.size) / 2, rtol=0, atol=1e-7)
             np.testing.assert_allclose(inside.max(axis=0), np.array(box.size) / 2, rtol=0, atol=1e-7)
@@ -84,8 +83,12 @@ def turned(box):
 )
 def test_an_invalid_box_is_found(rows, change, problem):
     label = copy.deepcopy(label_records(rows[0])[0])
-    label |= {"image_id": 1, "category_id": 1}
-    assert [*misfits(label, LabelFields), *check_space(fields_of(label, BOX_3D.fields))] == []
+    label |= {"id": 1, "image_id": 1, "category_id": 1}
+
+    def problems():
+        return list(misfits(label, LabelRecord)) or list(box_3d_problems(Label.of(label, {}), None, None))
+
+    assert problems() == []
     change(label)
-    (found,) = list(misfits(label, LabelFields)) or check_space(fields_of(label, BOX_3D.fields))
+    (found,) = problems()
     assert problem in found

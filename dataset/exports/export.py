@@ -22,7 +22,6 @@ from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, v
 from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.images import Image, Label
-from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped, refuse_all
 
@@ -157,7 +156,7 @@ def _check_masks(images: Sequence[Image], folder: Path) -> None:
     wrong = []
     for image in images:
         for label in image.labels:
-            if mask := MASK.read(label).segmentation:
+            if mask := label.fields.segmentation:
                 try:
                     extent(mask, *image.size)
                 except ValueError as error:
@@ -167,6 +166,6 @@ def _check_masks(images: Sequence[Image], folder: Path) -> None:
 
 def _outlined(label: Label, size: tuple[int, int], within: float) -> Label:
     """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
-    if label.crowd or not (mask := MASK.read(label).segmentation):
+    if label.crowd or not (mask := label.fields.segmentation):
         return label
     return label.changed(segmentation=outlines.polygons(mask, *size, within=within))

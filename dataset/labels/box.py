@@ -4,31 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from msgspec import Struct
-
 from hulldown.dataset.images import Category, Image, Label
-from hulldown.dataset.labels.label_type import LabelType
-from hulldown.dataset.store.declared import PICTURE_KEY, Box
+from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.usable_labels import ROUNDED, SLIGHT, beyond
 
 
-class Fields(Struct):
-    """`bbox` is required of every label."""
-
-    bbox_amodal: Box | None = None
-
-
-def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
+def box_problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
     """Find a box outside of its image, or of its amodal box."""
     x, y, w, h = label.bbox.tolist()
     limit = ROUNDED if PICTURE_KEY in image.record else SLIGHT
     if beyond(label.bbox, *image.size) > limit:
         yield f"bbox {label.record['bbox']} leaves its image of {image.width} x {image.height}"
-    if (amodal := BOX.read(label).bbox_amodal) is not None:
+    if (amodal := label.fields.bbox_amodal) is not None:
         a, b, c, d = amodal
         slack = ROUNDED * max(1.0, c, d)
         if x < a - slack or y < b - slack or x + w > a + c + slack or y + h > b + d + slack:
             yield f"bbox {label.record['bbox']} is not inside bbox_amodal {list(amodal)}"
-
-
-BOX = LabelType(Fields, _problems)

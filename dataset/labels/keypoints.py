@@ -4,34 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from msgspec import Struct
-
 from hulldown.annotate.keypoint_visibility import keypoints_in_image
 from hulldown.dataset.images import Category, Image, Label
-from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
-from hulldown.dataset.store.declared import Pixel
+from hulldown.dataset.labels.seen_vehicle import SeenVehicle
 
 
-class Fields(Struct):
-    """Three numbers for each keypoint of the category, and how many have v > 0."""
-
-    keypoints: list[Pixel] | None = None
-    num_keypoints: int | None = None
-
-
-def _of_scene(vehicle: SeenVehicle) -> Fields | None:
+def seen_keypoints(vehicle: SeenVehicle) -> dict[str, object]:
+    """Return the fields of a vehicle's keypoints; none if its dataset has none."""
     if not vehicle.keypoints:
-        return None
+        return {}
     found = keypoints_in_image(vehicle.posed, vehicle.row.camera, vehicle.scene)
     by_name = dict(zip(vehicle.posed.caster.shape.keypoint_names, found.tolist(), strict=True))
     listed = [by_name.get(name, (0.0, 0.0, 0.0)) for name in vehicle.keypoints]
     flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
-    return Fields(flat, sum(v > 0 for _, _, v in listed))
+    return {"keypoints": flat, "num_keypoints": sum(int(v > 0) for _, _, v in listed)}
 
 
-def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
+def keypoint_problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
     """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
-    fields = KEYPOINTS.read(label)
+    fields = label.fields
     if (keypoints := fields.keypoints) is None:
         return
     names = category.keypoints if category is not None else None
@@ -45,6 +36,3 @@ def _problems(label: Label, image: Image, category: Category | None) -> Iterator
             yield f"keypoint {name!r} is outside of its image"
     if (counted := fields.num_keypoints) != sum(v > 0 for v in keypoints[2::3]):
         yield f"num_keypoints is {counted!r}"
-
-
-KEYPOINTS = LabelType(Fields, _problems, of_scene=_of_scene)

@@ -7,35 +7,26 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from msgspec import Struct
 
 from hulldown.annotate.masks import encode, runs
 from hulldown.annotate.rectangles import fits, mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.images import Category, Image, Label
-from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
-from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.store.declared import Pixel, Side
+from hulldown.dataset.labels.seen_vehicle import SeenVehicle
 
 
-class Fields(Struct):
-    """Center, width, height in pixels, and the angle of the width in radians."""
-
-    obb: tuple[Pixel, Pixel, Side, Side, Pixel] | None = None
-
-
-def _of_scene(vehicle: SeenVehicle) -> Fields:
-    """`annotate.rectangles.mask_rectangle`, rounded to 1e-6 pixels and 1e-9 radians."""
+def seen_rectangle(vehicle: SeenVehicle) -> dict[str, object]:
+    """Return the field of a vehicle's rectangle, rounded to 1e-6 pixels and 1e-9 radians."""
     height, width = vehicle.visible.shape
     rectangle = mask_rectangle(encode(vehicle.visible), width, height)
     if rectangle is None:
-        return Fields()
-    return Fields((*np.round(rectangle[:4], 6).tolist(), round(float(rectangle[4]), 9)))
+        return {"obb": None}
+    return {"obb": [*np.round(rectangle[:4], 6).tolist(), round(float(rectangle[4]), 9)]}
 
 
-def _problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
+def oriented_box_problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
     """Find a rectangle that isn't the smallest one around the mask."""
-    given, mask = ORIENTED_BOX.read(label).obb, MASK.read(label).segmentation
+    given, mask = label.fields.obb, label.fields.segmentation
     if given is None or not isinstance(mask, Mapping):
         return
     try:
@@ -54,7 +45,7 @@ def visible_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
     """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box."""
     if (given := rectangle_of(label)) is not None:
         return rectangle_corners(given)
-    if mask := MASK.read(label).segmentation:
+    if mask := label.fields.segmentation:
         try:
             rectangle = mask_rectangle(mask, *image.size)
         except ValueError as error:
@@ -68,8 +59,5 @@ def visible_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
 
 def rectangle_of(label: Label) -> tuple[float, float, float, float, float] | None:
     """Return a label's `obb` if it has one with an area."""
-    given = ORIENTED_BOX.read(label).obb
+    given = label.fields.obb
     return given if given is not None and min(given[2:4]) > 0 else None
-
-
-ORIENTED_BOX = LabelType(Fields, _problems, of_scene=_of_scene)

@@ -1,48 +1,25 @@
-"""All types of labels, in the order of their fields in a record."""
+"""All types of labels: what computes their fields from a scene, in the order of a record, and what checks them."""
 
 from __future__ import annotations
 
-from typing import Any, get_type_hints
+from collections.abc import Callable, Iterator
 
-import msgspec
-import orjson
-from msgspec import Struct
+from hulldown.dataset.images import Category, Image, Label
+from hulldown.dataset.labels.box import box_problems
+from hulldown.dataset.labels.box_3d import box_3d_problems, corner_problems
+from hulldown.dataset.labels.keypoints import keypoint_problems, seen_keypoints
+from hulldown.dataset.labels.mask import amodal_mask_problems, mask_problems, seen_masks
+from hulldown.dataset.labels.oriented_box import oriented_box_problems, seen_rectangle
+from hulldown.dataset.labels.seen_vehicle import SeenVehicle
 
-from hulldown.dataset.labels.amodal_mask import AMODAL_MASK
-from hulldown.dataset.labels.box import BOX
-from hulldown.dataset.labels.box_3d import BOX_3D
-from hulldown.dataset.labels.corners import CORNERS
-from hulldown.dataset.labels.keypoints import KEYPOINTS
-from hulldown.dataset.labels.label_type import LabelType, SeenVehicle
-from hulldown.dataset.labels.mask import MASK
-from hulldown.dataset.labels.oriented_box import ORIENTED_BOX
-from hulldown.dataset.store.declared import LabelRecord
-from hulldown.planning.plan.row import PlannedVehicle, Row, encode
-
-LABEL_TYPES: tuple[LabelType[Any], ...] = (BOX, BOX_3D, CORNERS, MASK, AMODAL_MASK, ORIENTED_BOX, KEYPOINTS)
-
-# The fields of a label, those of all types included.
-LabelFields = msgspec.defstruct(
-    "LabelFields",
-    [
-        (field.name, get_type_hints(kind.fields, include_extras=True)[field.name], None)
-        for kind in LABEL_TYPES
-        for field in msgspec.structs.fields(kind.fields)
-    ],
-    bases=(LabelRecord,),
-    kw_only=True,
+SCENE_FIELDS: tuple[Callable[[SeenVehicle], dict[str, object]], ...] = (seen_masks, seen_rectangle, seen_keypoints)
+# Functions from a label, its image, and its class (None: unknown) to a sentence for each problem.
+LABEL_CHECKS: tuple[Callable[[Label, Image, Category | None], Iterator[str]], ...] = (
+    *(box_problems, box_3d_problems, corner_problems, mask_problems),
+    *(amodal_mask_problems, oriented_box_problems, keypoint_problems),
 )
-
-
-def fields_of_row(vehicle: PlannedVehicle, row: Row) -> dict[str, object]:
-    """Return the fields of a label that its row determines, beside those that datasets copy from rows."""
-    return _json(*(kind.of_row(vehicle, row) for kind in LABEL_TYPES if kind.of_row))
 
 
 def fields_of_scene(vehicle: SeenVehicle) -> dict[str, object]:
     """Return the fields of a label that need the scene."""
-    return _json(*(fields for kind in LABEL_TYPES if kind.of_scene and (fields := kind.of_scene(vehicle)) is not None))
-
-
-def _json(*parts: Struct) -> dict[str, object]:
-    return {key: value for part in parts for key, value in orjson.loads(encode(part)).items()}
+    return {key: value for fields in SCENE_FIELDS for key, value in fields(vehicle).items()}

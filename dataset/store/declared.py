@@ -51,8 +51,16 @@ class View(Optics):
     picture_sha256: str | None = None
 
 
+class Box3D(Struct):
+    """An oriented box in the camera's frame."""
+
+    center: Three
+    size: Three
+    rotation: Rows
+
+
 class LabelRecord(Struct, kw_only=True):
-    """Fields of every label; `dataset.labels` has those of each type."""
+    """Fields of a label; docs/dataset.md describes them, and `dataset.labels` computes and checks them."""
 
     image_id: int
     category_id: int
@@ -63,6 +71,17 @@ class LabelRecord(Struct, kw_only=True):
     air_contrast: Share | None = None
     world_from_vehicle: Pose | None = None
     vehicle: str | None = None
+    bbox_amodal: Box | None = None
+    distance: Annotated[float, Meta(ge=0, le=1e9)] | None = None
+    azimuth_seen: Annotated[float, Meta(ge=-10, le=10)] | None = None
+    bbox_3d: Box3D | None = None
+    bbox_3d_corners: Annotated[list[tuple[Pixel, Pixel] | None], Meta(min_length=8, max_length=8)] | None = None
+    segmentation: object = None  # in one of the forms that `annotate.masks.decode` checks
+    area: Side | None = None
+    segmentation_amodal: dict[str, object] | None = None
+    obb: tuple[Pixel, Pixel, Side, Side, Pixel] | None = None
+    keypoints: list[Pixel] | None = None
+    num_keypoints: int | None = None
 
 
 class Keypoints(Struct):

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
-import io
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
-
-from pycocotools.coco import COCO
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
@@ -16,11 +12,13 @@ from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import reporting
 from hulldown.dataset.records import (
     Finding,
-    check_annotations,
-    check_categories,
-    check_images,
+    check_cameras,
     check_journal,
+    check_labels,
+    check_names,
     check_reservations,
+    sound_images,
+    unusable_records,
 )
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import is_cut_off
@@ -41,24 +39,24 @@ def find_problems(
     """Find what is wrong with a dataset; parameters as of `rendering.verify.verify`."""
     folder = Path(dataset)
     coco = read_coco(folder)
-    findings: list[Finding] = []
-    findings += check_categories(coco["categories"])
-    findings += check_images(coco["images"])
-    findings += check_annotations(coco)
+    sound = sound_images(coco)
+    findings = [*unusable_records(coco["categories"], coco["images"], coco["annotations"]), *check_names(coco)]
+    findings += check_cameras(coco["images"])
+    findings += check_labels(coco["categories"], sound.values())
     findings += check_reservations(coco)
     findings += check_journal(coco, folder / JOURNAL_NAME)
     if plan is not None:
         findings += check_planned(coco, read_plan(plan), None if fast else assets)
-    findings += _check_loading(folder)
+    findings += _check_keys(folder)
     if is_cut_off(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
         findings.append(Finding("warning", JOURNAL_NAME, problem))
     with reporting("checking", progress) as advance:
-        findings += check_pictures(folder, coco, fast=fast, progress=advance)
+        findings += check_pictures(folder, coco, sound, fast=fast, progress=advance)
     return findings
 
 
-def _check_loading(folder: Path) -> Iterator[Finding]:
+def _check_keys(folder: Path) -> Iterator[Finding]:
     path = next((path for name in (ANNOTATIONS_NAME, COCO_NAME) if (path := folder / name).exists()), None)
     if path is None:
         if (folder / JOURNAL_NAME).exists():
@@ -67,16 +65,8 @@ def _check_loading(folder: Path) -> Iterator[Finding]:
         return
     refuse = partial(DatasetError, path=path)
     try:
-        dataset, repeated = json_with_repeats(read_file(path, refuse, most=DATA))
+        _, repeated = json_with_repeats(read_file(path, refuse, most=DATA))
     except ValueError as error:  # it changed meanwhile
         raise refuse(f"isn't valid JSON ({error})") from None
     for key, times in repeated.items():
         yield Finding("error", path.name, f"{times} objects have the key {key!r} more than once: readers take the last")
-    try:
-        with contextlib.redirect_stdout(io.StringIO()):  # it prints what it does
-            loaded = COCO()
-            loaded.dataset = dataset
-            loaded.createIndex()
-            loaded.loadAnns(loaded.getAnnIds())
-    except (KeyError, TypeError) as error:  # what it raises for records without ids it expects
-        yield Finding("error", path.name, f"pycocotools cannot load it: {type(error).__name__}: {error}")

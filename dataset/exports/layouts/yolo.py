@@ -22,8 +22,6 @@ from hulldown.annotate.outlines import bridged
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits, rings_of
 from hulldown.dataset.images import Label
-from hulldown.dataset.labels.keypoints import KEYPOINTS
-from hulldown.dataset.labels.mask import MASK
 from hulldown.dataset.labels.oriented_box import visible_corners
 
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
@@ -36,7 +34,7 @@ def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     expect one or the other in a file. Several polygons are bridged into one.
     """
     labels = [label for label in item.image.labels if not label.crowd]
-    masks = [MASK.read(label).segmentation for label in labels]
+    masks = [label.fields.segmentation for label in labels]
     if any(isinstance(mask, list) and mask for mask in masks):
         corners = [bridged([np.reshape(ring, (-1, 2)) for ring in rings_of(label)]) for label in labels]
         shares = [(each / item.image.size).ravel() for each in corners]
@@ -106,7 +104,7 @@ def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> li
     lines = []
     for label in item.image.labels:
         if not label.crowd:
-            points = np.reshape(KEYPOINTS.read(label).keypoints or np.zeros(3 * keypoints), (-1, 3))
+            points = np.reshape(label.fields.keypoints or np.zeros(3 * keypoints), (-1, 3))
             shares = " ".join(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.image.size, 1])
             lines.append(f"{_line(numbers[label.category_id], _center(label, item.image.size))} {shares}")
     return lines
