@@ -70,8 +70,6 @@ class ModelEntry(FileEntry):
     forward: Forward = Field(default=None, examples=["+x"])
     """where its nose points once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or [x, y];
     default: by wheels, gun, and names"""
-    yaw_deg: float = Field(default=0.0, ge=-360, le=360)
-    """turns its nose further, degrees counterclockwise from above"""
     up: Literal["z", "-z", "y", "-y", "x", "-x"] | None = Field(default=None, examples=["z"])
     """the axis that points up; default: by the file and the wheels"""
     scale: Positive | None = Field(default=None, examples=[1.0])

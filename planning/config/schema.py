@@ -43,9 +43,12 @@ REMOVED_KEYS = MappingProxyType(
         "ground.exclude": "name what isn't ground in the `not_ground` of each scenery",
         "placement.rule = 'least_squares'": 'use "support", which is nearer to the resting pose',
         **{
-            f"assets.{kind}.paint.{key}": "list the `colors` to draw from"
+            f"assets.{kind}.{key}": instead
             for kind in ("vehicles", "distractors")
-            for key in ("hue_deg", "saturation", "value")
+            for key, instead in {
+                "yaw_deg": "`forward` may be any number of degrees",
+                **dict.fromkeys(("paint.hue_deg", "paint.saturation", "paint.value"), "list the `colors` to draw from"),
+            }.items()
         },
     }
 )

@@ -31,7 +31,7 @@ from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced
 from hulldown.reading.blender.tidy import lasting, look_of
 from hulldown.reading.pieces.asset_report import ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.roles import Evaluated, Link, Piece, Unseen, Volume
+from hulldown.reading.pieces.roles import Evaluated, Link, Piece, Unseen
 from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import level_share
@@ -100,10 +100,11 @@ class _Reader:
                 self._leave(instance, "its instances are drawn, but not it itself")
             elif kind in SOLID:
                 self._read_mesh(instance)
-            elif kind == "VOLUME":
-                self._read_volume(instance)
             elif kind in UNDRAWN:
                 self._leave(instance, UNDRAWN[kind])
+                if kind == "VOLUME":
+                    text = f"the volume {instance.object.name!r} isn't rendered"
+                    self.result.doubts.append(Doubt(DoubtKind.NOT_READ, text))
             elif kind not in SURFACES:
                 self._leave(instance, "type " + kind.lower().replace("_", " "))
             # Surfaces of curves, texts and the like come once more as the meshes they make; CURVES are hair.
@@ -147,20 +148,6 @@ class _Reader:
         if drawn.type == "CURVES":
             return curves_mesh(drawn.data, drawn.name)
         return points_mesh(drawn.data, drawn.name) if drawn.type == "POINTCLOUD" else _faces(drawn, self.cutouts)
-
-    def _read_volume(self, instance: Any) -> None:
-        drawn, pose = instance.object, self.poses.instance_pose(instance)
-        _refuse_endless(drawn.name, pose)
-        if drawn.data.filepath:
-            block = lasting(drawn, drawn.data, [slot.material for slot in drawn.material_slots])
-            self.result.volumes.append(Volume(drawn.name, block, pose, look_of(drawn)))
-        else:
-            self.result.doubts.append(
-                Doubt(
-                    DoubtKind.NOT_READ, f"the volume {drawn.name!r} isn't rendered, since nodes make it; use a VDB file"
-                )
-            )
-        self._leave(instance, "a volume hides nothing as a surface")
 
     def _read_strands(self, instance: Any) -> None:
         drawn = instance.object

@@ -12,8 +12,11 @@ from hulldown.reading.pieces.roles import Evaluated, Unseen
 
 SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
 SOLID = ("MESH", "CURVES", "POINTCLOUD")
-UNDRAWN = {"GREASEPENCIL": "grease pencil is not rendered by Cycles"}
-DRAWN = (*SURFACES, *SOLID, *UNDRAWN, "VOLUME")
+UNDRAWN = {
+    "GREASEPENCIL": "grease pencil is not rendered by Cycles",
+    "VOLUME": "a volume hides nothing as a surface, and isn't rendered",
+}
+DRAWN = (*SURFACES, *SOLID, *UNDRAWN)
 
 
 def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:

@@ -21,7 +21,7 @@ from jaxtyping import Float
 from hulldown.reading.blender.frames import pose as set_pose
 from hulldown.reading.blender.surfaces.object_inputs import detach_materials
 from hulldown.reading.blender.tidy_properties import PART, RANDOM, REST
-from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen, Volume
+from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
 CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
 MANY = 8  # from so many on, copies are drawn by one object
@@ -87,13 +87,12 @@ def write_vehicle(
     return collection
 
 
-def _object(thing: Piece | Volume, block: Any) -> Any:
-    """Make an object with the name and the look of a piece or a volume."""
-    obj = bpy.data.objects.new(thing.name, block)
-    for name, value in zip(LOOK, thing.look, strict=True):
+def _object(piece: Piece, block: Any) -> Any:
+    """Make an object with the name and the look of a piece."""
+    obj = bpy.data.objects.new(piece.name, block)
+    for name, value in zip(LOOK, piece.look, strict=True):
         setattr(obj, name, value)
-    if isinstance(thing, Piece):
-        obj[RANDOM] = thing.random
+    obj[RANDOM] = piece.random
     return obj
 
 
@@ -121,11 +120,6 @@ def write_scenery(
             obj.parent = root
             set_pose(obj, world_from_mesh)
             collection.objects.link(obj)
-    for volume in drawn.volumes:
-        obj = _object(volume, volume.block)
-        obj.parent = root
-        set_pose(obj, scenery_from_file @ volume.pose)
-        collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 

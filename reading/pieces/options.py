@@ -15,7 +15,6 @@ class Options:
     scale: float | None = None  # meters to one unit of the file
     # direction of a vehicle's nose once z is up: "+x", "-x", "+y", "-y", degrees counterclockwise from +x, or a vector
     forward: str | float | tuple[float, ...] | None = None
-    yaw_deg: float = 0.0  # degrees counterclockwise from there to its true direction
     # keep, drop: patterns of objects that belong to a vehicle, and that don't; a scenery's `drop` isn't planned or
     # rendered
     keep: tuple[str, ...] = ()

@@ -87,16 +87,6 @@ class Piece:
         return float(self.size[0] * self.size[1])
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Volume:
-    """A drawn volume from a file, such as smoke, which hides nothing as a surface."""
-
-    name: str
-    block: Any
-    pose: Float[np.ndarray, "4 4"]
-    look: tuple[object, ...]
-
-
 @dataclass(eq=False, slots=True)
 class Evaluated:
     """The evaluated contents of a scene."""
@@ -110,7 +100,6 @@ class Evaluated:
     # every drawn mesh, where it is drawn; `bounds` after `meters_from_file`
     pieces: list[Piece] = field(default_factory=list)
     markers: list[tuple[Link, ...]] = field(default_factory=list)
-    volumes: list[Volume] = field(default_factory=list)  # every drawn volume, which the renderer needs
     # rows of objects without a piece, and how often they're drawn
     left: Counter[ObjectRow] = field(default_factory=Counter)
     doubts: list[Doubt] = field(default_factory=list)  # sentences about things that are rendered differently than read

@@ -119,8 +119,6 @@ def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Di
         found = find_forward(solids, wheels, names, gun=gun, corners=_corners(upright, kept))
     else:
         found = Direction(_angle(options.forward), "as the config states")
-    if options.yaw_deg:
-        found = replace(found, value=found.value + np.radians(options.yaw_deg), why=f"{found.why}, and yaw_deg")
     return found, solids, wheels
 
 
