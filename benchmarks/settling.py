@@ -11,20 +11,21 @@ from typing import Any
 import numpy as np
 from matplotlib.cbook import get_sample_data
 from matplotlib.figure import Figure
+from scipy.spatial import ConvexHull
 
 from hulldown.benchmarks.tables import table
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rotation_z
 from hulldown.placement.candidates import candidates
+from hulldown.placement.rest import NUDGE, OTHER_WAYS
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
-from hulldown.placement.support import support_plane
 from hulldown.placement.terrain import Terrain
 
 SIZE = np.array([7.0, 3.5, 2.5])
 RULES = ("averaged", "support")
 DEFAULT = ("support", 5)
-SHOWN = (5, 9, 21)  # rays a side in the tables; the plot shows all
+SHOWN = (5, 9)  # rays a side in the tables; the plot shows all
 TRUTH_CELL = 0.1  # meters between the samples of the reference
 UNSURE = 0.2  # meters: a center of gravity nearer to the edge of its contact triangle may tip either way
 
@@ -84,10 +85,28 @@ def _truth(
     turn = rotation_z(yaw)[:, :2, :2]
     points = xy[:, None] + samples @ np.swapaxes(turn, 1, 2)
     heights = height(points.reshape(-1, 2)).reshape(points.shape[:2])
-    plane = support_plane(samples, heights, np.isfinite(heights))
-    gradient = np.einsum("kij,kj->ki", turn, plane.gradient)
+    gradient, z, margin = (np.array(each) for each in zip(*(_resting(samples, row) for row in heights), strict=True))
+    gradient = np.einsum("kij,kj->ki", turn, gradient)
     up = np.column_stack([-gradient, np.ones(len(xy))])
-    return up / np.linalg.norm(up, axis=1, keepdims=True), plane.height, plane.margin > UNSURE
+    return up / np.linalg.norm(up, axis=1, keepdims=True), z, margin > UNSURE
+
+
+def _resting(samples: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Return gradient and height of the facet of the convex hull above the middle, and how far inside the middle is.
+
+    The mean of the facets that four nudges of the middle give, as `support_plane` has it.
+    """
+    hull = ConvexHull(np.column_stack([samples, heights]))
+    upper = hull.equations[:, 2] > 1e-12
+    nx, ny, nz, offset = hull.equations[upper].T
+    planes = np.column_stack([-nx / nz, -ny / nz, -offset / nz])
+    ways = np.concatenate([[[1.0, 1.0]], OTHER_WAYS]) * NUDGE * SIZE[:2]
+    above = [int(np.argmin(planes[:, 2] + planes[:, :2] @ way)) for way in ways]
+    corners = samples[hull.simplices[upper][above[0]]]
+    side = np.roll(corners, -1, axis=0) - corners
+    apart = np.abs(side[:, 0] * corners[:, 1] - side[:, 1] * corners[:, 0]) / np.linalg.norm(side, axis=1)
+    *gradient, z = planes[above].mean(axis=0)
+    return np.array(gradient), z, apart.min()
 
 
 def angle_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -108,7 +127,7 @@ def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick
     gate = np.nanmedian(lean)
     rows = []
     for rule in RULES:
-        for n in (3, 5, 7, 9, 13, 21):
+        for n in (3, 5, 7, 9):
             settled = settle(
                 terrain, SIZE, xy, yaw, threads=2, rules=SettleRules(rule=rule, n=n, max_slope=1.5, contact_n=36)
             )

@@ -31,8 +31,8 @@ class SettleRules:
     def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {self.rule!r}")
-        if whole(self.n, "n") < (1 if self.rule == "averaged" else 2):
-            raise ValueError(f"n: expected at least 2 rays a side (1 for the averaged rule), got {self.n}")
+        if not 2 <= whole(self.n, "n") <= 9:
+            raise ValueError(f"n: expected 2 to 9 rays a side, got {self.n}")
         if whole(self.contact_n, "contact_n") < 0:
             raise ValueError(f"contact_n: expected 0 or more points a side, got {self.contact_n}")
         if not 0.0 <= self.max_slope < math.pi / 2:

@@ -24,9 +24,8 @@ from hulldown.geometry.transforms import facing, rigid
 from hulldown.placement.contact import Footing, gap_and_penetration, stacked
 from hulldown.placement.footprint import Samples, Underside
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.rest import averaged, support
+from hulldown.placement.rest import Rest, averaged_plane, underside_plane
 from hulldown.placement.rules import SettleRules
-from hulldown.placement.support import Rest
 from hulldown.placement.terrain import Terrain
 
 BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
@@ -262,9 +261,9 @@ def _rest(
     for i in np.unique(which).tolist():
         rows, samples = np.flatnonzero(which == i), footings[i].samples
         if rules.rule == "averaged":
-            planes = averaged(samples.xy, heights[rows], turned[rows], valid[rows])
+            planes = averaged_plane(samples.xy, heights[rows], turned[rows], valid[rows])
         else:
-            planes = support(samples, heights[rows], valid[rows])
+            planes = underside_plane(samples, heights[rows], valid[rows])
         put(rest, rows, planes)
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
 

@@ -19,9 +19,9 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply, facing, invert_rigid, tilt_to
 from hulldown.placement.candidates import candidates
 from hulldown.placement.footprint import contact_footprint, underside
+from hulldown.placement.rest import support_plane
 from hulldown.placement.rules import RULES, SettleRules
 from hulldown.placement.settle import settle
-from hulldown.placement.support import support_plane
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import NO_OBSTACLES, Scene
@@ -123,7 +123,7 @@ WRONG = [
     (lambda: contact_footprint(np.zeros((0, 3))), "vertices: expected at least one vertex"),
     (lambda: underside(Mesh(POINTS[[0, 1, 1]], np.array([[0, 1, 2]]))), "mesh: expected a length and a width"),
     (lambda: SettleRules(rule="mean"), "rule: expected one of averaged, support, got 'mean'"),
-    (lambda: SettleRules(n=1), "n: expected at least 2 rays a side"),
+    (lambda: SettleRules(n=1), "n: expected 2 to 9 rays a side, got 1"),
     (lambda: SettleRules(contact_n=-1), "contact_n: expected 0 or more points a side, got -1"),
     (lambda: SettleRules(max_slope=1.6), r"max_slope: expected radians in \[0, pi/2\), got 1.6"),
     (lambda: SettleRules(min_share=1.1), r"min_share: expected a share in \[0, 1\], got 1.1"),

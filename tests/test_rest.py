@@ -5,8 +5,7 @@ import pytest
 from scipy.optimize import linprog
 
 from hulldown.placement.footprint import Samples
-from hulldown.placement.rest import averaged, support
-from hulldown.placement.support import NUDGE, support_plane
+from hulldown.placement.rest import NUDGE, averaged_plane, support_plane, underside_plane
 
 SAMPLES = np.stack(np.meshgrid(np.linspace(-3, 4, 5), np.linspace(-1.5, 2, 4), indexing="ij"), -1).reshape(-1, 2)
 PLATE = Samples(SAMPLES, np.zeros(20), np.ones(20, dtype=bool), np.array([0.5, 0.25]))
@@ -23,7 +22,7 @@ def test_averages_use_only_valid_hits():
     valid = rng.random((30, 20)) < 0.7
     heights = np.where(valid, rng.normal(40, 1, (30, 20)), np.nan)
     normals = np.where(valid[..., None], normals / np.linalg.norm(normals, axis=2, keepdims=True), np.nan)
-    mean = averaged(SAMPLES, heights, normals, valid)
+    mean = averaged_plane(SAMPLES, heights, normals, valid)
     assert mean.found.all()
     for i, seen in enumerate(valid):
         x, y, up = normals[i, seen].mean(axis=0)
@@ -35,8 +34,8 @@ def test_averages_use_only_valid_hits():
 def test_hits_on_one_line_or_none_give_no_plane():
     heights, normals = np.zeros((3, 20)), np.tile([0.0, 0.0, 1.0], (3, 20, 1))
     valid = np.array([np.zeros(20, bool), np.arange(20) < 4, np.arange(20) == 7])
-    assert support(PLATE, heights, valid).found.tolist() == [False] * 3
-    assert averaged(SAMPLES, heights, normals, valid).found.tolist() == [False, True, True]
+    assert underside_plane(PLATE, heights, valid).found.tolist() == [False] * 3
+    assert averaged_plane(SAMPLES, heights, normals, valid).found.tolist() == [False, True, True]
 
 
 def test_over_an_edge_the_support_plane_is_the_mean_of_both_sides():
@@ -50,7 +49,7 @@ def test_over_an_edge_the_support_plane_is_the_mean_of_both_sides():
     np.testing.assert_allclose(flat.gradient, [[0.0, 0.0]], atol=1e-300)
 
 
-@pytest.mark.parametrize("n", [2, 3, 4, 9, 21])
+@pytest.mark.parametrize("n", [2, 3, 4, 5, 9])
 @pytest.mark.parametrize("share", [1.0, 0.6])
 def test_no_plane_on_or_above_all_samples_is_lower_at_the_center_than_the_support_plane(n, share):
     rng, xy = np.random.default_rng(n), grid(n)

@@ -56,8 +56,8 @@ def nose_up(settled):
 @pytest.mark.parametrize(
     ("height", "n", "rest"),
     [
-        (lambda x, y: np.where(x > 1, 0.5, 0.0), 36, math.degrees(math.atan(0.5 / 4.55))),
-        (lambda x, y: -math.tan(math.radians(20)) * np.abs(x - 1), 36, 20.0),
+        (lambda x, y: np.where(x > 0.8, 0.5, 0.0), 9, math.degrees(math.atan(0.5 / 4.375))),
+        (lambda x, y: -math.tan(math.radians(20)) * np.abs(x - 0.875), 9, 20.0),
         (lambda x, y: np.minimum(0, math.tan(math.radians(20)) * (np.abs(x - 1.5) - 1.5)), 8, 0.0),
     ],
     ids=["step", "ridge", "ditch"],
@@ -65,7 +65,7 @@ def nose_up(settled):
 def test_the_support_plane_finds_the_rest_pose_that_the_average_misses(height, n, rest):
     terrain = Terrain(height_field(height, half=8, cell=0.05))
     support, averaged = (placed(terrain, rule=rule, n=n) for rule in ("support", "averaged"))
-    # The reference rests on solid ground; samples 0.2 m apart miss the edge by at most that.
+    # The reference rests on solid ground, whose edges are under samples.
     assert abs(nose_up(support) - rest) < 0.5
     assert abs(nose_up(averaged) - rest) > 1.5
     assert support.penetration[0] < 0.02 < averaged.penetration[0]

@@ -28,7 +28,7 @@ class PlacementSection(Section):
     contact: Literal["footprint", "box"] = "footprint"
     """what touches the ground: "footprint", tracks, wheels, and belly; "box", as in the paper, a plate under the
     bounding box"""
-    footprint: int = Field(default=5, ge=2, le=101)
+    footprint: int = Field(default=5, ge=2, le=9)
     """n x n rays are cast under the vehicle"""
     min_valid_share: float = Field(default=0.8, gt=0, le=1)
     """least share of these rays that must meet ground"""
