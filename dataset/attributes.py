@@ -18,86 +18,64 @@ from hulldown.camera.shell import shell_place
 from hulldown.dataset.images import Image, Label
 from hulldown.dataset.store.declared import Pose, View, fields_of
 
-INFINITY = math.inf
 SIDES = ("front", "side", "rear")
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """A numeric attribute of labels: title, unit, bin edges, and bin names."""
+    """A numeric attribute of labels: title, unit, and lower edges and names of its bins, if evaluations have some."""
 
     name: str
     title: str
-    unit: str
-    edges: tuple[float, ...]
-    bins: tuple[str, ...]
+    unit: str = ""
+    edges: tuple[float, ...] = ()
+    bins: tuple[str, ...] = ()
 
 
-def _ranges(unit: str, *edges: float) -> tuple[str, ...]:
-    """Return names of bins between edges, the first and the last of which are open."""
-    inner = [f"{low:g} to {high:g}{unit}" for low, high in itertools.pairwise(edges[1:-1])]
-    return f"under {edges[1]:g}{unit}", *inner, f"{edges[-2]:g}{unit} and more"
+def _binned(name: str, title: str, unit: str, *edges: float) -> Scale:
+    """Return a scale with a bin from 0 to the first edge, between any two edges, and from the last one on."""
+    inner = [f"{low:g} to {high:g} {unit}" for low, high in itertools.pairwise(edges)]
+    names = (f"under {edges[0]:g} {unit}", *inner, f"{edges[-1]:g} {unit} and more")
+    return Scale(name, title, unit, (0.0, *edges), names)
 
 
-def _scale(name: str, title: str, unit: str, *edges: float, bins: tuple[str, ...] = ()) -> Scale:
-    return Scale(name, title, unit.strip(), edges, bins or _ranges(unit, *edges))
-
-
-SIZE = _scale("box_size", "box size (root of its area)", " px", 0.0, 16.0, 32.0, 64.0, 96.0, 192.0, 384.0, INFINITY)
+SIZE = _binned("box_size", "box size (root of its area)", "px", 16.0, 32.0, 64.0, 96.0, 192.0, 384.0)
 SCALES = (
-    _scale("distance", "distance", " m", 0.0, 25.0, 50.0, 100.0, 200.0, 400.0, 800.0, INFINITY),
-    _scale(
-        "visible_fraction", "visible fraction", "", -INFINITY, 0.25, 0.5, 0.75, 0.9, 1.0, INFINITY,
-        bins=("under 25 %", "25 to 50 %", "50 to 75 %", "75 to 90 %", "90 to 100 %", "100 %"),
+    _binned("distance", "distance", "m", 25.0, 50.0, 100.0, 200.0, 400.0, 800.0),
+    Scale(
+        "visible_fraction", "visible fraction", "", (-math.inf, 0.25, 0.5, 0.75, 0.9, 1.0),
+        ("under 25 %", "25 to 50 %", "50 to 75 %", "75 to 90 %", "90 to 100 %", "100 %"),
     ),
-    _scale(
-        "truncated_fraction", "fraction outside the picture", "", -INFINITY, 1e-9, 0.1, 0.25, 0.5, INFINITY,
-        bins=("0 %", "under 10 %", "10 to 25 %", "25 to 50 %", "50 % and more"),
-    ),
-    _scale("elevation", "camera elevation", "°", -INFINITY, 0.0, 5.0, 10.0, 20.0, 30.0, 45.0, INFINITY),
-    _scale("slope", "slope", "°", 0.0, 5.0, 10.0, 15.0, 20.0, 25.0, INFINITY),
-    _scale(
-        "air_contrast", "contrast after haze", "", -INFINITY, 0.05, 0.2, 0.5, 0.8, 1.0, INFINITY,
-        bins=("under 5 %", "5 to 20 %", "20 to 50 %", "50 to 80 %", "80 to 100 %", "100 %"),
-    ),
-    _scale("contrast", "contrast", "", 0.0, 0.05, 0.1, 0.2, 0.4, INFINITY),
+    Scale("truncated_fraction", "fraction outside the picture"),
+    Scale("elevation", "camera elevation", "°"),
+    Scale("slope", "slope", "°"),
+    Scale("air_contrast", "contrast after haze"),
 )  # fmt: skip
-
-
-class _Numbers(Struct):
-    """Fields of a label's record."""
-
-    slope_deg: float | None = None
-    air_contrast: float | None = None
-    contrast: float | None = None
 
 
 def numbers_of(
     labels: Sequence[Label], images: Sequence[Image], image: Int[np.ndarray, " g"]
 ) -> dict[str, Float[np.ndarray, " g"]]:
     """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown."""
-    fields, spaces = [fields_of(label.record, _Numbers) for label in labels], [label.fields for label in labels]
-    vehicles = poses([label.world_from_vehicle for label in labels])
+    fields = [label.fields for label in labels]
+    vehicles = poses([each.world_from_vehicle for each in fields])
     cameras = camera_poses(images)[image]
     # Centers of 3D boxes in the world; without one, vehicles' origins.
-    boxed = np.array([space.bbox_3d is not None for space in spaces], dtype=bool)
-    in_camera = np.array([space.bbox_3d.center for space in spaces if space.bbox_3d], dtype=np.float64).reshape(-1, 3)
+    boxed = np.array([each.bbox_3d is not None for each in fields], dtype=bool)
+    in_camera = np.array([each.bbox_3d.center for each in fields if each.bbox_3d], dtype=np.float64).reshape(-1, 3)
     centers = vehicles[:, :3, 3].copy()
     centers[boxed] = (cameras[boxed, :3, :3] @ in_camera[..., None])[..., 0] + cameras[boxed, :3, 3]
     distance, elevation, azimuth = seen_from(centers, vehicles, cameras)
-    length = np.linalg.norm(vehicles[:, :3, 2], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        slope = np.degrees(np.arccos(np.clip(vehicles[:, 2, 2] / length, -1.0, 1.0)))
-    stored_distance = np.array([space.distance for space in spaces], dtype=np.float64)
-    stored = np.array([(x.slope_deg, x.air_contrast, x.contrast) for x in fields], dtype=np.float64)
-    stored_slope, air_contrast, contrast = stored.reshape(-1, 3).T
+        upright = vehicles[:, 2, 2] / np.linalg.norm(vehicles[:, :3, 2], axis=1)
+    stored = {
+        key: np.array([getattr(each, key) for each in fields], dtype=np.float64)
+        for key in ("visible_fraction", "truncated_fraction", "air_contrast", "distance")
+    }
     return {
-        "visible_fraction": np.array([label.visible_fraction for label in labels], dtype=np.float64),
-        "truncated_fraction": np.array([label.truncated_fraction for label in labels], dtype=np.float64),
-        "air_contrast": air_contrast,
-        "contrast": contrast,
-        "distance": np.where(np.isnan(stored_distance), distance, stored_distance),
-        "slope": np.where(np.isnan(stored_slope), slope, stored_slope),
+        **stored,
+        "distance": np.where(np.isnan(stored["distance"]), distance, stored["distance"]),
+        "slope": np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))),
         "elevation": elevation,
         "azimuth": azimuth,
     }
@@ -129,8 +107,7 @@ def sides_of(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 def bins_of(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
     """Return the bin of each value, lower edges included; -1 for nan and what lies below all."""
-    bins = np.searchsorted(np.array(scale.edges), values, side="right") - 1
-    return np.where(np.isnan(values) | (bins >= len(scale.edges) - 1), -1, bins)
+    return np.where(np.isnan(values), -1, np.searchsorted(np.array(scale.edges), values, side="right") - 1)
 
 
 class _Weather(Struct):

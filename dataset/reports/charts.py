@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -108,19 +108,13 @@ def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Figure:
 
 
 def shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
-    """Frequency of each name, most frequent first."""
+    """Frequency of each name, most frequent on top."""
     counts = Counter(name for name in names.tolist() if name).most_common()
-    shown = counts[:MOST_NAMES]
     if rest := counts[MOST_NAMES:]:
-        shown.append((f"{len(rest)} others", sum(n for _, n in rest)))
-    return bars(title, dict(shown))
-
-
-def bars(title: str, values: Mapping[str, float], *, width: float = 3.6, color: str = BLUE) -> Figure:
-    """Return a bar for each name, from top to bottom."""
-    figure, axes = axes_of(title, width, 0.7 + 0.24 * max(len(values), 3))
-    axes.barh(range(len(values)), list(values.values()), color=color, height=0.62)
-    axes.set_yticks(range(len(values)), [short(name) for name in values])
+        counts[MOST_NAMES:] = [(f"{len(rest)} others", sum(n for _, n in rest))]
+    figure, axes = axes_of(title, 3.6, 0.7 + 0.24 * max(len(counts), 3))
+    axes.barh(range(len(counts)), [n for _, n in counts], color=BLUE, height=0.62)
+    axes.set_yticks(range(len(counts)), [short(name) for name, _ in counts])
     axes.invert_yaxis()
     return figure
 

@@ -93,7 +93,6 @@ def report(
             "dataset": dataset,
             "comparison": comparison,
             "tiles": tiles,
-            "facets": [(key, key, sorted({v for tile in tiles for v in tile.values[key]})) for key in tiles[0].values],
             "facts": _facts(dataset),
             "sizes": SIZES,
             "classes": _classes(dataset),

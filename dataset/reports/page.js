@@ -4,22 +4,11 @@ for (const gallery of document.querySelectorAll(".gallery")) {
   const values = new Map(tiles.map((tile) => [tile, JSON.parse(tile.dataset.values)]));
   const update = () => {
     for (const tile of tiles) {
-      tile.hidden = selects.some((s) => s.value && !(values.get(tile)[s.dataset.facet] || []).includes(s.value));
+      tile.hidden = selects.some((s) => s.value && !values.get(tile)[s.dataset.facet].includes(s.value));
     }
     const shown = tiles.filter((tile) => !tile.hidden).length;
     gallery.querySelector(".shown").textContent = shown + " of " + tiles.length + " shown";
   };
-  const choose = (facet, value) => {
-    for (const s of selects) s.value = s.dataset.facet === facet ? value : "";
-    update();
-  };
   gallery.addEventListener("change", update);
-  gallery.querySelector(".clear").addEventListener("click", () => choose("", ""));
-  for (const button of document.querySelectorAll(".choose")) {
-    button.addEventListener("click", () => {
-      choose(button.dataset.facet, button.textContent);
-      gallery.scrollIntoView({ behavior: "instant", block: "start" });
-    });
-  }
   update();  // a reloaded page keeps what was chosen
 }

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import base64
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TypeAlias
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -20,7 +19,6 @@ from matplotlib.figure import Figure
 from hulldown.dataset.reports.charts import svg
 
 FOLDER = "dataset/reports"
-Facet: TypeAlias = tuple[str, str, Sequence[str]]  # a key of `Tile.values`, its title, and its choices in order
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +27,7 @@ class Tile:
 
     picture: bytes
     caption: Sequence[str]  # lines below it; the first is emphasized
-    values: Mapping[str, list[str]]  # the thumbnail's values for each facet by key; unknown facets are left out
+    values: Mapping[str, list[str]]  # the thumbnail's values by facet; all thumbnails have the same facets
 
 
 def render(template: str, data: Mapping[str, object], *, layout: str = "page.html") -> str:
@@ -53,13 +51,10 @@ def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, si
     return f"{number(value, sign=sign)} ({number(ends[0], sign=sign)} to {number(ends[1], sign=sign)})"
 
 
-def choices(tiles: Sequence[Tile], facets: Sequence[Facet]) -> Iterator[tuple[str, str, Mapping[str, int]]]:
-    """Yield key, title, and the number of tiles of each value, of the facets in which tiles differ."""
-    for key, title, values in facets:
-        counts = Counter(value for tile in tiles for value in tile.values.get(key, ()))
-        known = {value: counts[value] for value in values if counts[value]}
-        if len(known) > 1 or (known and sum(known.values()) < len(tiles)):
-            yield key, title, known
+def facet_counts(tiles: Sequence[Tile]) -> dict[str, dict[str, int]]:
+    """Return the number of tiles of each value, of the facets in which tiles differ."""
+    counts = {key: Counter(value for tile in tiles for value in tile.values[key]) for key in tiles[0].values}
+    return {key: dict(sorted(of.items())) for key, of in counts.items() if set(of.values()) - {len(tiles)}}
 
 
 def data_uri(picture: bytes | Figure) -> str:
@@ -80,5 +75,5 @@ def _environment(layout: str) -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "ranged": ranged, "choices": choices, "uri": data_uri}
+    environment.filters |= {"number": number, "ranged": ranged, "facet_counts": facet_counts, "uri": data_uri}
     return environment
