@@ -24,9 +24,7 @@ RUN = {  # run.json as the first version wrote it
     "batch": 4,
     "accumulate": 1,
     "steps": 6,
-    "sources": {
-        "real": {"folder": "/real", "images": 8, "drawn": 24, "draws_per_image": {"mean": 3.0, "least": 1, "most": 5}}
-    },
+    "sources": {"real": {"folder": "/real", "images": 8, "drawn": 24}},
     "device": "cpu",
     "python": "3.11.9",
     "versions": {"torch": "2.6.0"},

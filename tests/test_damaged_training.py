@@ -34,7 +34,7 @@ SHAPES = {"class_embed.bias": torch.zeros(3), "class_embed.weight": torch.zeros(
     ("content", "words"),
     [
         ({"model": {"layer.weight": torch.zeros(3)}}, r"start\.pt: has no weights of RF-DETR"),
-        ({"model": SHAPES, "args": {"class_names": ["a", "b"]}}, r"start\.pt: does not fit RFDETRNano"),
+        ({"model": SHAPES, "args": {"class_names": ["a", "b"]}}, r"start\.pt: does not fit nano"),
     ],
 )
 def test_unusable_weights_are_refused_before_the_folder_is_made(pictures, tmp_path, content, words):

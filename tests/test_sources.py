@@ -1,4 +1,5 @@
 import json
+import os
 import re
 import subprocess
 import sys
@@ -198,24 +199,19 @@ def test_the_learning_rate_follows_the_steps_of_the_budget():
 
 
 @pytest.mark.thorough
-def test_the_error_of_a_failed_download_of_rf_detrs_weights_names_their_place(tmp_path, monkeypatch):
-    from hulldown.training.detectors.detr import starting_weights
-
+def test_the_error_of_a_failed_download_of_rf_detrs_weights_names_their_place(tmp_path):
+    dataset = make_dataset(tmp_path / "set", 4)
     # A proxy that refuses connections stands in for a machine without a network.
-    code = (
-        "from hulldown.training.inputs.settings import load_settings\n"
-        "from hulldown.training.detectors.detr import starting_weights\n"
-        "starting_weights(load_settings(None, {'model': 'medium'}))"
-    )
-    monkeypatch.setenv("RF_HOME", str(tmp_path))
-    for key in ("HTTP_PROXY", "HTTPS_PROXY"):
-        monkeypatch.setenv(key, "http://127.0.0.1:9")
-    ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, timeout=300)
+    proxies = dict.fromkeys(("HTTP_PROXY", "HTTPS_PROXY"), "http://127.0.0.1:9")
+    command = [sys.executable, "-m", "hulldown", "train", "--data", f"a={dataset}", "-o", str(tmp_path / "run")]
+    ran = subprocess.run(
+        command, env={**os.environ, **proxies, "RF_HOME": str(tmp_path / "home")}, cwd=ROOT, capture_output=True,
+        text=True, timeout=300,
+    )  # fmt: skip
     last = ran.stderr.strip().splitlines()[-1]
     assert "the pre-trained weights of medium cannot be downloaded" in last
-    assert f"put rf-detr-medium.pth into {tmp_path}, or give --weights FILE or --weights none" in last
-    (tmp_path / "rf-detr-medium.pth").touch()
-    assert starting_weights(load_settings(None, {"model": "medium"})) == tmp_path / "rf-detr-medium.pth"
+    assert f"put rf-detr-medium.pth into {tmp_path / 'home'}, or give --weights FILE or --weights none" in last
+    assert not (tmp_path / "run").exists()
 
 
 def test_the_error_of_a_verb_without_its_extra_tells_how_to_install_it():

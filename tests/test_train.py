@@ -7,6 +7,7 @@ from pathlib import Path
 import huggingface_hub.constants
 import numpy as np
 import pytest
+import pytorch_lightning as pl
 import torch
 from safetensors.torch import load_file
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
@@ -20,7 +21,6 @@ from hulldown.tests.training_pictures import make_dataset
 from hulldown.training import fit_detr, fit_transformers
 from hulldown.training.detectors.transformers_detector import starting_network
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.fitting import seed_weights
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.predict import load_detector, predict, validation_figures
@@ -267,7 +267,7 @@ def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
         run = tmp_path / freeze
         train({"demo": pictures}, run, settings=nano(budget=4, freeze=freeze), workers=0, device="cpu")
         start[freeze] = {key: value for key, value in weights(run).items() if ".encoder." in key}
-    seed_weights(nano())
+    pl.seed_everything(0, verbose=False)
     fresh = nano_module(nano(), ("square", "disc"), tmp_path).model.state_dict()
     moved = {name: sum(not torch.equal(state[key], fresh[key]) for key in state) for name, state in start.items()}
     assert len(start["encoder"]) > 50

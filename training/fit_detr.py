@@ -16,13 +16,11 @@ from hulldown.base.files import replace_file
 from hulldown.training.detectors.detector import WEIGHTS_NAME
 from hulldown.training.detectors.detr import (
     DetrDetector,
-    detr_configs,
     detr_contents,
     normalized,
     starting_module,
-    starting_weights,
 )
-from hulldown.training.fitting import Trainee, seed_weights
+from hulldown.training.fitting import Trainee
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.extra import quiet
 from hulldown.training.inputs.settings import Settings
@@ -57,10 +55,8 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
 
 def detr_trainee(settings: Settings, classes: Sequence[str], device: torch.device, folder: Path) -> Trainee:
     """Return RF-DETR to train, from the weights that the settings name."""
-    weights = starting_weights(settings)
-    model_config, train_config = detr_configs(settings, classes, weights=weights, device=device, folder=folder)
-    seed_weights(settings)
-    module = starting_module(model_config, train_config, weights)
+    module = starting_module(settings, classes, device, folder)
+    model_config, train_config = module.model_config, module.train_config
     names, resolution = dict(enumerate(classes)), int(model_config.resolution)
 
     def save(network: Any, run: Path) -> None:

@@ -21,7 +21,7 @@ from hulldown.training.detectors.transformers_detector import (
     save_transformers,
     starting_network,
 )
-from hulldown.training.fitting import RFDETREMACallback, Trainee, seed_weights
+from hulldown.training.fitting import RFDETREMACallback, Trainee
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import Settings, rate_factor
 
@@ -76,7 +76,7 @@ def collate_examples(processor: Any, batch: Sequence[Example]) -> Batch:
 
 def transformers_trainee(settings: Settings, classes: Sequence[str], device: torch.device) -> Trainee:
     """Return a network to train, from the weights that the settings name."""
-    seed_weights(settings)
+    pl.seed_everything(settings.seed % 2**32, verbose=False)
     network, processor = starting_network(settings, classes)
 
     def save(trained: Any, folder: Path) -> None:

@@ -214,11 +214,6 @@ def _loggers(kind: str | None, folder: Path) -> list[pl_loggers.Logger]:
         raise HulldownError(f"logger = {kind!r}: {package} isn't installed", remedy=f"pip install {kind}") from None
 
 
-def seed_weights(settings: Settings) -> None:
-    """Make the first weights of a network a function of the run's seed."""
-    pl.seed_everything(settings.seed % 2**32, verbose=False)
-
-
 def _steps_done(checkpoint: Path, module: pl.LightningModule) -> int:
     """Return the steps before a checkpoint, which must fit the module."""
     try:

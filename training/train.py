@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
 from msgspec.structs import replace
 
 from hulldown.base.errors import ConfigError
@@ -19,7 +20,6 @@ from hulldown.base.outside import sha256_of
 from hulldown.base.terminal import progress_bars, watched
 from hulldown.base.terminal import say as show_line
 from hulldown.training.detectors.detector import (
-    DrawsPerImage,
     Run,
     RunFigures,
     RunSource,
@@ -193,7 +193,7 @@ def _description(
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> Run:  # fmt: skip
     """run.json of a new run."""
-    counts = draws.counts(list(map(len, sources)))
+    drawn = np.bincount(draws.source, minlength=len(sources)).tolist()
     return Run(
         status="running",
         model=settings.model,
@@ -207,11 +207,8 @@ def _description(
         steps=settings.steps,
         masks=settings.masks,
         sources={
-            source.name: RunSource(
-                str(Path(data[source.name]).resolve()), len(source), int(found.sum()),
-                DrawsPerImage(float(found.mean()), int(found.min()), int(found.max())),
-            )
-            for source, found in zip(sources, counts, strict=True)
+            source.name: RunSource(str(Path(data[source.name]).resolve()), len(source), count)
+            for source, count in zip(sources, drawn, strict=True)
         },
         device=str(device),
         python=platform.python_version(),

@@ -72,21 +72,12 @@ class RunFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
     valid: dict[str, float] | None = None
 
 
-class DrawsPerImage(Struct, frozen=True):
-    """How often the images of a dataset were drawn."""
-
-    mean: float
-    least: int
-    most: int
-
-
 class RunSource(Struct, frozen=True):
     """A dataset of a run."""
 
     folder: str
     images: int
     drawn: int
-    draws_per_image: DrawsPerImage
 
 
 class Run(Struct, frozen=True, kw_only=True):

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 import torch
 from jaxtyping import UInt8
+from pytorch_lightning import seed_everything
 from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
@@ -41,7 +42,7 @@ with quiet():  # its dependencies give deprecation warnings
     import rfdetr.config as rf_config
     from rfdetr import RFDETR
     from rfdetr.assets.coco_classes import COCO_CLASSES
-    from rfdetr.assets.model_weights import download_pretrain_weights, get_model_cache_dir
+    from rfdetr.assets.model_weights import get_model_cache_dir
     from rfdetr.training.callbacks.best_model import BestModelCallback
     from rfdetr.training.module_model import RFDETRModelModule
 
@@ -55,44 +56,33 @@ MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's 
 COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
 
 
-def starting_weights(settings: Settings) -> Path | None:
-    """Return the file that training starts from; RF-DETR's own is downloaded if necessary."""
-    if settings.weights == "none":
-        return None
-    if settings.weights is not None:
-        return weights_of(Path(settings.weights))
-    name = str(CONFIGS[settings.model].model_fields["pretrain_weights"].default)
-    path = Path(get_model_cache_dir()) / name
-    if path.is_file():
-        return path
+def starting_module(
+    settings: Settings, classes: Sequence[str], device: torch.device, folder: Path
+) -> RFDETRModelModule:
+    """Return RF-DETR's module with the weights to start from; RF-DETR downloads its own."""
+    named = None if settings.weights in (None, "none") else weights_of(Path(str(settings.weights)))
+    own = Path(get_model_cache_dir()) / str(CONFIGS[settings.model].model_fields["pretrain_weights"].default)
+    weights = None if settings.weights == "none" else named or own
+    if named is not None:
+        _check_kind(named, read_weights(named))
+    configs = detr_configs(settings, classes, weights=weights, device=device, folder=folder)
+    seed_everything(settings.seed % 2**32, verbose=False)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        download_pretrain_weights(str(path))
-    except (OSError, ValueError, RuntimeError) as error:  # no network, no room, a proxy's page
-        reason = f"{type(error).__name__}: {first_line(error)}"[:120]
-    else:
-        reason = "nothing came"
-    if not path.is_file():
-        raise HulldownError(
-            f"the pre-trained weights of {settings.model} cannot be downloaded ({reason})",
-            remedy=f"put {name} into {path.parent}, or give --weights FILE or --weights none",
-        )
-    return path
-
-
-def starting_module(model_config: Any, train_config: Any, weights: Path | None) -> RFDETRModelModule:
-    """Return RF-DETR's module with the weights of its config, which are refused if they don't fit."""
-    if weights is None:
-        return RFDETRModelModule(model_config, train_config)
-    _check_kind(weights, read_weights(weights))
-    try:
-        module = RFDETRModelModule(model_config, train_config)
+        if weights == own:
+            own.parent.mkdir(parents=True, exist_ok=True)
+        module = RFDETRModelModule(*configs)
     except DAMAGED as error:
-        name = type(model_config).__name__
+        if weights is None:
+            raise
+        if not weights.is_file():  # no network, no room, a proxy's page
+            raise HulldownError(
+                f"the pre-trained weights of {settings.model} cannot be downloaded ({first_line(error)})",
+                remedy=f"put {own.name} into {own.parent}, or give --weights FILE or --weights none",
+            ) from None
         raise HulldownError(
-            f"does not fit {name} ({first_line(error)})", path=weights, remedy="name weights of that model"
+            f"does not fit {settings.model} ({first_line(error)})", path=weights, remedy="name weights of that model"
         ) from None
-    refuse_odd_numbers(module.model, weights)
+    refuse_odd_numbers(module.model, weights or folder)
     return module
 
 
