@@ -22,7 +22,7 @@ from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.child import Child
 from hulldown.base.errors import HulldownError
 from hulldown.camera.shell import shell_axes
-from hulldown.cli import FOUND, main
+from hulldown.cli import main
 from hulldown.dataset.provenance import read_failures, read_provenance
 from hulldown.geometry.transforms import rigid
 from hulldown.planning.inputs.loading import load_planned_library
@@ -31,6 +31,7 @@ from hulldown.rendering.cycles_masks import cycles_masks, verify_masks
 from hulldown.rendering.jobs import mask_job, readable
 from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.rendering.supervisor import render_plan
+from hulldown.rendering.verify import verify
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels, run_python
@@ -38,6 +39,7 @@ from hulldown.tests.clusters import digests, wait_for
 from hulldown.tests.oracles.rendered import assert_shows_plan
 from hulldown.tests.plan_lines import altered
 from hulldown.tests.render_plans import moved
+from hulldown.verbs.output import FOUND
 
 pytestmark = pytest.mark.blender
 CONFIG = {
@@ -265,6 +267,7 @@ def test_an_idle_worker_with_one_core_sleeps(plan, library, tmp_path):
 
 
 def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, library):
+    assert [one for one in verify(dataset, plan.path, assets=lambda: library) if one.severity == "error"] == []
     report = verify_masks(dataset, plan.path, count=5, library=library)
     assert len({row.file_name for row in report.rows}) == 5
     assert not [finding for finding in report.findings if finding.severity == "error"]
