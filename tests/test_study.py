@@ -119,27 +119,15 @@ def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, k
 def test_draws_add_up_to_the_budget(arm):
     photographs, budget = np.array([2, 3, 7]), 600
     draws = arm_draws(arm, photographs, 9, budget=budget, seed=1)
-    assert len(draws) == (1200 if arm == "matched" else 600)
+    assert len(draws) == 600
     by_source = {name: draws.image[draws.source == k] for k, name in enumerate(ARM_KINDS[arm].sources)}
     assert sum(map(len, by_source.values())) == len(draws)
     if "real" in by_source:
         assert set(by_source["real"].tolist()) == {2, 3, 7}
     if "synthetic" in by_source:
         assert set(by_source["synthetic"].tolist()) == set(range(9))
-    share = {"real": 1.0, "mixed": 0.25, "matched": 0.5, "balanced": 0.5, "pretrain": 0.5}.get(arm, 0.0)
+    share = {"real": 1.0, "mixed": 0.25, "balanced": 0.5}.get(arm, 0.0)
     assert len(by_source.get("real", ())) / len(draws) == pytest.approx(share, abs=0.05)
-
-
-def test_matched_keeps_all_draws_of_the_real_arm_and_pretrain_takes_the_synthetic_ones_first():
-    photographs = np.array([2, 3, 7])
-    real, matched, pretrain = (
-        arm_draws(arm, photographs, 9, budget=40, seed=1) for arm in ("real", "matched", "pretrain")
-    )
-    photographed = matched.source == 0
-    assert (matched.image[photographed] == real.image).all()
-    assert (matched.seed[photographed] == real.seed).all()
-    assert pretrain.source.tolist() == [1] * 20 + [0] * 20
-    assert (pretrain.image[20:] == real.image[20:]).all()
 
 
 def test_seeds_are_complete_and_smaller_fractions_are_subsets_of_larger_ones(pictures, tmp_path):
@@ -292,20 +280,6 @@ def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
     assert load_study(tmp_path / "with.toml").valid.samefile(pictures / "valid")
 
 
-def test_a_dry_run_shows_runs_draws_and_hours_and_writes_nothing(pictures, tmp_path, capsys):
-    path = written(pictures, tmp_path / "s.toml", arms=["real", "mixed", "synthetic"])
-    words = ["study", "run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu", "--workers", "0"]
-    assert main([*words, "--dry-run", "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert not (tmp_path / "out").exists()
-    assert found["hours"] == pytest.approx(5 * 6 * found["seconds_per_step"] / 3600)
-    rows = {row["name"]: row for row in found["runs"]}
-    assert rows["real-50-seed0"]["draws_per_photograph"] == 24 / 8
-    mixed = rows["mixed-100-seed0"]
-    assert mixed["draws_per_photograph"] * 16 + mixed["draws_per_synthetic_image"] * 12 == pytest.approx(24)
-    assert {row["state"] for row in found["runs"]} == {"new"}
-
-
 def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path):
     mixed, fast = settled(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0]).runs
     assert (mixed.name, fast.name) == ("mixed-100-seed0", "fast-100-seed0")
@@ -326,7 +300,7 @@ def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_pat
     assert (mixed.weights, other.weights) == (tiny_weights(), str(tmp_path / "w.pth"))
 
 
-def test_a_dry_run_warns_of_equal_shares_and_of_arms_without_photographs_or_a_class(pictures, tmp_path):
+def test_a_study_warns_of_equal_shares_and_of_arms_without_photographs_or_a_class(pictures, tmp_path):
     keys = {"fractions": [1.0, 0.99, 0.05], "train": SMALL | {"budget": 1}, "seeds": list(range(4))}
     warned = settled(pictures, tmp_path, **keys).warnings
     assert any("seed 0: 100 % and 99 % are the same 16 photographs" in line for line in warned)

@@ -133,7 +133,7 @@ def test_the_same_study_gives_the_same_report(pictures, tmp_path, capsys):
         assert main(["study", "report", str(out), "--json"]) == 0
         reports.append(json.loads(capsys.readouterr().out) | {"times": {}})
     assert reports[0] == reports[1]
-    for name in ("over_photographs.svg", "real_100.png", "report.md"):
+    for name in ("over_photographs.svg", "real_100.png"):
         assert len({(tmp_path / which / "out" / name).read_bytes() for which in ("once", "again")}) == 1
 
 
@@ -149,7 +149,6 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
     assert report.missing == {
         "mixed-25-seed1": "ended by <signal> 9", "synthetic-seed0": "not run yet", "synthetic-seed1": "not run yet",
     }  # fmt: skip
-    assert "mixed-25-seed1: ended by <signal> 9" in page(report, {}, layout="page.md")
     assert "mixed-25-seed1: ended by &lt;signal&gt; 9" in page(report, {})
     with pytest.raises(HulldownError, match=r"study\.json: no such file; name a folder of `hulldown study run`"):
         compared_runs(tmp_path)
@@ -163,7 +162,7 @@ def test_validation_photographs_choose_each_threshold_of_a_study_with_one_seed(p
     # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
     assert all(run.threshold > 0.55 and run.fp == 0 for run in report.runs)
     assert "With one seed" in report.sureness
-    assert "best F1 on the validation photographs" in page(report, {}, layout="page.md")
+    assert "best F1 on the validation photographs" in page(report, {})
 
 
 def test_the_page_has_every_chart_and_fetches_nothing(study, browser):

@@ -5,16 +5,11 @@ from __future__ import annotations
 import argparse
 from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from hulldown.base.terminal import duration, progress_bars, say, warn
+from hulldown.base.terminal import progress_bars, say, warn
 from hulldown.verbs.arguments import Subparsers, add_verb
 from hulldown.verbs.cluster import add_scheduler, scheduler_of, training_workers
 from hulldown.verbs.output import DONE, FOUND, show_result
-
-if TYPE_CHECKING:
-    from hulldown.training.study.manifest import Manifest
-    from hulldown.training.study.runs import RunOptions
 
 
 def _init(arguments: argparse.Namespace) -> None:
@@ -22,7 +17,7 @@ def _init(arguments: argparse.Namespace) -> None:
 
     output, folders = arguments.output, ("real", "synthetic", "test", "valid")
     write_study(output, **{key: getattr(arguments, key) for key in folders})
-    say(f"wrote {output}; next: hulldown study run {output} -o STUDY --dry-run")
+    say(f"wrote {output}; next: hulldown study run {output} -o STUDY")
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -42,9 +37,6 @@ def _run(arguments: argparse.Namespace) -> int:
     for line in manifest.warnings:
         warn(line)
     options = RunOptions(arguments.device, arguments.workers)
-    if arguments.dry_run:
-        _dry_run(arguments, manifest, options)
-        return DONE
     # Downloads the weights once, or refuses them, before a run begins.
     prepare_trainee(config.train, manifest.classes, chosen_device(arguments.device), arguments.output)
     scheduler = scheduler_of(arguments)
@@ -58,25 +50,6 @@ def _run(arguments: argparse.Namespace) -> int:
         f"next: hulldown study report {arguments.output}"
     )
     return FOUND if done.failed else DONE
-
-
-def _dry_run(arguments: argparse.Namespace, manifest: Manifest, options: RunOptions) -> None:
-    from rich.table import Column, Table
-
-    from hulldown.training.study.estimate import hours, overview, seconds_per_step
-    from hulldown.training.study.runs import gpu_places
-
-    rows = overview(arguments.output, manifest)
-    seconds = seconds_per_step(arguments.output, manifest, options, say=say)
-    left = hours(rows, seconds, len(gpu_places(options)))
-    headings = ("photographs", "synthetic", "draws", "per photograph", "per synthetic image", "state")
-    table = Table(Column("run", no_wrap=True), *headings)
-    for row in rows:
-        counts = (str(n) for n in (row.photographs, row.synthetic_images, row.draws))
-        per_image = (row.draws_per_photograph, row.draws_per_synthetic_image)
-        table.add_row(row.name, *counts, *(f"{n:.1f}" if n else "–" for n in per_image), row.state)
-    show_result(arguments, {"runs": rows, "seconds_per_step": seconds, "hours": left}, table)
-    say(f"about {duration(3600 * left)} of training left, at {seconds:.2g} seconds a step; nothing was written")
 
 
 def _report(arguments: argparse.Namespace) -> None:
@@ -119,7 +92,6 @@ def add(verbs: Subparsers) -> None:
     )  # fmt: skip
     sub.add_argument("config", type=Path, metavar="CONFIG", help="see docs/study.md")
     sub.add_argument("-o", "--output", type=Path, metavar="STUDY", required=True, help="the study's folder")
-    sub.add_argument("--dry-run", action="store_true", help="show runs, draws, and hours; write nothing")
     sub.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"), help="default: auto, GPUs if any")
     sub.add_argument(
         "--workers", type=int, help="processes of a run that augment pictures (default: one per core but one)"

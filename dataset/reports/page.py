@@ -1,7 +1,6 @@
 """Self-contained pages from templates, with embedded charts and thumbnails that filter.
 
 A page's template extends ``page.html`` and imports its parts from there; Jinja escapes every text that it shows.
-``page.md`` has the same parts in Markdown.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ from matplotlib.figure import Figure
 
 from hulldown.dataset.reports.charts import svg
 
-FOLDER = "dataset/reports"
+LAYOUT = "dataset/reports/page.html"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,9 +29,9 @@ class Tile:
     values: Mapping[str, list[str]]  # the thumbnail's values by facet; all thumbnails have the same facets
 
 
-def render(template: str, data: Mapping[str, object], *, layout: str = "page.html") -> str:
+def render(template: str, data: Mapping[str, object]) -> str:
     """Return a page."""
-    return _environment(layout).get_template(template).render(data, layout=f"{FOLDER}/{layout}")
+    return _environment().get_template(template).render(data, layout=LAYOUT)
 
 
 def number(value: float | int | None, *, sign: str = "", digits: int = 3) -> str:
@@ -67,10 +66,10 @@ def data_uri(picture: bytes | Figure) -> str:
 
 
 @cache
-def _environment(layout: str) -> Environment:
+def _environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("hulldown", ""),
-        autoescape=layout.endswith(".html"),
+        autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

@@ -5,7 +5,7 @@ Arms differ only in their draws. Model, budget, and test are the same for all ru
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -15,21 +15,6 @@ import numpy as np
 from jaxtyping import Int
 
 from hulldown.training.inputs.draws import Draws, make_draws
-
-
-def _in_turn(sizes: Sequence[int], budget: int, *, seed: int) -> Draws:
-    return _separate(sizes, budget, seed).take(np.arange(2 * budget).reshape(2, budget).T.ravel())
-
-
-def _synthetic_first(sizes: Sequence[int], budget: int, *, seed: int) -> Draws:
-    half = budget // 2
-    return _separate(sizes, budget, seed).take(np.append(np.arange(budget, budget + half), np.arange(half, budget)))
-
-
-def _separate(sizes: Sequence[int], budget: int, seed: int) -> Draws:
-    """Return a whole budget of each of two sources, one after the other."""
-    real, made = (make_draws([size], budget, seed=seed) for size in sizes)
-    return Draws(np.repeat([0, 1], budget), np.append(real.image, made.image), np.append(real.seed, made.seed))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,9 +33,7 @@ ARM_KINDS: Mapping[str, ArmKind] = MappingProxyType(
         "real": ArmKind(("real",)),
         "mixed": ArmKind(by_bins=True),
         "synthetic": ArmKind(("synthetic",)),
-        "matched": ArmKind(draws=_in_turn, beyond_mixed=True),
         "balanced": ArmKind(draws=partial(make_draws, shares=(0.5, 0.5)), beyond_mixed=True, by_bins=True),
-        "pretrain": ArmKind(draws=_synthetic_first, beyond_mixed=True),
     }
 )
 if TYPE_CHECKING:
@@ -60,18 +43,7 @@ else:
 
 
 def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, budget: int, seed: int) -> Draws:
-    """Return the draws of a run of an arm; `Draws.source` is an index into its `ArmKind.sources`.
-
-    Examples
-    --------
-    `matched` has every draw of `real`, and as many synthetic ones between them:
-
-    >>> real, matched = (
-    ...     arm_draws(arm, np.array([3, 8]), 5, budget=4, seed=0) for arm in ("real", "matched")
-    ... )
-    >>> matched.source.tolist(), bool((matched.image[::2] == real.image).all())
-    ([0, 1, 0, 1, 0, 1, 0, 1], True)
-    """
+    """Return the draws of a run of an arm; `Draws.source` is an index into its `ArmKind.sources`."""
     kind = ARM_KINDS[arm]
     pictures = [photographs if name == "real" else np.arange(synthetic) for name in kind.sources]
     sizes = list(map(len, pictures))

@@ -153,8 +153,7 @@ test = {test}            # photographs that every detector is judged by; none of
 iou = 0.5        # overlap from which a detection has found a label
 
 # "real": photographs alone. "mixed": with all synthetic images, every image as likely as any other. "synthetic": these
-# alone. "balanced": half of the draws real. Beyond: "matched": the draws of "real", and as many
-# synthetic ones between them, so twice the budget. "pretrain": half of the budget synthetic, then half of it real.
+# alone. "balanced": half of the draws real.
 arms = ["real", "mixed", "balanced", "synthetic"]
 fractions = [1.0, 0.5, 0.25, 0.1, 0.05]  # shares of the photographs, each within the larger ones
 seeds = [0, 1, 2]   # each is one training of every arm, on other photographs at shares below 1

@@ -1,9 +1,8 @@
-"""A study's report for people, from the contents of report.json: charts, and a page in HTML and Markdown."""
+"""A study's report for people, from the contents of report.json: charts, and a page."""
 
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Mapping, Sequence
 from itertools import chain, groupby
 from operator import attrgetter
@@ -57,11 +56,8 @@ def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
     return found
 
 
-def page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]], *, layout: str = "page.html") -> str:
-    """Return the report as HTML or, with ``page.md``, as Markdown with charts from files next to it.
-
-    `charts` are those of `charts_of`.
-    """
+def page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) -> str:
+    """Return the report as HTML, with the charts of `charts_of`."""
     data = {
         "report": report,
         "charts": charts,
@@ -75,8 +71,7 @@ def page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]], *, layou
         "bins_name": _bins_name,
         "paper": _paper(report),
     }  # fmt: skip
-    text = render("training/study/page.jinja", data, layout=layout)
-    return text if layout == "page.html" else re.sub(r"\n{3,}", "\n\n", text).rstrip() + "\n"
+    return render("training/study/page.html", data)
 
 
 def _paper(report: StudyReport) -> list[list[str]]:

@@ -1,4 +1,4 @@
-"""The report of a study: report.json for programs; report.html, report.md, and charts for people."""
+"""The report of a study: report.json for programs; report.html and charts for people."""
 
 from __future__ import annotations
 
@@ -24,5 +24,4 @@ def write_report(study: Path | str) -> StudyReport:
     text = json.dumps(msgspec.to_builtins(report), indent=2, ensure_ascii=False)
     replace_file(study / "report.json", text.encode() + b"\n")
     replace_file(study / "report.html", page(report, charts).encode())
-    replace_file(study / "report.md", page(report, charts, layout="page.md").encode())
     return report
