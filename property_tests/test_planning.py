@@ -71,8 +71,6 @@ def configs(draw):
             "margin": draw(st.floats(0.3, 1.0)),
             "max_slope_deg": draw(st.floats(8.0, 40.0)),
             "rule": draw(st.sampled_from(["averaged", "support"])),
-            "contact": draw(st.sampled_from(["footprint", "box"])),
-            "footprint": draw(st.integers(2, 6)),
             "max_gap": draw(st.floats(0.8, 3.0)),
             "max_penetration": draw(st.floats(0.1, 0.4)),
             "obstacle_clearance": draw(st.floats(0.0, 2.0)),
@@ -233,7 +231,7 @@ def stands_within_limits(row, vehicle, config, *, target):
     if target:
         assert (np.abs(pose[:2, 3] - (low + high) / 2) <= limits.margin * (high - low) / 2 + 1e-9).all()
     # The hulls of these vehicles touch the ground; their boxes end at their vertices.
-    under = shape.mesh.vertices[:8, :2] if limits.contact == "footprint" else shape.mesh.bounds[:, :2]
+    under = shape.mesh.vertices[:8, :2]
     (x0, y0), (x1, y1) = under.min(axis=0), under.max(axis=0)
     grid = [[x, y, 0.0] for x in np.linspace(x0, x1, 9) for y in np.linspace(y0, y1, 9)]
     points = apply(pose, grid)

@@ -53,7 +53,7 @@ def worlds(images: int) -> list[tuple[Config, Assets]]:
     wanted: list[tuple[dict, dict]] = [
         ({}, {}),
         (company, {"size_measure": "diagonal", "truncated_fraction": [0.0, 0.4], "elevation_sampling": "sphere"}),
-        ({"rule": "averaged", "contact": "box"}, {"size_measure": "area"}),
+        ({"rule": "averaged"}, {"size_measure": "area"}),
         ({}, {"size_measure": "height", "elevation_deg": [3.0, 89.0]}),
     ]
     budget = {"images_per_class": images // (2 * len(wanted)), "images_per_position": 4}

@@ -138,6 +138,7 @@ WRONG = [  # the addition, the key in the error, and its text
     *((f"[light]\nexposure = {x}", "light.exposure = ", "expected 'auto' or EV from -32 to 32")
       for x in ("'bright'", "33", "true", "[0, 1]")),
     ("[sensor]\npreset = 'camera'", "sensor is gone; ", "`train`"),
+    ("[placement]\nfootprint = 9", "placement.footprint is gone; ", "5 x 5 rays"),
     ("[placement]\nrule = 'least_squares'", "placement.rule is gone; ", 'use "support"'),
     ("background_share = 1.0", "budget.background_share = 1.0", "expected less than or equal to 0.99"),
     ("[annotate]\nmin_box_px = 9.0", "annotate.min_box_px = 9", "expected at most camera.min_box_px, 8"),

@@ -25,13 +25,6 @@ class PlacementSection(Section):
     """steepest ground under the vehicle's origin and the whole vehicle"""
     rule: Literal["averaged", "support"] = "support"
     """how the resting plane is found ("averaged": the paper)"""
-    contact: Literal["footprint", "box"] = "footprint"
-    """what touches the ground: "footprint", tracks, wheels, and belly; "box", as in the paper, a plate under the
-    bounding box"""
-    footprint: int = Field(default=5, ge=2, le=9)
-    """n x n rays are cast under the vehicle"""
-    min_valid_share: float = Field(default=0.8, gt=0, le=1)
-    """least share of these rays that must meet ground"""
     max_gap: AtLeastZero = 1.0
     """meters of air under wheels and tracks, at most"""
     max_penetration: AtLeastZero = 0.3

@@ -41,6 +41,9 @@ REMOVED_KEYS = MappingProxyType(
         "assets.sceneries.buildings": "model them in Blender, or import them there by BlenderGIS, and list the .blend",
         "ground.include": "name what is ground in the `ground` of each scenery",
         "ground.exclude": "name what isn't ground in the `not_ground` of each scenery",
+        "placement.contact": "tracks, wheels, and belly touch the ground",
+        "placement.footprint": "5 x 5 rays are cast under a vehicle",
+        "placement.min_valid_share": "80 % of the rays under a vehicle must meet ground",
         "placement.rule = 'least_squares'": 'use "support", which is nearer to the resting pose',
         **{
             f"assets.{kind}.{key}": instead

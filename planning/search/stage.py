@@ -55,7 +55,7 @@ class Model:
     category: str | None
     boxes: VehicleBoxes  # boxes, caster: its bounding boxes in cameras, and its surface for rays
     caster: VehicleCaster
-    footing: Footing  # the points where it meets the ground: of its underside, or of a plate as large as its box
+    footing: Footing  # the points where it meets the ground
 
     @cached_property
     def hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
@@ -160,22 +160,17 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
     """Return the config's limits of resting poses."""
     return SettleRules(
         limits.rule,
-        n=limits.footprint,
         max_slope=math.radians(limits.max_slope_deg),
-        min_share=limits.min_valid_share,
         max_gap=limits.max_gap,
         max_penetration=limits.max_penetration,
     )
 
 
 def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
-    limits = config.placement
-    plate = np.stack([-shape.size_xyz[:2], shape.size_xyz[:2]]) / 2
-    under = underside(shape.surface[0], known=shape.underside) if limits.contact == "footprint" else plate
     return Model(
         shape=shape,
         category=category,
         boxes=VehicleBoxes(shape),
         caster=VehicleCaster(shape),
-        footing=Footing.of(under, settle_rules(limits)),
+        footing=Footing.of(underside(shape.surface[0], known=shape.underside), settle_rules(config.placement)),
     )
