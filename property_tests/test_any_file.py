@@ -35,7 +35,6 @@ from hulldown.training.detectors.detector import weights_of
 from hulldown.training.evaluation.labels import labels_of
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.inputs.augment import Augmenter
-from hulldown.training.inputs.draws import read_draws
 from hulldown.training.inputs.settings import OWN_AUGMENTATIONS, load_settings
 from hulldown.training.predict import load_detector
 from hulldown.training.study.manifest import read_manifest
@@ -56,7 +55,6 @@ VOC = f"<annotation><filename>1.png</filename><object><name>tank</name>{BOX}</ob
 GLTF = {"asset": {"version": "2.0"}, "buffers": [{"uri": "m.bin", "byteLength": 3}]}
 RUNS = {"plans": {"a": {"blender": ["5.0"], "devices": ["CPU"], "systems": ["Linux"], "confinement": ["none"]}}}
 FOUND = [{"image_id": 1, "category_id": 1, "bbox": [9, 9, 20, 20], "score": 0.5}]
-DRAWS = b"draw,source,image,augmentation_seed\n0,s,1.png,5\n"
 STUDY = {"config": {}, "classes": ["tank"], "datasets": {}, "runs": []}
 
 
@@ -165,7 +163,6 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
         (OWN_AUGMENTATIONS / "table1.yaml").read_bytes,
         lambda path: Augmenter(load_settings(None, {"augmentation": str(path)}).augmentation),
     ),
-    "draws": ("d.csv", lambda: DRAWS, lambda path: read_draws(path, ["s"], [["1.png"]])),
     "study": ("study.json", lambda: encoded(STUDY), lambda path: read_manifest(path.parent)),
     "weights": ("w.pt", weights, lambda path: load_detector(path, "cpu")),
     "tensors": (

@@ -21,7 +21,7 @@ from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.run_folder import LOCK_NAME, RunFolder
 from hulldown.training.study.arms import ARM_KINDS, arm_draws
 from hulldown.training.study.config import load_study
-from hulldown.training.study.manifest import draws_path, predictions_paths, read_manifest, settle, study_runs
+from hulldown.training.study.manifest import predictions_paths, read_manifest, settle, study_runs
 from hulldown.training.study.run_process import run_one
 from hulldown.training.study.runs import RunOptions, in_processes, read_failures, run_study
 
@@ -87,7 +87,7 @@ def tree(out):
         folder = out / "runs" / run.folder
         found[run.name] = (
             {key: value.numpy().tobytes() for key, value in weights(folder).items()},
-            draws_path(out, run).read_bytes(),
+            manifest.draws(run).digest,
             [path.read_bytes() for path in sorted(folder.glob("test-*.json")) if ".info" not in path.name],
         )
     return found
@@ -132,14 +132,15 @@ def test_draws_add_up_to_the_budget(arm):
 
 def test_seeds_are_complete_and_smaller_fractions_are_subsets_of_larger_ones(pictures, tmp_path):
     keys = {"arms": ["real", "mixed", "synthetic"], "fractions": [1.0, 0.5, 0.25], "seeds": [0, 1]}
-    runs = settled(pictures, tmp_path, train=SMALL | {"budget": 600}, **keys).runs  # so that every picture is drawn
+    study = settled(pictures, tmp_path, train=SMALL | {"budget": 600}, **keys)  # so that every picture is drawn
+    runs = study.runs
     shared = [f"{arm}-{share}" for share in (100, 50, 25) for arm in ("real", "mixed")]
     assert [run.name for run in runs] == [f"{name}-seed{seed}" for seed in (0, 1) for name in (*shared, "synthetic")]
     drawn = {}
     for run in runs:
-        rows = [line.split(",") for line in run.draws.decode().splitlines()[1:]]
-        drawn[run.name] = {row[2] for row in rows if row[1] == "real"}
-        assert sum(run.drawn.values()) == len(rows) == run.settings.budget
+        draws = study.draws(run)
+        drawn[run.name] = set(draws.image[draws.source == 0].tolist()) if "real" in run.sources else set()
+        assert sum(run.drawn.values()) == len(draws) == run.settings.budget
     for seed in (0, 1):
         few, half, whole = (drawn[f"real-{share}-seed{seed}"] for share in (25, 50, 100))
         assert few < half < whole
@@ -281,9 +282,10 @@ def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
 
 
 def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path):
-    mixed, fast = settled(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0]).runs
+    study = settled(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0])
+    mixed, fast = study.runs
     assert (mixed.name, fast.name) == ("mixed-100-seed0", "fast-100-seed0")
-    assert mixed.draws == fast.draws
+    assert study.draws(mixed).digest == study.draws(fast).digest
     assert (mixed.settings.warmup, fast.settings.warmup) == (0.02, 0.5)
     assert fast.settings.model_copy(update={"warmup": 0.02}) == mixed.settings
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from hulldown.base.errors import ConfigError, DatasetError
-from hulldown.training.inputs.draws import draws_text, make_draws, read_draws, source_shares
+from hulldown.base.errors import ConfigError
+from hulldown.training.inputs.draws import make_draws, source_shares
 
 
 def test_a_row_is_a_function_of_seed_and_number_alone():
@@ -49,22 +49,3 @@ def test_shares_of_all_sources_add_up_to_1():
     ):
         with pytest.raises(ConfigError, match=message):
             source_shares({"a": 1, "b": 1}, shares)
-
-
-def test_a_file_of_draws_round_trips(tmp_path):
-    files = [["a.png", "b,c.png"], ["a.png"]]
-    draws = make_draws([2, 1], 40, seed=0)
-    (tmp_path / "draws.csv").write_bytes(draws_text(draws, ["real", "made"], files))
-    back = read_draws(tmp_path / "draws.csv", ["real", "made"], files)
-    for column in ("source", "image", "seed"):
-        np.testing.assert_array_equal(getattr(back, column), getattr(draws, column))
-
-
-@pytest.mark.parametrize(
-    "line", ["1,real,c.png,5", "1,no,a.png,5", "7,real,a.png,5", "1,real,a.png", "1,real,a.png,-1"]
-)
-def test_an_invalid_row_is_named(tmp_path, line):
-    path = tmp_path / "draws.csv"
-    path.write_text(f"draw,source,image,augmentation_seed\n0,real,a.png,1\n{line}\n")
-    with pytest.raises(DatasetError, match=r"draws\.csv: line 3: isn't a draw"):
-        read_draws(path, ["real"], [["a.png"]])

@@ -35,7 +35,7 @@ class RunConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     data: dict[str, RunData]
     valid: RunData | None
     weights_sha256: str | None  # of a file or folder that the settings name
-    draws_sha256: str | None = None  # of the user's draws
+    draws_sha256: str | None = None  # of given draws
 
 
 class RunFolder:

@@ -16,7 +16,6 @@ from msgspec.structs import replace
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
-from hulldown.base.outside import sha256_of
 from hulldown.base.terminal import progress_bars, watched
 from hulldown.base.terminal import say as show_line
 from hulldown.training.detectors.detector import (
@@ -27,7 +26,7 @@ from hulldown.training.detectors.detector import (
     weights_digest,
 )
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.inputs.draws import Draws, make_draws, read_draws, source_shares
+from hulldown.training.inputs.draws import Draws, make_draws, source_shares
 from hulldown.training.inputs.extra import quiet, require_extra
 from hulldown.training.inputs.settings import Settings, load_settings
 from hulldown.training.inputs.sources import (
@@ -55,7 +54,7 @@ def train(
     *,
     settings: Settings | Mapping[str, object] | None = None,
     valid: str | os.PathLike[str] | None = None,
-    draws_file: str | os.PathLike[str] | None = None,
+    draws: Draws | None = None,
     workers: int | None = None,
     device: str = "auto",
     checkpoint_every_s: float = 60.0,
@@ -75,8 +74,8 @@ def train(
         docs/training.md.
     valid
         A dataset on which results are measured, without effect on the training.
-    draws_file
-        A file of draws in the form of `training.inputs.draws.draws_text`, as many as the budget; None: sampled.
+    draws
+        As many draws from the datasets as the budget; None: sampled.
     workers
         Processes that read and augment pictures; None: by the machine. Pixels don't depend on it.
     device
@@ -106,7 +105,6 @@ def train(
     """
     require_extra()
     # Not at the top: this module can be imported without the extra.
-    from hulldown.training.fitting import Training, fit
     from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.inputs.data import DrawnExamples
 
@@ -115,11 +113,11 @@ def train(
     if progress is None and watched():
         with progress_bars() as bars:
             return train(
-                data, out, settings=settings, valid=valid, draws_file=draws_file, workers=workers, device=device,
+                data, out, settings=settings, valid=valid, draws=draws, workers=workers, device=device,
                 checkpoint_every_s=checkpoint_every_s, progress=bars, say=say or show_line,
             )  # fmt: skip
     progress, say = progress or (lambda what, done, total: None), say or (lambda line: None)
-    out, draws_file = Path(out), None if draws_file is None else Path(draws_file)
+    out = Path(out)
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
     Augmenter(settings.augmentation)  # refuses a wrong one before anything is written
@@ -139,18 +137,17 @@ def train(
         data={source.name: RunData(len(source), checked[source.name].sha256) for source in sources},
         valid=RunData(len(held_back[0]), checked["valid"].sha256) if held_back else None,
         weights_sha256=weights_digest(named) if named.exists() else None,
-        draws_sha256=None if draws_file is None else sha256_of(draws_file),
+        draws_sha256=None if draws is None else draws.digest,
     )
     if (run := finished_run(out, config)) is not None:
         say(f"{out}: is finished already")
         return run
-    sizes = list(map(len, sources))
-    if draws_file is None:
-        draws = make_draws(sizes, settings.budget, seed=settings.seed, shares=shares)
-    else:
-        draws = read_draws(draws_file, [source.name for source in sources], [source.file_names for source in sources])
+    from hulldown.training.fitting import Training, fit
+
+    if draws is None:
+        draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
     if len(draws) != settings.budget:
-        raise ValueError(f"draws_file: expected {settings.budget} draws, got {len(draws)}")
+        raise ValueError(f"draws: expected {settings.budget} draws, got {len(draws)}")
     with quiet():
         trainee = prepare_trainee(settings, classes, chosen, out)
         with alone_in(out, marker=CONFIG_NAME, what="run"):

@@ -1,25 +1,19 @@
-"""The sequence of training pictures, fixed before training: a file with a row for each draw.
+"""The sequence of training pictures, fixed before training.
 
 "25,000 randomly sampled images (with replacement)" (paper, section 2.2). Row k is a function of the seed and k alone.
 """
 
 from __future__ import annotations
 
-import csv
-import io
+import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 
 import numpy as np
 from jaxtyping import Int
 
-from hulldown.base.errors import ConfigError, DatasetError
-from hulldown.base.outside import DATA, read_text
-
-HEADER = ("draw", "source", "image", "augmentation_seed")
+from hulldown.base.errors import ConfigError
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -36,6 +30,11 @@ class Draws:
     def counts(self, sizes: Sequence[int]) -> list[Int[np.ndarray, " images"]]:
         """Return the number of draws of each picture of each source."""
         return [np.bincount(self.image[self.source == i], minlength=size) for i, size in enumerate(sizes)]
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all draws."""
+        return hashlib.sha256(np.stack((self.source, self.image, self.seed)).astype("<i8").tobytes()).hexdigest()
 
     def take(self, rows: slice | Int[np.ndarray, " k"]) -> Draws:
         """Select draws."""
@@ -78,35 +77,3 @@ def source_shares(sizes: Mapping[str, int], shares: Mapping[str, float]) -> list
         raise ConfigError(f"shares: they add up to {total:g}, expected 1", remedy="leave one of them out")
     open_pictures = sum(size for name, size in sizes.items() if name not in shares)
     return [shares[name] if name in shares else (1.0 - total) * n / open_pictures for name, n in sizes.items()]
-
-
-def draws_text(draws: Draws, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> bytes:
-    """CSV with a row for each draw: number, source, picture, seed of the augmentation."""
-    text = io.StringIO(newline="")
-    rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(HEADER)
-    for k, (source, image, seed) in enumerate(zip(draws.source, draws.image, draws.seed, strict=True)):
-        rows.writerow((k, names[source], file_names[source][image], int(seed)))
-    return text.getvalue().encode()
-
-
-def read_draws(path: Path, names: Sequence[str], file_names: Sequence[Sequence[str]]) -> Draws:
-    """Read the draws in a file from any source."""
-    index = [{name: i for i, name in enumerate(listed)} for listed in file_names]
-    source, image, seeds = [], [], []
-    refuse = partial(DatasetError, path=path, remedy="restore the file")
-    rows = csv.reader(io.StringIO(read_text(path, refuse, most=DATA), newline=""))
-    try:
-        if tuple(next(rows, ())) != HEADER:
-            raise refuse(f"line 1: expected {','.join(HEADER)}")
-        for k, row in enumerate(rows):
-            number, name, picture, seed = row
-            found = names.index(name)
-            source.append(found)
-            image.append(index[found][picture])
-            seeds.append(int(seed))
-            if int(number) != k or not 0 <= seeds[-1] < 1 << 32:
-                raise ValueError
-    except (ValueError, KeyError, csv.Error):
-        raise refuse(f"line {rows.line_num}: isn't a draw") from None
-    return Draws(*(np.array(column, dtype=np.int64) for column in (source, image, seeds)))

@@ -20,7 +20,7 @@ from hulldown.base.terminal import reporting
 from hulldown.base.toml_files import validated
 from hulldown.dataset.records import read_usable
 from hulldown.training.detectors.detector import weights_digest
-from hulldown.training.inputs.draws import draws_text
+from hulldown.training.inputs.draws import Draws
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
     CheckedPictures,
@@ -34,7 +34,7 @@ from hulldown.training.study.arms import ARM_KINDS, Arm, arm_draws
 from hulldown.training.study.config import NamedArm, StudyConfig
 from hulldown.training.subset import nested_subsets, subset_name
 
-MANIFEST_NAME, RUNS_NAME, DRAWS_NAME, LOGS_NAME = "study.json", "runs", "draws", "logs"
+MANIFEST_NAME, RUNS_NAME, LOGS_NAME = "study.json", "runs", "logs"
 KEY_DIGITS = 10
 DROWNED = 0.2  # share of the draws below which photographs may be too rare
 MOST_LISTED = 10  # pairs of pictures that an error names
@@ -66,10 +66,10 @@ class PlannedRun(BaseModel):
     fraction: float | None
     seed: int
     photographs: int  # number of its photographs
+    chosen: tuple[int, ...] = ()  # indices of these in the real dataset, by name
     sources: tuple[str, ...]
     drawn: dict[str, int]  # draws from each source
     settings: Settings
-    draws: bytes = Field(default=b"", exclude=True)  # its file of draws, which study.json doesn't contain
 
 
 class Manifest(BaseModel):
@@ -87,6 +87,11 @@ class Manifest(BaseModel):
     def run(self, name: str) -> PlannedRun:
         """Return the run with a name."""
         return next(run for run in self.runs if run.name == name)
+
+    def draws(self, run: PlannedRun) -> Draws:
+        """Return the draws of a run."""
+        synthetic, budget = self.datasets["synthetic"].images, self.config.train.budget
+        return arm_draws(run.base, np.array(run.chosen, dtype=np.int64), synthetic, budget=budget, seed=run.seed)
 
 
 def study_runs(config: StudyConfig) -> list[tuple[NamedArm, float | None, int]]:
@@ -125,7 +130,6 @@ def settle(config: StudyConfig) -> Manifest:
         photographs = shares[seed, fraction] if fraction is not None else np.zeros(0, dtype=np.int64)
         synthetic, budget, used = len(sources["synthetic"]), config.train.budget, ARM_KINDS[arm.base].sources
         own_draws = arm_draws(arm.base, photographs, synthetic, budget=budget, seed=seed)
-        text = draws_text(own_draws, used, [sources[name].file_names for name in used])
         ruled = {"seed": seed, "budget": len(own_draws), "masks": masks}
         settings = Settings.model_validate({**config.train.model_dump(), **arm.train, **ruled})
         data = {name: datasets[name].sha256 for name in used}
@@ -133,9 +137,9 @@ def settle(config: StudyConfig) -> Manifest:
         name = f"{arm.name}{share}-seed{seed}"
         counts = np.bincount(own_draws.source, minlength=len(used)).tolist()
         run = PlannedRun(
-            name=name, folder=f"{name}-{_key(settings, data, text)}", arm=arm.name, base=arm.base, fraction=fraction,
-            seed=seed, photographs=len(photographs), sources=used, drawn=dict(zip(used, counts, strict=True)),
-            settings=settings, draws=text,
+            name=name, folder=f"{name}-{_key(settings, data, own_draws.digest)}", arm=arm.name, base=arm.base,
+            fraction=fraction, seed=seed, photographs=len(photographs), chosen=tuple(photographs.tolist()),
+            sources=used, drawn=dict(zip(used, counts, strict=True)), settings=settings,
         )  # fmt: skip
         runs.append(run)
         if not run.drawn.get("real", 1):
@@ -149,13 +153,8 @@ def settle(config: StudyConfig) -> Manifest:
 
 
 def write_manifest(manifest: Manifest, folder: Path) -> None:
-    """Write study.json and the files of draws."""
-    (folder / DRAWS_NAME).mkdir(parents=True, exist_ok=True)
-    for run in manifest.runs:
-        path = draws_path(folder, run)
-        if not path.exists():
-            assert run.draws, "a manifest by `settle` has them"
-            replace_file(path, run.draws)
+    """Write study.json."""
+    folder.mkdir(parents=True, exist_ok=True)
     content = orjson.dumps(manifest.model_dump(mode="json"), option=orjson.OPT_INDENT_2)
     replace_file(folder / MANIFEST_NAME, content + b"\n")
 
@@ -165,11 +164,6 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST_NAME
     refuse = partial(ConfigError, path=path, remedy="name a folder of `hulldown study run`")
     return validated(Manifest, read_json(path, dict[str, object], refuse, what="the manifest of a study"), path)
-
-
-def draws_path(study: Path, run: PlannedRun) -> Path:
-    """Return the file of draws of a run."""
-    return study / DRAWS_NAME / f"{run.folder}.csv"
 
 
 def predictions_paths(study: Path, manifest: Manifest, run: PlannedRun) -> dict[str, Path]:
@@ -184,7 +178,7 @@ def predictions_paths(study: Path, manifest: Manifest, run: PlannedRun) -> dict[
     }
 
 
-def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
+def _key(settings: Settings, digests: Mapping[str, str], draws: str) -> str:
     """Return a hash of everything that determines a run."""
     named = Path(settings.weights or "none")
     weights = weights_digest(named) if named.exists() else None
@@ -192,7 +186,7 @@ def _key(settings: Settings, digests: Mapping[str, str], draws: bytes) -> str:
         "settings": settings.model_dump(mode="json", exclude={"weights", "logger"}),
         "weights": weights or settings.weights,
         "data": digests,
-        "draws": hashlib.sha256(draws).hexdigest(),
+        "draws": draws,
     }
     return hashlib.sha256(orjson.dumps(made_of, option=orjson.OPT_SORT_KEYS)).hexdigest()[:KEY_DIGITS]
 

@@ -18,7 +18,6 @@ from hulldown.base.errors import HulldownError
 from hulldown.training.inputs.extra import require_extra
 from hulldown.training.study.manifest import (
     RUNS_NAME,
-    draws_path,
     predictions_paths,
     read_manifest,
 )
@@ -38,7 +37,7 @@ def run_one(study: Path, name: str, options: RunOptions, progress: Progress) -> 
     folder = study / RUNS_NAME / run.folder
     train(
         {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
-        draws_file=draws_path(study, run), workers=options.workers, device=options.device, progress=progress,
+        draws=manifest.draws(run), workers=options.workers, device=options.device, progress=progress,
     )  # fmt: skip
     for which, found in predictions_paths(study, manifest, run).items():
         if not found.exists():
