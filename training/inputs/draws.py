@@ -27,18 +27,10 @@ class Draws:
     def __len__(self) -> int:
         return len(self.source)
 
-    def counts(self, sizes: Sequence[int]) -> list[Int[np.ndarray, " images"]]:
-        """Return the number of draws of each picture of each source."""
-        return [np.bincount(self.image[self.source == i], minlength=size) for i, size in enumerate(sizes)]
-
     @property
     def digest(self) -> str:
         """SHA-256 of all draws."""
         return hashlib.sha256(np.stack((self.source, self.image, self.seed)).astype("<i8").tobytes()).hexdigest()
-
-    def take(self, rows: slice | Int[np.ndarray, " k"]) -> Draws:
-        """Select draws."""
-        return Draws(self.source[rows], self.image[rows], self.seed[rows])
 
 
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float] = ()) -> Draws:
@@ -49,7 +41,7 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
     Examples
     --------
     >>> draws = make_draws([21, 420], 25_000, seed=0)
-    >>> [int(counts.sum()) for counts in draws.counts([21, 420])]
+    >>> np.bincount(draws.source).tolist()
     [1147, 23853]
     """
     if not sizes or min(sizes) < 1:

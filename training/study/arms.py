@@ -5,9 +5,8 @@ Arms differ only in their draws. Model, budget, and test are the same for all ru
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
@@ -22,8 +21,7 @@ class ArmKind:
     """What an arm draws from, and what it's compared with besides the real arm."""
 
     sources: tuple[str, ...] = ("real", "synthetic")
-    # function from the sizes of the sources, the budget, and the seed to draws from the sources' pictures
-    draws: Callable[..., Draws] = make_draws
+    shares: tuple[float, ...] = ()  # of the draws; empty: every picture is equally likely
     beyond_mixed: bool = False  # whether it's compared with the mixed arm too
     by_bins: bool = False  # whether its recall is compared with the real arm's in bins
 
@@ -33,7 +31,7 @@ ARM_KINDS: Mapping[str, ArmKind] = MappingProxyType(
         "real": ArmKind(("real",)),
         "mixed": ArmKind(by_bins=True),
         "synthetic": ArmKind(("synthetic",)),
-        "balanced": ArmKind(draws=partial(make_draws, shares=(0.5, 0.5)), beyond_mixed=True, by_bins=True),
+        "balanced": ArmKind(shares=(0.5, 0.5), beyond_mixed=True, by_bins=True),
     }
 )
 if TYPE_CHECKING:
@@ -47,6 +45,6 @@ def arm_draws(arm: Arm, photographs: Int[np.ndarray, " k"], synthetic: int, *, b
     kind = ARM_KINDS[arm]
     pictures = [photographs if name == "real" else np.arange(synthetic) for name in kind.sources]
     sizes = list(map(len, pictures))
-    draws = kind.draws(sizes, budget, seed=seed)
+    draws = make_draws(sizes, budget, seed=seed, shares=kind.shares)
     first = np.cumsum([0, *sizes])[draws.source]
     return Draws(draws.source, np.concatenate(pictures)[first + draws.image], draws.seed)

@@ -130,7 +130,7 @@ def settle(config: StudyConfig) -> Manifest:
         photographs = shares[seed, fraction] if fraction is not None else np.zeros(0, dtype=np.int64)
         synthetic, budget, used = len(sources["synthetic"]), config.train.budget, ARM_KINDS[arm.base].sources
         own_draws = arm_draws(arm.base, photographs, synthetic, budget=budget, seed=seed)
-        ruled = {"seed": seed, "budget": len(own_draws), "masks": masks}
+        ruled = {"seed": seed, "masks": masks}
         settings = Settings.model_validate({**config.train.model_dump(), **arm.train, **ruled})
         data = {name: datasets[name].sha256 for name in used}
         share = "" if fraction is None else f"-{subset_name(fraction)}"
