@@ -7,7 +7,6 @@ SIGTERM.
 
 from __future__ import annotations
 
-import argparse
 import errno
 import io
 import sys
@@ -18,7 +17,7 @@ from rich.markup import escape
 
 from hulldown.base.errors import HulldownError, shortened
 from hulldown.base.terminal import STDERR
-from hulldown.verbs import demo, planning, rendering, study, training
+from hulldown.verbs import demo, planning, rendering, training
 from hulldown.verbs.command import named_verb, run_command
 from hulldown.verbs.output import DONE, MISTAKE, STOPPED, silence_stdout, warnings_in_one_line
 
@@ -29,7 +28,7 @@ REFUSALS = (
     *(errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
 )
 CHANGED = (errno.ENOENT, errno.EINVAL, errno.ESTALE)  # a named file that is gone, or something else than before
-VERBS = planning.VERBS | rendering.VERBS | demo.VERBS
+VERBS = planning.VERBS | rendering.VERBS | training.VERBS | demo.VERBS
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,9 +39,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     try:
         with warnings_in_one_line():
-            if words[:1] in [[name] for name in _argparse_verbs()]:
-                arguments = _argparse_parser().parse_args(words)
-                return arguments.run(arguments) or DONE
             return run_command(words, VERBS)
     except HulldownError as error:
         return _refuse(str(error))
@@ -64,18 +60,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         if error.filename is None:
             silence_stdout()
         return _refuse(f"{error.filename or 'stdout'}: {error.strerror}")
-
-
-def _argparse_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="hulldown")
-    verbs = parser.add_subparsers(required=True, metavar="VERB")
-    for stage in (training, study):
-        stage.add(verbs)
-    return parser
-
-
-def _argparse_verbs() -> tuple[str, ...]:
-    return ("subset", "augment", "train", "predict", "export_model", "evaluate", "study")
 
 
 def _refuse(problem: str, code: int = MISTAKE) -> int:

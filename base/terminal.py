@@ -59,13 +59,6 @@ def warn(line: str) -> None:
     STDERR.print(f"[yellow]warning:[/] {escape(line)}", soft_wrap=True)
 
 
-def duration(seconds: float) -> str:
-    """Format a duration in seconds, minutes, or hours."""
-    if seconds < 120:
-        return f"{seconds:.0f} seconds"
-    return f"{seconds / 60:.0f} minutes" if seconds < 7200 else f"{seconds / 3600:.1f} hours"
-
-
 @contextmanager
 def reading_status() -> Iterator[Callable[[str], None]]:
     """Show a status line on stderr; yields a function that takes the path being read."""

@@ -13,10 +13,10 @@ from hulldown.tests.clusters import cluster
 from hulldown.tests.test_study import SMALL, settled, tree
 from hulldown.tests.training_pictures import make_datasets
 from hulldown.training.study import runs
+from hulldown.training.study.cluster_runs import training_workers
 from hulldown.training.study.manifest import write_manifest
 from hulldown.training.study.runs import NANNYS, RunOptions, manifest_digest, run_here, run_study, unseen
 from hulldown.training.study.study_report import write_report
-from hulldown.verbs.cluster import training_workers
 
 OPTIONS = RunOptions("cpu", 0)
 AS_A_NANNY_DOES = dict.fromkeys(NANNYS, "1")

@@ -94,7 +94,7 @@ def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_
     ("command", "named"),
     [
         ("train --data real=none -o run --model small", "none"),
-        ("train --data real=none -o run --model huge", "model = 'huge'"),
+        ("train --data real=none -o run --model huge", "huge"),
         ("predict . data -o found.json", "run.json: no such file"),
     ],
 )

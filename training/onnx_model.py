@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import io
 import json
-import os
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, replace_file
 from hulldown.training.detectors.detector import weights_of
@@ -23,8 +23,22 @@ NORMALIZED_INPUT = f"{INPUT}, less ImageNet's mean, over its standard deviation"
 OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
 
 
-def export_model(run: str | os.PathLike[str], output: str | os.PathLike[str]) -> dict[str, object]:
-    """Write a detector as ONNX: RF-DETR with its own exporter, a detector of transformers with PyTorch's.
+def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
+    """Write a detector as ONNX.
+
+    Reads a run or weights; writes an ONNX file, whose metadata name classes, input, and output. RF-DETR has its own
+    exporter, a detector of transformers PyTorch's.
+
+    Parameters
+    ----------
+    run
+        Folder of a finished training, or weights: a file of RF-DETR, or a folder of transformers.
+    output
+        The .onnx file.
+
+    Returns
+    -------
+    Its metadata.
 
     Examples
     --------

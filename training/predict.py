@@ -10,12 +10,14 @@ from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
-from typing import TypedDict
+from typing import Annotated, TypedDict
 
 import numpy as np
 import orjson
+from cyclopts import Parameter
 from PIL import Image
 
+from hulldown.base.arguments import AnyPath, Count, Overlap, parsed
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of
@@ -32,6 +34,17 @@ UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for e
 BATCH = 8
 DIGITS = 3  # decimals of a pixel
 THRESHOLD = 0.5  # least score of counted and drawn detections
+
+
+def tile_size(text: str) -> tuple[int, int]:
+    """Return width and height of "WxH"."""
+    width, height = map(int, text.lower().split("x"))
+    if min(width, height) < 32:
+        raise ValueError(text)
+    return width, height
+
+
+TILE = parsed("WxH of at least 32, such as 640x480", tile_size, metavar="WxH")
 
 
 class Result(TypedDict):
@@ -72,38 +85,42 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
 
 
 def predict(
-    run: str | os.PathLike[str],
-    pictures: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-    output: str | os.PathLike[str],
+    run: AnyPath,
+    pictures: Sequence[AnyPath] | AnyPath,
+    output: AnyPath,
     *,
-    drawn: str | os.PathLike[str] | None = None,
-    threshold: float = THRESHOLD,
     device: str = "auto",
-    batch: int = BATCH,
-    tile: tuple[int, int] | None = None,
+    batch: Count = BATCH,
+    tile: Annotated[tuple[int, int] | None, TILE] = None,
+    drawn: Annotated[AnyPath | None, Parameter(name="--draw")] = None,
+    threshold: Overlap = THRESHOLD,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predicted:
-    """Detect objects in pictures, and write COCO results with a list of the pictures.
+    """Detect in pictures, a video, or a dataset.
+
+    Reads a detector and pictures; writes COCO results, with a list of the pictures. The same call continues one that
+    was stopped.
 
     Parameters
     ----------
     run
-        See `load_detector`.
+        Folder of a finished training, or weights: a file of RF-DETR, or a folder of transformers.
     pictures
-        A dataset, without its labels; or see `training.input_pictures.find_pictures`.
+        A dataset, whose labels aren't used; a video; or pictures, folders, and patterns such as 'photographs/*.jpg'.
     output
-        The file of results. ``OUTPUT.info.json`` lists all images, also those without detections;
-        without a dataset also their names and the categories.
-    drawn
-        A folder for copies of the pictures, or of the video, with detections; None: no copies.
-    threshold
-        Least score of drawn and counted detections. The results have all.
+        The .json file of results. OUTPUT.info.json lists all images, also those without detections; without a dataset
+        also their names and the categories.
     device
-        See `load_detector`.
+        A device of PyTorch; auto is a GPU if there is one.
     batch
         Images, or tiles, that go through the network at once.
     tile
-        Width and height of the overlapping tiles to detect in, see `training.detectors.tiled`; None: whole pictures.
+        Detect in overlapping tiles of this width and height in pixels, those of the training pictures: for large
+        pictures.
+    drawn
+        A folder for copies of the pictures, or of the video, with detections.
+    threshold
+        Least score of drawn and counted detections. The results have all.
     progress
         Called with (done, all) after each batch; None: a bar in a terminal or notebook.
 

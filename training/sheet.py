@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.terminal import tracked
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Overlay, contact_sheet, draw
-from hulldown.training.inputs.augment import Augmenter
-from hulldown.training.inputs.data import at_work_size
+from hulldown.pictures.own_files import make_room_for_picture, save_picture
+from hulldown.training.inputs.extra import require_extra
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.inputs.sources import Sample, read_sources
 
@@ -22,13 +23,36 @@ TILE_WIDTH = 256
 
 
 def augmentation_sheet(
-    dataset: Path | str,
+    dataset: AnyPath,
+    output: PngFile,
     *,
-    rows: int = 6,
-    seed: int = 0,
     augmentation: str = "table1",
-) -> Image.Image:
-    """Make a sheet; each row has a picture, and eight augmentations of it, by a file or one of our own."""
+    seed: int = 0,
+    rows: Count = 6,
+) -> None:
+    """Show augmented pictures of a dataset.
+
+    Reads a dataset; writes a sheet: in each row a picture as it is and eight times augmented, with its boxes.
+
+    Parameters
+    ----------
+    dataset
+        The dataset's folder.
+    output
+        The picture.
+    augmentation
+        An Albumentations file, or table1, mild, or aerial.
+    seed
+        Seed of the augmentations.
+    rows
+        Number of pictures, evenly spread over the dataset.
+    """
+    require_extra()
+    # Not at the top: this module can be imported without the extra.
+    from hulldown.training.inputs.augment import Augmenter
+    from hulldown.training.inputs.data import at_work_size
+
+    make_room_for_picture(Path(output))
     augment = Augmenter(load_settings(None, {"augmentation": augmentation}).augmentation)
     classes, (source,) = read_sources({"dataset": dataset})
     chosen = spread(len(source), rows)
@@ -38,7 +62,7 @@ def augmentation_sheet(
         seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(TIMES)]
         changed = [augment(sample, own_seed) for own_seed in seeds]
         pictures += [_drawn(one, classes) for one in (sample, *changed)]
-    return contact_sheet(pictures, columns=TIMES + 1, tile_width=TILE_WIDTH)
+    save_picture(contact_sheet(pictures, columns=TIMES + 1, tile_width=TILE_WIDTH), Path(output))
 
 
 def _drawn(sample: Sample, classes: Sequence[str]) -> Image.Image:

@@ -6,9 +6,11 @@ from collections.abc import Sequence
 from fractions import Fraction
 from itertools import accumulate
 from pathlib import Path
+from typing import Annotated
 
 import orjson
 
+from hulldown.base.arguments import AnyPath, parsed
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import reporting
@@ -20,6 +22,7 @@ from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.placed_pictures import link_or_copy
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
+SHARES = parsed("shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,...")
 
 
 def subset_name(fraction: float) -> str:
@@ -61,21 +64,37 @@ def nested_subsets(
 
 
 def write_subsets(
-    dataset: Path | str,
-    out: Path | str,
+    dataset: AnyPath,
+    output: AnyPath,
     *,
-    fractions: Sequence[float] = FRACTIONS,
+    fractions: Annotated[Sequence[float], SHARES] = FRACTIONS,
     seed: int = 0,
     stratified: bool = False,
 ) -> dict[str, int]:
-    """Write nested subsets of a dataset, each a dataset in its own folder, named by its percentage.
+    """Make nested subsets of a dataset.
 
-    Pictures are hard links if the disk allows, else copies. A subset has as many images as its share, or fewer
-    if the last position doesn't fit completely; at least one position.
+    Reads a dataset; writes OUTPUT/100, OUTPUT/50, and so on, each within the larger ones, pictures as hard links if the
+    disk allows. A subset has as many images as its share, or fewer if the last position doesn't fit completely; at
+    least one position.
 
-    `fractions`: shares of the images, above 0 and at most 1.
+    Parameters
+    ----------
+    dataset
+        The dataset's folder.
+    output
+        A new or an empty folder.
+    fractions
+        Shares of the images, above 0 and at most 1.
+    seed
+        Seed of the selection.
+    stratified
+        Keep the proportion of classes in each.
+
+    Returns
+    -------
+    Images in each subset.
     """
-    dataset, out = Path(dataset), Path(out)
+    dataset, out = Path(dataset), Path(output)
     for fraction in fractions:
         if not 0.0 < fraction <= 1.0:
             raise DatasetError(f"fraction {fraction:g}: expected a share above 0 and at most 1")

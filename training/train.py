@@ -9,11 +9,13 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, TypeAlias
 
 import numpy as np
+from cyclopts import Parameter
 from msgspec.structs import replace
 
+from hulldown.base.arguments import AnyPath, checked
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
 from hulldown.base.terminal import progress_bars, watched
@@ -28,7 +30,7 @@ from hulldown.training.detectors.detector import (
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.draws import Draws, make_draws, source_shares
 from hulldown.training.inputs.extra import quiet, require_extra
-from hulldown.training.inputs.settings import Settings, load_settings
+from hulldown.training.inputs.settings import SettingOptions, Settings, load_settings
 from hulldown.training.inputs.sources import (
     LabeledPictures,
     check_pictures,
@@ -48,38 +50,55 @@ VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "transformers
             "opencv-python-headless", "numpy")  # fmt: skip
 
 
+def _named(text: str) -> tuple[str, str]:
+    name, _, folder = text.partition("=")
+    return name, folder
+
+
+NamedFolder: TypeAlias = Annotated[str, checked("NAME=DIR, such as real=photographs", lambda text: all(_named(text)))]
+if TYPE_CHECKING:
+    SettingsLike: TypeAlias = Settings | Mapping[str, object] | None
+else:
+    SettingsLike = SettingOptions | None  # for the command line
+
+
 def train(
-    data: Mapping[str, str | os.PathLike[str]],
-    out: str | os.PathLike[str],
+    data: Sequence[NamedFolder] | Mapping[str, AnyPath],
+    output: AnyPath,
     *,
-    settings: Settings | Mapping[str, object] | None = None,
-    valid: str | os.PathLike[str] | None = None,
-    draws: Draws | None = None,
+    valid: AnyPath | None = None,
+    config: AnyPath | None = None,
+    settings: SettingsLike = None,
     workers: int | None = None,
     device: str = "auto",
-    checkpoint_every_s: float = 60.0,
+    draws: Annotated[Draws | None, Parameter(parse=False)] = None,
+    checkpoint_every_s: Annotated[float, Parameter(parse=False)] = 60.0,
     progress: Callable[[str, int, int], None] | None = None,
-    say: Callable[[str], None] | None = None,
+    say: Callable[[str], None] = show_line,
 ) -> Run:
-    """Train a detector, or continue a killed training in the same folder.
+    """Train a detector under a fixed budget.
+
+    Reads datasets; writes a run with weights, metrics, and config. The same call continues a training that was
+    stopped.
 
     Parameters
     ----------
     data
-        Name -> folder of each dataset.
-    out
+        NAME=DIR of a dataset to train on, such as real=photographs; may be repeated. In Python also name -> folder.
+    output
         The run's folder.
-    settings
-        Settings, see `training.inputs.settings.load_settings`; or changes to the model's defaults, by the keys of
-        docs/training.md.
     valid
         A dataset on which results are measured, without effect on the training.
+    config
+        TOML file of settings; docs/training.md has its keys. Others are the model's defaults.
+    settings
+        Changes to these, by the same keys; or all `Settings`.
+    workers
+        Processes that read and augment pictures; by default one per core but one. Pixels don't depend on it.
+    device
+        auto, cpu, gpu, or PyTorch's name of a device, such as cuda:1; auto is a GPU if there is one.
     draws
         As many draws from the datasets as the budget; None: sampled.
-    workers
-        Processes that read and augment pictures; None: by the machine. Pixels don't depend on it.
-    device
-        ``"auto"``, ``"cpu"``, ``"gpu"``, or PyTorch's name of a device, such as ``"cuda:1"``.
     checkpoint_every_s
         Seconds between checkpoints.
     progress
@@ -103,21 +122,23 @@ def train(
     >>> run.status  # doctest: +SKIP
     'finished'
     """
+    if not isinstance(settings, Settings):
+        changes = vars(settings) if isinstance(settings, SettingOptions) else settings or {}
+        settings = load_settings(None if config is None else Path(config), changes)
     require_extra()
     # Not at the top: this module can be imported without the extra.
     from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.inputs.data import DrawnExamples
 
-    if not isinstance(settings, Settings):
-        settings = load_settings(None, settings or {})
     if progress is None and watched():
         with progress_bars() as bars:
             return train(
-                data, out, settings=settings, valid=valid, draws=draws, workers=workers, device=device,
-                checkpoint_every_s=checkpoint_every_s, progress=bars, say=say or show_line,
+                data, output, settings=settings, valid=valid, draws=draws, workers=workers, device=device,
+                checkpoint_every_s=checkpoint_every_s, progress=bars, say=say,
             )  # fmt: skip
-    progress, say = progress or (lambda what, done, total: None), say or (lambda line: None)
-    out = Path(out)
+    progress = progress or (lambda what, done, total: None)
+    out = Path(output)
+    data = data if isinstance(data, Mapping) else dict(_named(text) for text in data)
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
     Augmenter(settings.augmentation)  # refuses a wrong one before anything is written
@@ -131,7 +152,7 @@ def train(
     for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
         say(f"warning: {shared}: the result on it flatters")
     named = Path(settings.weights or "none")
-    config = RunConfig(
+    run_config = RunConfig(
         settings=settings.model_dump(mode="json", exclude={"logger"}),
         classes=list(classes),
         data={source.name: RunData(len(source), checked[source.name].sha256) for source in sources},
@@ -139,7 +160,7 @@ def train(
         weights_sha256=weights_digest(named) if named.exists() else None,
         draws_sha256=None if draws is None else draws.digest,
     )
-    if (run := finished_run(out, config)) is not None:
+    if (run := finished_run(out, run_config)) is not None:
         say(f"{out}: is finished already")
         return run
     from hulldown.training.fitting import Training, fit
@@ -152,7 +173,7 @@ def train(
         trainee = prepare_trainee(settings, classes, chosen, out)
         with alone_in(out, marker=CONFIG_NAME, what="run"):
             folder = RunFolder(out)
-            folder.write(config)
+            folder.write(run_config)
             run = _description(settings, classes, data, sources, draws, chosen)
             folder.write(run)
             text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it

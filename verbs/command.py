@@ -17,6 +17,7 @@ from rich.table import Table
 from hulldown.base.terminal import say, warn
 from hulldown.verbs.output import DONE, show, show_json
 
+GROUPS = {"study": "Measure the worth of synthetic images when photographs are few."}
 NO_OPTIONS = ("assets", "library", "progress", "say")  # parameters of functions that are for Python alone
 JSON = Annotated[bool, Parameter(help="Print the result as JSON on stdout.")]
 
@@ -124,7 +125,7 @@ def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
         room = app
         for group in groups:
             if group not in room:
-                room.command(App(name=group))
+                room.command(App(name=group, help=GROUPS[group], sort_key=place))
             room = room[group]
         if name == wanted:
             room.command(verb.command(), name=last)

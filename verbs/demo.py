@@ -1,8 +1,9 @@
-"""The verb demo: other verbs, one after the other."""
+"""The verbs doctor, and demo, which runs other verbs one after the other."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.markup import escape
 
@@ -10,7 +11,10 @@ from hulldown.base.arguments import AnyPath
 from hulldown.base.terminal import STDERR
 from hulldown.verbs import planning, rendering
 from hulldown.verbs.command import Answer, Verb, run_command
-from hulldown.verbs.output import DONE
+from hulldown.verbs.output import DONE, FOUND
+
+if TYPE_CHECKING:
+    from hulldown.rendering.doctor import Diagnosis
 
 
 def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
@@ -53,4 +57,13 @@ def _shown(code: int, output: AnyPath) -> Answer:
     return Answer(result=output, said=[] if code else [written], code=code)
 
 
-VERBS = {"demo": Verb("verbs.demo:run_demo", _shown, resumes=True)}
+def _diagnosis(diagnosis: Diagnosis) -> Answer:
+    problems = [f"problem: {problem}" for problem in diagnosis.problems]
+    shown = problems or ["all well: this machine can plan and render"]
+    return Answer(result=diagnosis, shown=[diagnosis.table(), *shown], code=FOUND if problems else DONE)
+
+
+VERBS = {
+    "doctor": Verb("rendering.doctor:diagnose", _diagnosis),
+    "demo": Verb("verbs.demo:run_demo", _shown, resumes=True),
+}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import os
@@ -54,13 +53,6 @@ def show(*results: str | Table) -> None:
             STDOUT.print(result)
         else:
             Terminal(file=STDOUT.file, width=WIDEST, highlight=False).print(result)
-
-
-def show_result(arguments: argparse.Namespace, result: object, *shown: str | Table) -> None:
-    """Print a verb's result on stdout: with ``--json`` as JSON, otherwise as the given lines and tables."""
-    if not arguments.json:
-        return show(*shown)
-    show_json(result)
 
 
 def show_json(result: object) -> None:

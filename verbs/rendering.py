@@ -13,7 +13,6 @@ from hulldown.verbs.output import DONE, FOUND, STOPPED
 if TYPE_CHECKING:
     from hulldown.dataset.join import Joined
     from hulldown.dataset.reports.comparison import Comparison
-    from hulldown.rendering.doctor import Diagnosis
     from hulldown.rendering.supervisor import RenderReport
     from hulldown.rendering.verify import Findings
 
@@ -65,12 +64,6 @@ def _export(counts: Mapping[str, int], output: AnyPath) -> Answer:
     return Answer(result=counts, said=[f"wrote {output}: " + ", ".join(f"{n} {name}" for name, n in counts.items())])
 
 
-def _diagnosis(diagnosis: Diagnosis) -> Answer:
-    problems = [f"problem: {problem}" for problem in diagnosis.problems]
-    shown = problems or ["all well: this machine can plan and render"]
-    return Answer(result=diagnosis, shown=[diagnosis.table(), *shown], code=FOUND if problems else DONE)
-
-
 VERBS = {
     "render": Verb("rendering.supervisor:render_plan", _rendered, resumes=True),
     "cluster": Verb("cluster.scheduler:run_cluster", _cluster),
@@ -78,5 +71,4 @@ VERBS = {
     "verify": Verb("rendering.verify:verify", _findings),
     "report": Verb("dataset.reports.dataset_report:report", _page),
     "export": Verb("dataset.exports.export:export", _export),
-    "doctor": Verb("rendering.doctor:diagnose", _diagnosis),
 }

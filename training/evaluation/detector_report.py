@@ -81,6 +81,13 @@ class DetectorReport(Struct, frozen=True, kw_only=True):
     curves: dict[str, list[float | None]]
     bins: dict[str, list[ReportedBin]]
 
+    def lines(self) -> list[str]:
+        """Return the overall figures as a line."""
+        keys = ("precision", "recall", "f1", "ap50")
+        values = ((key, getattr(self.overall, key)) for key in keys)
+        figures = ", ".join(f"{key} {'undefined' if value is None else f'{value:.3f}'}" for key, value in values)
+        return [f"{self.predictions}: {figures}"]
+
 
 class ReportedComparison(Struct, frozen=True):
     """A `DetectorComparison`."""
@@ -96,6 +103,10 @@ class DetectorReports(Struct, frozen=True):
 
     runs: dict[str, DetectorReport]
     comparisons: list[ReportedComparison]
+
+    def lines(self) -> list[str]:
+        """Return the overall figures of each file as a line."""
+        return [line for one in self.runs.values() for line in one.lines()]
 
 
 def report(one: Evaluation) -> DetectorReport:

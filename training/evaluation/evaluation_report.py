@@ -8,11 +8,14 @@ import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Annotated
 
 import msgspec
 import orjson
+from cyclopts import Parameter
 from msgspec.structs import asdict
 
+from hulldown.base.arguments import AnyPath, Overlap, Share
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import reporting
@@ -33,33 +36,35 @@ COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "t
 
 
 def evaluate(
-    dataset: str | os.PathLike[str],
-    predictions: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-    output: str | os.PathLike[str],
+    dataset: AnyPath,
+    predictions: Sequence[AnyPath] | AnyPath,
+    output: AnyPath,
     *,
-    threshold: float = 0.5,
-    iou: float = 0.5,
-    validation: Sequence[str | os.PathLike[str]] = (),
+    threshold: Share = 0.5,
+    validation: Annotated[Sequence[AnyPath], Parameter(consume_multiple=True)] = (),
+    iou: Overlap = 0.5,
     progress: Callable[[int, int], None] | None = None,
 ) -> DetectorReport | DetectorReports:
-    """Evaluate one or several files of detections on a dataset, and write the report.
+    """Evaluate detections, with intervals.
+
+    Reads a dataset and COCO results of any detector; writes report.html and report.json. Several files of results are
+    compared with the first.
 
     Parameters
     ----------
     dataset
-        See `training.evaluation.labels.read_labels`.
+        A folder, or a COCO file next to its pictures.
     predictions
-        A file of COCO results, or several, of which the others are compared with the first.
+        Files of COCO results; in Python also a single one.
     output
-        Folder of ``report.html``, ``report.json``, ``metrics.csv``, and sheets of misses and false positives, made if
-        missing; for several files of detections, a folder for each too.
+        Folder of report.html, report.json, metrics.csv, and sheets of misses and false positives, made if missing; for
+        several files of detections, a folder for each too.
     threshold
         The confidence threshold.
+    validation
+        Another dataset and each detector's detections in it, to choose the threshold with the highest F1 there.
     iou
         Least IoU of a match.
-    validation
-        Another dataset and, for each of `predictions`, the same detector's detections in it; the threshold is
-        that of the highest F1 there.
     progress
         Called with (done, all) after each step; None: a bar in a terminal or notebook.
 

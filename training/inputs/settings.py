@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import make_dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Any, Literal
 
+from cyclopts import Parameter
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.fields import FieldInfo
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.outside import json_of, read_text, typed, yaml_of
 from hulldown.base.toml_files import read_toml, validated
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
-# keys with a flag on the command line
-FLAGS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
-
 
 KNOWN_AUGMENTATIONS = ("table1", "mild", "aerial")
 OWN_AUGMENTATIONS = Path(__file__).parent / "augmentations"
@@ -84,6 +84,25 @@ class Settings(BaseModel):
     def steps(self) -> int:
         """Steps of the run; the last may have fewer pictures."""
         return math.ceil(self.budget / self.effective_batch)
+
+
+_OPTIONS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
+
+
+def _option(field: FieldInfo) -> object:
+    shown = str(field.default) if isinstance(field.default, str | int) else False
+    kind: Any = field.annotation
+    return Annotated[kind | None, Parameter(help=field.description, show_default=shown)]
+
+
+# Changes of settings, as options of a command; None: unchanged.
+SettingOptions = Parameter(name="*")(
+    make_dataclass(
+        "SettingOptions",
+        [(name, _option(Settings.model_fields[name]), None) for name in _OPTIONS],
+        namespace={"__module__": __name__},
+    )
+)
 
 
 def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> dict[str, object]:

@@ -9,6 +9,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import make_room, replacing
 from hulldown.base.toml_files import read_toml, validated
@@ -116,12 +117,32 @@ def _weights_seen_from(folder: Path, weights: str | None) -> str | None:
     return str(folder / weights) if weights is not None and (folder / weights).exists() else weights
 
 
-def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: Path | None = None) -> None:
-    """Write a commented config with every key and its default; its folders are relative to it."""
+def write_study(
+    output: AnyPath, *, real: AnyPath, synthetic: AnyPath, test: AnyPath, valid: AnyPath | None = None
+) -> Path:
+    """Write a study's config.
+
+    Writes a comment on every key, and its default.
+
+    Parameters
+    ----------
+    output
+        The config, such as study.toml; its folders are relative to it.
+    real
+        Photographs to train on.
+    synthetic
+        Rendered images to train on.
+    test
+        Photographs to test on.
+    valid
+        Photographs to choose confidence thresholds on.
+    """
+    path = Path(output)
     if path.exists():
         raise HulldownError("is there already", path=path, remedy="delete it or name another file")
     make_room(path)
-    folders = {"real": real, "synthetic": synthetic, "test": test} | ({"valid": valid} if valid else {})
+    given = {"real": real, "synthetic": synthetic, "test": test, "valid": valid}
+    folders = {key: Path(folder) for key, folder in given.items() if folder is not None}
     for folder in folders.values():
         if not folder.is_dir():
             raise HulldownError("no such folder", path=folder, remedy="name the folder of a COCO dataset")
@@ -133,6 +154,7 @@ def write_study(path: Path, *, real: Path, synthetic: Path, test: Path, valid: P
         named |= {"valid": '# valid = "photographs/valid"'}
     with replacing(path) as file:
         file.write(_TEXT.format(**named).encode())
+    return path
 
 
 def _seen_from(start: Path, folder: Path) -> str:

@@ -16,8 +16,10 @@ from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
+from typing import Annotated
 
 import orjson
+from cyclopts import Parameter
 from filelock import FileLock, Timeout
 from msgspec import Struct
 
@@ -48,14 +50,24 @@ PACKAGES = ("torch", "rfdetr", "pytorch-lightning")  # of which all machines mus
 Progress = Callable[[str, int, int], None]
 
 
+@Parameter(name="*")
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """Options of running, which don't change results on one machine."""
+    """Options of running, which don't change results on one machine.
 
-    device: str = "auto"
-    workers: int | None = None  # processes of each run that read and augment pictures; None: by the machine
-    # additional environment variables of the run's process
-    environment: Mapping[str, str] = field(default_factory=dict)
+    Parameters
+    ----------
+    device
+        What trains; auto is all GPUs if there are any.
+    workers
+        Processes of each run that read and augment pictures; by default one per core but one.
+    environment
+        Additional environment variables of the run's process.
+    """
+
+    device: Annotated[str, Parameter(choices=("auto", "cpu", "gpu"))] = "auto"
+    workers: int | None = None
+    environment: Annotated[Mapping[str, str], Parameter(parse=False)] = field(default_factory=dict)
 
 
 class RunMessage(Struct, frozen=True, kw_only=True, omit_defaults=True, forbid_unknown_fields=True):

@@ -7,14 +7,23 @@ from pathlib import Path
 
 import msgspec
 
+from hulldown.base.arguments import AnyPath
 from hulldown.base.files import replace_file
 from hulldown.dataset.reports.charts import svg
 from hulldown.training.study.study_comparison import StudyReport, compared_runs
 from hulldown.training.study.study_page import charts_of, page, png
 
 
-def write_report(study: Path | str) -> StudyReport:
-    """Compare the finished runs of a study, and write report and charts into its folder."""
+def write_report(study: AnyPath) -> StudyReport:
+    """Compare the arms of a study.
+
+    Reads a study, finished or not; writes report.html, report.json, and charts into it.
+
+    Parameters
+    ----------
+    study
+        The folder of `hulldown study run`.
+    """
     study = Path(study)
     report = compared_runs(study)
     charts = charts_of(report)
