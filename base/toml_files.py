@@ -65,8 +65,9 @@ def _explained(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, 
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
     is_unknown, declared = error["type"] == "extra_forbidden", ".".join(s for s in steps if isinstance(s, str))
-    if instead := removed.get(declared if is_unknown else f"{declared} = {shown(error['input'])}"):
-        return f"{key} is gone; {instead}"
+    value = "" if is_unknown or isinstance(error["input"], dict) else f" = {shown(error['input'])}"
+    if instead := removed.get(declared + value):
+        return f"{key}{value} is gone; {instead}"
     if is_unknown:
         section = [s for s in steps[:-1] if isinstance(s, str)]
         near = _nearest(str(steps[-1]), section, top)
@@ -76,7 +77,6 @@ def _explained(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, 
         return f"{key} is missing" if key else "is empty"
     allowed = _ALLOWED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
     allowed = allowed.replace("Input should be", "expected").replace("String should have", "expected")
-    value = "" if isinstance(error["input"], dict) else f" = {shown(error['input'])}"
     return f"{key}{value}: {allowed}" if key else allowed
 
 

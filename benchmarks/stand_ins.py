@@ -28,8 +28,8 @@ from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import COCO_NAME, read_coco
 from hulldown.demo.catalog import CATEGORY
 from hulldown.demo.make_assets import FILES, build_demo_assets
+from hulldown.planning.config.config_keys import config_text
 from hulldown.planning.config.schema import Config
-from hulldown.planning.config.template import config_text
 from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.rendering.supervisor import Progress, render_plan

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import chdtrc
 
-from hulldown.planning.config.paint_section import OWN
+from hulldown.planning.config.asset_sections import OWN
 from hulldown.planning.plan.row import Row
 
 RARE = 5.0  # expected images of a class below which values are merged

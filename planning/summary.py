@@ -18,7 +18,7 @@ from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.transforms import apply
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
-from hulldown.planning.config.paint_section import OWN
+from hulldown.planning.config.asset_sections import OWN
 from hulldown.planning.plan.row import LeftOut, Row
 from hulldown.planning.shortcuts import nuisances, shortcuts
 

@@ -21,7 +21,7 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.check import known_poses, relabeled
-from hulldown.planning.config.paint_section import OWN
+from hulldown.planning.config.asset_sections import OWN
 from hulldown.planning.planner import Planner
 from hulldown.planning.summary import summarize
 from hulldown.tests.planning_assets import (

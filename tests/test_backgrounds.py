@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.planning.config.placement_sections import PlacementSection
+from hulldown.planning.config.scene_sections import PlacementSection
 from hulldown.planning.plan.row import encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.extras import Role, offsets

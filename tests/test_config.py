@@ -9,9 +9,16 @@ import pytest
 from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.config.config_keys import ENTRIES, PAGE, keys_of, page, sections
+from hulldown.planning.config.config_keys import (
+    ENTRIES,
+    PAGE,
+    bare_text,
+    config_sections,
+    config_text,
+    filled_page,
+    section_keys,
+)
 from hulldown.planning.config.schema import Config
-from hulldown.planning.config.template import bare_text, config_text
 from hulldown.planning.inputs.loading import hdri_paths
 
 MINIMAL = """
@@ -43,30 +50,30 @@ def test_the_template_has_the_defaults_and_nothing_else(read):
 
 def test_the_template_has_every_key():
     text = bare_text()
-    for section, kind in {"": Config, **sections()}.items():
+    for section, kind in {"": Config, **config_sections()}.items():
         part = text.split(f"[{section}]\n")[-1] if section else text
-        for key in keys_of(kind):
+        for key in section_keys(kind):
             assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{key.name}( =|\]\])", part), f"{section}.{key.name}"
 
 
 def test_every_key_has_a_description_in_the_docs():
-    for kind in (Config, *sections().values(), *ENTRIES.values()):
-        assert all(key.meaning for key in keys_of(kind)), kind
-        assert all(key.default or key.example or key.required or key.name == "name" for key in keys_of(kind)), kind
+    for kind in (Config, *config_sections().values(), *ENTRIES.values()):
+        assert all(key.meaning for key in section_keys(kind)), kind
+        assert all(key.default or key.example or key.required or key.name == "name" for key in section_keys(kind)), kind
     text = PAGE.read_text(encoding="utf-8")
-    assert text.count("<!-- keys of ") == len(sections()) + len(ENTRIES) + 1
-    assert page(text) == text, "run python -m hulldown.planning.config.config_keys"
+    assert text.count("<!-- keys of ") == len(config_sections()) + len(ENTRIES) + 1
+    assert filled_page(text) == text, "run python -m hulldown.planning.config.config_keys"
 
 
 def test_the_docs_of_limits_have_every_reason_and_existing_keys():
     rows = re.findall(r"(?m)^\| `(\w+)` \|(.*)\|.*\|$", PAGE.with_name("limits.md").read_text(encoding="utf-8"))
     assert sorted(reason for reason, _ in rows) == sorted(each.key for each in Rejection if each)
     for section, key in re.findall(r"`(\w+)\.(\w+)`", " ".join(keys for _, keys in rows)):
-        assert key in sections()[section].model_fields
+        assert key in config_sections()[section].model_fields
 
 
 def test_examples_of_keys_without_a_default_are_allowed(read):
-    vehicle = [f"{key.name} = {key.example}" for key in keys_of(ENTRIES["vehicle"]) if key.example]
+    vehicle = [f"{key.name} = {key.example}" for key in section_keys(ENTRIES["vehicle"]) if key.example]
     assert len(vehicle) >= 8
     read(MINIMAL.replace('category = "tank"', "\n".join(['category = "tank"', *vehicle])))
 
@@ -139,7 +146,7 @@ WRONG = [  # the addition, the key in the error, and its text
       for x in ("'bright'", "33", "true", "[0, 1]")),
     ("[sensor]\npreset = 'camera'", "sensor is gone; ", "`train`"),
     ("[placement]\nfootprint = 9", "placement.footprint is gone; ", "5 x 5 rays"),
-    ("[placement]\nrule = 'least_squares'", "placement.rule is gone; ", 'use "support"'),
+    ("[placement]\nrule = 'least_squares'", "placement.rule = 'least_squares' is gone; ", 'use "support"'),
     ("background_share = 1.0", "budget.background_share = 1.0", "expected less than or equal to 0.99"),
     ("[annotate]\nmin_box_px = 9.0", "annotate.min_box_px = 9", "expected at most camera.min_box_px, 8"),
     ("[annotate]\nmin_visible_fraction = 0.4", "annotate.min_vis", "at most the least camera.visible_fraction, 0.3"),

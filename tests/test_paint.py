@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from hulldown.planning.config.paint_section import PaintEntry, unmatched_pattern
+from hulldown.planning.config.asset_sections import PaintEntry
+from hulldown.planning.inputs.loading import unmatched_pattern
 from hulldown.planning.pictures.preview import caption
 from hulldown.planning.pictures.shading import previewed
 from hulldown.planning.plan.coats import Coat, color_of_material

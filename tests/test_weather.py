@@ -9,9 +9,9 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.extinction import rain_visibility_m, wetness
-from hulldown.camera.weather.kinds import Weather
+from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
-from hulldown.planning.config.weather_section import WeatherSection
+from hulldown.planning.config.scene_sections import WeatherSection
 from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.weather import NAMES, draw_weathers
 from hulldown.tests.planning_assets import plan, small_assets, small_config
@@ -24,6 +24,11 @@ ALL = {"fog": 0.1, "rain": 0.2, "snow": 0.25, "dust": 0.3}
 
 def drawn(**keys):
     return draw_weathers(WeatherSection(**keys), draws=RandomStreams(5), image=IMAGES)
+
+
+def test_the_config_has_the_keys_of_every_kind_and_three_for_all():
+    named = [{name, kind.visibility, kind.rate, *kind.covers} - {""} for name, kind in KINDS.items()]
+    assert set().union(*named, {"wind_m_s", "exposure_s", "min_contrast"}) == set(WeatherSection.model_fields)
 
 
 def test_other_weather_does_not_change_fog():

@@ -1,7 +1,7 @@
 """The weather of an image, and its kinds: one object each with all properties of the kind.
 
-A new kind is an entry of `KINDS` and a section of docs/weather.md; a new way to cover surfaces is a function of
-`rendering.blender.covers` too. Needs numpy only, as it runs in Blender.
+A new kind is an entry of `KINDS`, keys in `planning.config.scene_sections`, and a section of docs/weather.md; a new way
+to cover surfaces is a function of `rendering.blender.covers` too. Needs numpy only, as it runs in Blender.
 """
 
 from __future__ import annotations
@@ -69,29 +69,19 @@ class Weather:
             raise ValueError(f"weather: expected one of {', '.join(KINDS)} with numbers in range, got {self}")
 
 
-class RangeKey(NamedTuple):
-    """A key of `[weather]` with a range: its default, the least and the largest number that it allows, its meaning."""
-
-    name: str
-    default: tuple[float, float]
-    allowed: tuple[float, float]
-    meaning: str
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class WeatherKind:
-    """A kind of weather: its keys in `[weather]` and its effect on air, light, surfaces, and previews.
+    """A kind of weather: its keys in the config's `[weather]` and its effect on air, light, surfaces, and previews.
 
     The key with the share of images is the kind's name.
     """
 
-    share: str
     # visibility, rate: keys of the range of visibilities, or of the rates of rain that visibility and wetness follow
     # from
-    visibility: RangeKey | None = None
-    rate: RangeKey | None = None
+    visibility: str = ""
+    rate: str = ""
     # keys of the covers of ground and vehicles; empty if there are none, or the rate decides
-    covers: tuple[RangeKey, ...] = ()
+    covers: tuple[str, ...] = ()
     surfaces: str = ""  # name in `rendering.blender.surfaces.COVERS` of what covers them; empty: nothing does
     windy: bool = True  # whether wind and shutter time matter
     overcast: bool = False  # whether it comes with clouds that hide the sun
@@ -108,37 +98,23 @@ class WeatherKind:
     preview_air: tuple[float, float, float] = (0.78, 0.84, 0.92)  # color of endless air in previews
 
 
-ANY_SHARE, VISIBILITIES = (0.0, 1.0), (1.0, 1e6)
-
 KINDS: Mapping[str, WeatherKind] = MappingProxyType(
     {
         "fog": WeatherKind(
-            share="share of images with fog",
-            visibility=RangeKey(
-                "visibility_m", (300.0, 3000.0), VISIBILITIES, "visibility in fog, meters; 3000 is haze"
-            ),
+            visibility="visibility_m",
             windy=False,
             tint=None,
         ),
         "rain": WeatherKind(
-            share="share with rain",
-            rate=RangeKey(
-                "rain_mm_h", (2.0, 50.0), (0.1, 300.0), "rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"
-            ),
+            rate="rain_mm_h",
             surfaces="water",
             overcast=True,
             sizes=lambda weather: rain_sizes(weather.rain_mm_h),
             share_of_sky=0.94,
         ),
         "snow": WeatherKind(
-            share="share with falling snow",
-            visibility=RangeKey(
-                "snow_visibility_m", (300.0, 2000.0), VISIBILITIES, "visibility in falling snow, meters"
-            ),
-            covers=(
-                RangeKey("snow_cover", (0.3, 1.0), ANY_SHARE, "share of the ground under snow"),
-                RangeKey("vehicle_snow_cover", (0.0, 0.8), ANY_SHARE, "share of a vehicle's upper faces under snow"),
-            ),
+            visibility="snow_visibility_m",
+            covers=("snow_cover", "vehicle_snow_cover"),
             surfaces="snow",
             overcast=True,
             sizes=lambda weather: snow_sizes(extinction(weather.visibility_m)),
@@ -147,12 +123,8 @@ KINDS: Mapping[str, WeatherKind] = MappingProxyType(
             settles_above=True,
         ),
         "dust": WeatherKind(
-            share="share with blown dust",
-            visibility=RangeKey("dust_visibility_m", (200.0, 2000.0), VISIBILITIES, "visibility in blown dust, meters"),
-            covers=(
-                RangeKey("dust_cover", (0.0, 0.5), ANY_SHARE, "share of the ground under dust"),
-                RangeKey("vehicle_dust_cover", (0.1, 0.8), ANY_SHARE, "share of a vehicle's lower parts under dust"),
-            ),
+            visibility="dust_visibility_m",
+            covers=("dust_cover", "vehicle_dust_cover"),
             surfaces="dust",
             layers=DUST_LAYERS,
             tint=DUST_ALBEDO,

@@ -13,7 +13,7 @@ from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.planning.config.light_section import LightSection
+from hulldown.planning.config.scene_sections import LightSection
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
 

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Int
 from numpy.typing import ArrayLike
 
-from hulldown.planning.config.paint_section import OWN, PaintEntry
+from hulldown.planning.config.asset_sections import OWN, PaintEntry
 from hulldown.planning.plan.coats import Coat
 from hulldown.planning.search.random_streams import Purpose, RandomStreams
 

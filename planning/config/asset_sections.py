@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
+import re
 from collections import Counter
 from fnmatch import fnmatchcase
 from pathlib import PurePosixPath, PureWindowsPath
@@ -11,11 +12,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from hulldown.geometry.arrays import are_numbers
-from hulldown.planning.config.paint_section import Paint
 from hulldown.planning.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, ranged
 from hulldown.reading.pieces.options import TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
+OWN = "own"  # color of a material in its file
 
 
 def _forward(value: Any) -> str | float | Pair | None:
@@ -43,6 +44,28 @@ PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(
 Positive = Annotated[float, Field(gt=0)]
 _Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(strict=False)]
+
+
+def _color(value: object) -> str:
+    if isinstance(value, str) and (value == OWN or re.fullmatch("#[0-9a-fA-F]{6}", value)):
+        return value.lower()
+    raise ValueError("expected a color such as '#4b5320', or 'own' for the file's")
+
+
+def _several(value: object) -> object:
+    return [value] if isinstance(value, dict) else value
+
+
+class PaintEntry(Section):
+    """Patterns of a vehicle's materials, and their colors."""
+
+    materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
+    """patterns of materials to paint; the first table that matches applies"""
+    colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False, min_length=1)]
+    """sRGB colors such as "#4b5320", of which one is drawn, or "own", the file's"""
+
+
+Paint = Annotated[tuple[PaintEntry, ...], BeforeValidator(_several), Field(strict=False)]
 
 
 class FileEntry(Section):

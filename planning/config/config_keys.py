@@ -1,4 +1,4 @@
-"""Defaults, allowed values, and meanings of a config's keys, read from the schema.
+"""The config's keys, read from the schema, in print: the config that `hulldown init` writes, and docs/config.md.
 
 `python -m hulldown.planning.config.config_keys` rewrites the tables of docs/config.md.
 """
@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+import textwrap
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -17,6 +18,7 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 
 from hulldown.planning.config.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
+from hulldown.planning.config.scene_sections import PROFILES
 from hulldown.planning.config.schema import Config
 from hulldown.planning.config.section import Section
 
@@ -25,6 +27,13 @@ ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
     {"vehicle": VehicleEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
 )
 _SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
+_WIDTH = 120
+_LONGEST = 60  # of a line with a comment beside it
+# One of two alternatives must be given, so the first one gets a value.
+_GIVEN = MappingProxyType({"budget.images_per_class": 140})
+_BY_PROFILE = frozenset(f"render.{key}" for key in PROFILES["paper"])  # a profile gives their defaults
+_LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
+_LISTED = ("hdris", *_LISTS.values())  # keys of [assets] that get their own format
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +48,7 @@ class Key:
     meaning: str
 
 
-def keys_of(section: type[Section]) -> list[Key]:
+def section_keys(section: type[Section]) -> list[Key]:
     """Return a section's keys, without its subsections, in the order of the schema."""
     declared = section.model_json_schema()["properties"]
     return [
@@ -49,7 +58,7 @@ def keys_of(section: type[Section]) -> list[Key]:
     ]
 
 
-def sections() -> dict[str, type[Section]]:
+def config_sections() -> dict[str, type[Section]]:
     """Return the config's sections by name."""
     inner = {name: field.annotation for name, field in Config.model_fields.items()}
     return {name: kind for name, kind in inner.items() if isinstance(kind, type) and issubclass(kind, Section)}
@@ -101,34 +110,145 @@ def _number(value: float) -> str:
     return f"{value:,.10g}" if abs(value) < 1e15 else f"2^{math.log2(value):g}"
 
 
-def table(section: type[Section], *, without: type[Section] | None = None) -> str:
+def config_text(
+    *,
+    vehicles: Sequence[Mapping[str, object]],
+    sceneries: Sequence[Mapping[str, object]],
+    hdris: Sequence[str],
+    distractors: Sequence[Mapping[str, object]] = (),
+    values: Mapping[str, object] = MappingProxyType({}),
+    notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    proposals: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
+    remarks: Sequence[str] = (),
+) -> str:
+    """Return a complete config for these assets, with a comment on every key.
+
+    `notes` and `proposals` are comments above an asset's entry and keys that are commented out below it, by its name or
+    path.
+    """
+    given, others = {**_GIVEN, **values}, config_sections()
+    of_assets = [key for key in section_keys(others.pop("assets")) if key.name not in _LISTED]
+    blocks = [
+        "# hulldown config. Every key has its default here; delete what you don't want to change.\n"
+        "# Paths are relative to this file's folder. A range is [low, high]; one number is a range of one value.\n",
+        _key_lines(section_keys(Config), "", given),
+        "[assets]\n"
+        + _key_lines(of_assets, "assets", given)
+        + f"hdris = {_pattern_list(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
+        *(_entry_comments(kind) for kind in ENTRIES),
+        *(
+            _as_comments(notes.get(name := str(entry.get("name", entry["path"])), ()))
+            + _entry_text(f"assets.{kind}", entry)
+            + _as_comments([f"{key} = {toml_value(value)}" for key, value in proposals.get(name, {}).items()])
+            for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
+            for entry in listed
+        ),
+        _as_comments(remarks),
+        *(f"[{name}]\n" + _key_lines(section_keys(kind), name, given) for name, kind in others.items()),
+    ]
+    if given:
+        raise ValueError(f"values: the config has no key {min(given)!r}")
+    return "\n".join(block for block in blocks if block)
+
+
+def _key_lines(keys: Sequence[Key], section: str, given: dict[str, object]) -> str:
+    """Return a line for each key, commented out if it has no default; removes the values it uses from `given`."""
+    pairs = []
+    for key in keys:
+        path = f"{section}.{key.name}".lstrip(".")
+        off = "# " if path not in given and (key.default is None or path in _BY_PROFILE) else ""
+        value = toml_value(given.pop(path)) if path in given else key.default or key.example
+        pairs.append((f"{off}{key.name} = {value}", key))
+    return _align_comments(pairs)
+
+
+def _align_comments(pairs: Sequence[tuple[str, Key]]) -> str:
+    """Align the comments of lines; a long comment continues on the next lines, and a long line has it above."""
+    column = max((len(text) for text, _ in pairs if len(text) <= _LONGEST), default=0)
+    lines = []
+    for text, key in pairs:
+        choices = f" ({key.allowed})" if key.allowed.startswith('"') else ""
+        if len(text) > column:
+            lines += [f"# {line}\n" for line in textwrap.wrap(key.meaning + choices, _WIDTH - 2)] + [f"{text}\n"]
+            continue
+        first, *more = textwrap.wrap(key.meaning + choices, _WIDTH - column - 4)
+        lines += [f"{text:<{column}}  # {first}\n", *(f"{'':<{column}}  # {line}\n" for line in more)]
+    return "".join(lines)
+
+
+def _entry_comments(kind: str) -> str:
+    """Return the keys of a kind of table as comments."""
+    keys = section_keys(ENTRIES[kind])
+    needed = " and ".join(key.name for key in keys if key.required)
+    head = f"[[assets.{_LISTS[kind]}]] is a {kind}: {needed} must be given. Optional keys:"
+    if kind == "distractor":
+        keys = [key for key in keys if key not in section_keys(ENTRIES["vehicle"])]
+        head = "[[assets.distractors]] is no target, such as a civilian car. It has the keys of a vehicle, and:"
+    pairs = [(f"  {key.name} = {key.default or key.example or '...'}", key) for key in keys]
+    return _as_comments([head, *_align_comments([pair for pair in pairs if not pair[1].required]).splitlines()])
+
+
+def _as_comments(lines: Sequence[str], indent: str = "") -> str:
+    """Return each line as a comment, with unprintable characters escaped."""
+
+    def printable(text: str) -> str:
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+    return "".join(f"{indent}# {printable(line)}\n" for line in lines)
+
+
+def _pattern_list(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:
+    """Return a list of patterns in one line, or one line per pattern if any has comments."""
+    if not any(notes.get(pattern) is not None for pattern in patterns):
+        return toml_value(list(patterns))
+    indent = " " * 4
+    lines = [f"{_as_comments(notes.get(name, ()), indent)}{indent}{toml_value(name)},\n" for name in patterns]
+    return f"[\n{''.join(lines)}]"
+
+
+def _entry_text(name: str, entry: Mapping[str, object]) -> str:
+    return "\n".join([f"[[{name}]]", *(f"{key} = {toml_value(value)}" for key, value in entry.items()), ""])
+
+
+def bare_text(values: Mapping[str, object] = MappingProxyType({})) -> str:
+    """Return a config with the names of example files; `values` as in `config_text`."""
+    return config_text(
+        vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
+        sceneries=[{"path": "sceneries/hills.blend"}],
+        hdris=["hdris/*.exr"],
+        values=values,
+    )
+
+
+def key_table(section: type[Section], *, without: type[Section] | None = None) -> str:
     """Return a Markdown table of a section's keys, except those that `without` declares identically."""
-    declared = keys_of(without) if without else []
+    declared = section_keys(without) if without else []
     rows = ["| key | default (allowed) | meaning |", "|---|---|---|"]
-    for key in keys_of(section):
+    for key in section_keys(section):
         if key in declared:
             continue
         default = "required" if key.required else "" if key.default is None else f"`{key.default}`"
         allowed = f" (`{key.allowed}`)" if key.allowed else ""
-        rows.append(f"| `{key.name}` | {(default + allowed).strip()} | {_escaped(key.meaning)} |")
+        rows.append(f"| `{key.name}` | {(default + allowed).strip()} | {_escape_markdown(key.meaning)} |")
     return "\n".join(rows)
 
 
-def _escaped(text: str) -> str:
+def _escape_markdown(text: str) -> str:
     """Escape Markdown's emphasis, links, and cells."""
     return re.sub(r"(\*|\||_(?=\W)|\[\[)", r"\\\1", text)
 
 
-def page(text: str) -> str:
+def filled_page(text: str) -> str:
     """Return the page with the tables below its comments, such as <!-- keys of camera -->, written anew."""
 
     def filled(found: re.Match[str]) -> str:
         name = found[1]
-        kind = Config if name == "the config" else {**sections(), **ENTRIES}[name]
-        return f"<!-- keys of {name} -->\n{table(kind, without=VehicleEntry if kind is DistractorEntry else None)}\n"
+        kind = Config if name == "the config" else {**config_sections(), **ENTRIES}[name]
+        known = VehicleEntry if kind is DistractorEntry else None
+        return f"<!-- keys of {name} -->\n{key_table(kind, without=known)}\n"
 
     return re.sub(r"<!-- keys of ([\w ]+) -->\n(?:\|.*\n)*", filled, text)
 
 
 if __name__ == "__main__":
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    PAGE.write_text(filled_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

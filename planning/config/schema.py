@@ -19,16 +19,19 @@ from pydantic import Field, PrivateAttr, model_validator
 from hulldown.base.errors import ConfigError
 from hulldown.base.toml_files import read_toml, validated
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.planning.config.annotate_section import AnnotateSection
-from hulldown.planning.config.asset_sections import AssetsSection
-from hulldown.planning.config.budget_section import BudgetSection
-from hulldown.planning.config.camera_section import CameraSection, Distortion
-from hulldown.planning.config.light_section import LightSection
-from hulldown.planning.config.paint_section import PaintEntry
-from hulldown.planning.config.placement_sections import GroundSection, PlacementSection
-from hulldown.planning.config.render_section import RenderSection
+from hulldown.planning.config.asset_sections import AssetsSection, PaintEntry
+from hulldown.planning.config.scene_sections import (
+    AnnotateSection,
+    BudgetSection,
+    CameraSection,
+    Distortion,
+    GroundSection,
+    LightSection,
+    PlacementSection,
+    RenderSection,
+    WeatherSection,
+)
 from hulldown.planning.config.section import Section
-from hulldown.planning.config.weather_section import WeatherSection
 
 if TYPE_CHECKING:
     from hulldown.planning.plan.lines import PlanFile

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
@@ -48,10 +47,3 @@ Lengths = Annotated[Pair, ranged(0.0, 1e6)]
 def is_absent(value: object) -> bool:
     """Return whether an optional key has its default, and is left out of a plan's header."""
     return value is None or value == (0.0, 0.0)
-
-
-def with_preset(data: object, key: str, presets: Mapping[str, Mapping[str, object]]) -> object:
-    """Add the values of the preset that `data[key]` names to a section's data; given values win."""
-    if isinstance(data, dict) and isinstance(name := data.get(key), str) and name in presets:
-        return {**presets[name], **data}
-    return data

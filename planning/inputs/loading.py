@@ -19,8 +19,14 @@ from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.base.terminal import reading_status
 from hulldown.geometry.transforms import apply
-from hulldown.planning.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, SceneryEntry, VehicleEntry
-from hulldown.planning.config.paint_section import unmatched_pattern
+from hulldown.planning.config.asset_sections import (
+    CACHE_NAME,
+    DistractorEntry,
+    ModelEntry,
+    PaintEntry,
+    SceneryEntry,
+    VehicleEntry,
+)
 from hulldown.planning.config.schema import Config
 from hulldown.planning.inputs.changed_assets import refuse_changed
 from hulldown.planning.inputs.lengths import odd_length, refuse_odd_lengths, usual_text
@@ -29,9 +35,10 @@ from hulldown.reading.cache import cached
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.doubts import length_said
 from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
-from hulldown.reading.pieces.asset_report import refuse_missing
+from hulldown.reading.pieces.asset_report import MaterialRow, refuse_missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
+from hulldown.reading.pieces.naming import is_named
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.reader_process import Exported
@@ -192,6 +199,12 @@ def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> N
                 path=config.path,
                 remedy="name one of them, or take the pattern out",
             )
+
+
+def unmatched_pattern(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> str | None:
+    """Return the first pattern of a vehicle's `paint` that matches none of its materials."""
+    patterns = [pattern for entry in paint for pattern in entry.materials]
+    return next((p for p in patterns if not any(is_named(row.name, p) for row in materials)), None)
 
 
 def load_planned_library(

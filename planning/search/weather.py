@@ -6,9 +6,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.camera.weather.extinction import rain_visibility_m, wetness
-from hulldown.camera.weather.kinds import KINDS, RangeKey, Weather
+from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.portable import sin_cos
-from hulldown.planning.config.weather_section import WeatherSection
+from hulldown.planning.config.scene_sections import WeatherSection
 from hulldown.planning.plan.row import rounded
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between
 
@@ -27,8 +27,8 @@ def draw_weathers(
     speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T
     kind = np.searchsorted(np.cumsum([getattr(weather, name) for name in NAMES]), u[:, 3], side="right")
 
-    def within(key: RangeKey, uniform: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        low, high = getattr(weather, key.name)
+    def within(key: str, uniform: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        low, high = getattr(weather, key)
         return between(low, high, uniform)
 
     n = len(image)
