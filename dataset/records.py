@@ -102,12 +102,13 @@ def unusable_records(
     first: dict[object, str] = {}
     for image in images:
         name = _name(image)
-        if first.setdefault(image["id"], name) != name:
+        if image["id"] in first:
             yield Finding("error", name, f"has the id {image['id']}, as has {first[image['id']]}")
         if not stays_inside(image.get("file_name")):
             problem = f"file_name {image.get('file_name')!r:.120} is no path inside the dataset"
             yield Finding("error", f"image {image['id']}", problem)
         yield from (Finding("error", name, problem) for problem in misfits(image, ImageRecord))
+        first.setdefault(image["id"], name)
     for annotation in annotations:
         where = f"annotation {annotation['id']}"
         image_id, category_id = annotation.get("image_id"), annotation.get("category_id")

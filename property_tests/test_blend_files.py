@@ -68,7 +68,7 @@ reading = {
     "forward": st.sampled_from(["+x", "-y"]) | st.floats(-360.0, 360.0) | st.tuples(st.just(1.0), st.floats(-9.0, 9.0)),
     **dict.fromkeys(("turret", "gun"), patterns),
     **dict.fromkeys(("turret_pivot", "gun_pivot"), pivots),
-    **dict.fromkeys(("keep", "drop", "exclude", "ground", "not_ground", "water"), st.tuples(patterns)),
+    **dict.fromkeys(("keep", "drop", "ground", "not_ground", "water"), st.tuples(patterns)),
 }
 options = st.sampled_from(sorted(reading)).flatmap(lambda key: st.builds(lambda value: {key: value}, reading[key]))
 

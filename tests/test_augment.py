@@ -187,21 +187,16 @@ def test_draw_k_has_the_same_pixels_in_any_worker(tmp_path, monkeypatch, kept_by
 
 
 @pytest.mark.parametrize(
-    ("draws", "batch", "parts", "sizes"),
-    [
-        (10, 4, 1, [[4], [4], [2]]),
-        (10, 2, 2, [[2, 2], [2, 2], [1, 1]]),
-        (9, 2, 2, [[2, 2], [3, 2]]),  # one draw is less than two batches
-        (3, 4, 1, [[3]]),
-    ],
+    ("draws", "batch", "sizes"),
+    [(10, 4, [4, 4, 2]), (10, 2, [2, 2, 2, 2, 2]), (9, 2, [2, 2, 2, 2, 1]), (3, 4, [3])],
 )
-def test_every_draw_is_in_one_step_and_a_restart_continues_in_the_middle(draws, batch, parts, sizes):
-    batches = Batches(draws, batch=batch, parts=parts)
+def test_every_draw_is_in_one_step_and_a_restart_continues_in_the_middle(draws, batch, sizes):
+    batches = Batches(draws, batch=batch)
     found = list(batches)
     assert [k for one in found for k in one] == list(range(draws))
-    assert [len(one) for one in found] == [n for step in sizes for n in step]
-    assert (batches.steps, len(batches)) == (len(sizes), len(found))
-    assert list(Batches(draws, batch=batch, parts=parts, first=1)) == found[parts:]
+    assert [len(one) for one in found] == sizes
+    assert len(batches) == len(found)
+    assert list(Batches(draws, batch=batch, first=1)) == found[1:]
 
 
 def sheet_of(dataset, **options):

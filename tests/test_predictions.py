@@ -100,7 +100,7 @@ ONE_LABEL = dataset([(1, 1, (0, 0, 9, 9))])
     ("coco", "words"),
     [
         ({**ONE_LABEL, "images": ONE_LABEL["images"] * 2}, "1.png: has the id 1, as has"),
-        ({**ONE_LABEL, "categories": ONE_LABEL["categories"] * 2}, "category 1: is given twice"),
+        ({**ONE_LABEL, "categories": ONE_LABEL["categories"] * 2}, "category 1: its id is given twice"),
         (dataset([(9, 1, (0, 0, 1, 1), {"id": 5})]), "annotation 5: image 9 does"),
         (dataset([(1, 8, (0, 0, 1, 1), {"id": 5})]), "annotation 5: category 8 does"),
         (dataset([(1, 1, (0, 0, 1), {"id": 5})]), "annotation 5: bbox"),

@@ -108,7 +108,7 @@ def test_dropped_objects_are_neither_planned_nor_rendered(written: Path, drop: t
     ("patterns", "expected"),
     [
         pytest.param({}, [], id="names"),
-        pytest.param({"include": ("terrain_n",)}, ["Terrain_N"], id="object in include, mesh called like a sky"),
+        pytest.param({"ground": ("terrain_n",)}, ["Terrain_N"], id="ground by the config, mesh called like a sky"),
     ],
 )
 def test_rendered_objects_are_the_planned_ones(

@@ -199,7 +199,7 @@ def compared_runs(study: Path | str) -> StudyReport:
         },
         runs=[
             ReportedRun(
-                **plain(one.run.model_dump(exclude={"base", "sources", "settings"})),
+                **plain(one.run.model_dump(exclude={"base", "sources", "chosen", "settings"})),
                 threshold=plain(one.evaluation.threshold.value), **plain(one.values),
             )
             for one in runs
