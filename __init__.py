@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     from hulldown.geometry.meshes import Mesh as Mesh
     from hulldown.placement.settle import settle as settle
     from hulldown.placement.terrain import Terrain as Terrain
-    from hulldown.planning.config.schema import Config as Config
-    from hulldown.planning.plan_file import read_plan as read_plan
+    from hulldown.plan.config.schema import Config as Config
+    from hulldown.plan.plan_file import read_plan as read_plan
     from hulldown.planning.write import plan as plan
-    from hulldown.rendering.supervisor import render as render
-    from hulldown.rendering.verify import verify as verify
+    from hulldown.render.supervisor import render as render
+    from hulldown.render.verify import verify as verify
     from hulldown.training.evaluation.evaluation_report import evaluate as evaluate
     from hulldown.training.predict import predict as predict
     from hulldown.training.train import train as train
 
 _HOMES = {
-    "Config": "planning.config.schema",
+    "Config": "plan.config.schema",
     "Dataset": "dataset.table",
     "HulldownError": "base.errors",
     "Mesh": "geometry.meshes",
@@ -45,11 +45,11 @@ _HOMES = {
     "join": "dataset.join",
     "plan": "planning.write",
     "predict": "training.predict",
-    "read_plan": "planning.plan_file",
-    "render": "rendering.supervisor",
+    "read_plan": "plan.plan_file",
+    "render": "render.supervisor",
     "settle": "placement.settle",
     "train": "training.train",
-    "verify": "rendering.verify",
+    "verify": "render.verify",
 }
 __all__ = sorted(_HOMES)
 

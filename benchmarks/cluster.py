@@ -15,15 +15,15 @@ from hulldown.benchmarks.rendering_error import FAST
 from hulldown.benchmarks.tables import table
 from hulldown.cluster.scheduler import SHARE_VARIABLE, Scheduler
 from hulldown.demo.project import create_project
-from hulldown.planning.inputs.loading import Library
-from hulldown.planning.plan_file import Plan
-from hulldown.rendering.blender.messages import CyclesSettings, RenderJob
-from hulldown.rendering.cluster_pool import ClusterPool
-from hulldown.rendering.jobs import readable, render_job
-from hulldown.rendering.outline import sort_key
-from hulldown.rendering.pool import Engine, Pool
-from hulldown.rendering.process import Confinement
-from hulldown.rendering.supervisor import render_plan
+from hulldown.plan.library import Library
+from hulldown.plan.plan_file import Plan
+from hulldown.render.blender.messages import CyclesSettings, RenderJob
+from hulldown.render.cluster_pool import ClusterPool
+from hulldown.render.jobs import readable, render_job
+from hulldown.render.outline import sort_key
+from hulldown.render.pool import Engine, Pool
+from hulldown.render.process import Confinement
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.clusters import Cluster, blenders, cluster, digests
 
 SIZES = ((96, 54), (480, 270))

@@ -17,7 +17,7 @@ from typing import Any
 from hulldown.base.files import replace_file
 from hulldown.benchmarks.stand_ins import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
 from hulldown.demo.make_assets import FILES, build_demo_assets
-from hulldown.planning.config.scene_sections import CameraSection
+from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.study.manifest import PlannedRun

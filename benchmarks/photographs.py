@@ -18,7 +18,7 @@ from typing import Any
 from hulldown.base.files import replacing
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, GLOSS, PLAIN, SCENERY_FILES, TANK
 from hulldown.demo.make_assets import FILES, build_demo_assets
-from hulldown.planning.config.config_keys import config_text
+from hulldown.plan.config.config_keys import config_text
 
 TOWNS = ("sceneries/town_1.blend", "sceneries/town_2.blend")
 CAR_COLORS = ["own", *GLOSS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]

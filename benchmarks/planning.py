@@ -22,8 +22,8 @@ from hulldown.benchmarks.scenes import vehicles
 from hulldown.demo.project import CONFIG, create_project, project_text
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_library
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.planning_assets import hills
 

@@ -17,15 +17,15 @@ from hulldown.benchmarks import rendering_error
 from hulldown.benchmarks.rendering_error import FAST, PAPER
 from hulldown.benchmarks.tables import table
 from hulldown.demo.project import create_project
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import Library, load_library, load_planned_library
-from hulldown.planning.plan.row import Row
-from hulldown.planning.plan_file import Plan
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import Library, load_library, load_planned_library
+from hulldown.plan.plan_file import Plan
+from hulldown.plan.row import Row
 from hulldown.planning.write import write_plan
-from hulldown.rendering.blender.messages import CyclesSettings, RenderJob
-from hulldown.rendering.jobs import render_job
-from hulldown.rendering.outline import sort_key
-from hulldown.rendering.process import Allowance, Blender, Limits
+from hulldown.render.blender.messages import CyclesSettings, RenderJob
+from hulldown.render.jobs import render_job
+from hulldown.render.outline import sort_key
+from hulldown.render.process import Allowance, Blender, Limits
 
 FEW = 4  # samples of the pictures whose sampling is not what is measured
 MORE = 32  # samples that, beside few, tell what one more sample takes

@@ -12,10 +12,10 @@ from msgspec.structs import replace as altered
 from PIL import Image
 
 from hulldown.benchmarks.tables import table
-from hulldown.planning.inputs.loading import Library
-from hulldown.planning.plan.row import Row
-from hulldown.rendering.blender.messages import CyclesSettings, RenderJob
-from hulldown.rendering.jobs import render_job
+from hulldown.plan.library import Library
+from hulldown.plan.row import Row
+from hulldown.render.blender.messages import CyclesSettings, RenderJob
+from hulldown.render.jobs import render_job
 
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
 FAST = {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4}

@@ -28,11 +28,11 @@ from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import COCO_NAME, read_coco
 from hulldown.demo.catalog import CATEGORY
 from hulldown.demo.make_assets import FILES, build_demo_assets
-from hulldown.planning.config.config_keys import config_text
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library
+from hulldown.plan.config.config_keys import config_text
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_library
 from hulldown.planning.write import write_plan
-from hulldown.rendering.supervisor import Progress, render_plan
+from hulldown.render.supervisor import Progress, render_plan
 
 SAMPLES = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on

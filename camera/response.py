@@ -9,6 +9,8 @@ Bradford, 1985: the cone responses that white balance scales.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from hulldown.geometry.color import LUMINANCE, srgb_from_linear
@@ -116,3 +118,12 @@ def metered(radiance: np.ndarray) -> np.ndarray:
         dark = displayed(radiance * np.exp2(middle)[:, None]) @ LUMINANCE < CARD
         low, high = np.where(dark, middle, low), np.where(dark, high, middle)
     return (low + high) / 2.0
+
+
+def card_radiance(irradiance: np.ndarray, strength: float | np.ndarray) -> np.ndarray:
+    """Return the radiance of a level gray card on open land under HDRIs of this irradiance (n, 3) and strength.
+
+    In linear Rec. 709. It doesn't depend on the sky's rotation and the weather: in renders, fog doesn't dim the light
+    on the ground near the camera (docs/benchmarks.md).
+    """
+    return np.asarray(irradiance * (ALBEDO / math.pi * strength))

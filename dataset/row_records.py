@@ -17,10 +17,10 @@ from hulldown.dataset.labels.box_3d import position_in_camera
 from hulldown.dataset.labels.seen_vehicle import SeenVehicle
 from hulldown.dataset.labels.types import fields_of_scene
 from hulldown.dataset.store.entries import new_category
-from hulldown.planning.inputs.loading import Library
-from hulldown.planning.plan.row import PlannedVehicle, Row, encode, fields
-from hulldown.planning.plan.row_scenes import RowScenes
-from hulldown.planning.plan_file import Plan
+from hulldown.plan.library import Library
+from hulldown.plan.plan_file import Plan
+from hulldown.plan.row import PlannedVehicle, Row, encode, fields
+from hulldown.plan.row_scenes import RowScenes
 
 IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded)
 LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)

@@ -21,7 +21,7 @@ from hulldown.dataset.row_records import image_record, label_records
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.notebooks import ShownInNotebooks
-from hulldown.planning.plan_file import Plan
+from hulldown.plan.plan_file import Plan
 
 Columns = dict[str, Shaped[np.ndarray, " n"]]
 CONDITIONS = {"scenery": "scenery", "hdri": "HDRI", "weather": "weather"}  # columns that name an image's, with titles

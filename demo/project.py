@@ -17,8 +17,8 @@ from hulldown.base.files import make_room, replacing
 from hulldown.base.terminal import reporting
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PLAIN, SCENERY_FILES, TANK, TRUCK
 from hulldown.demo.make_assets import build_demo_assets
-from hulldown.planning.config.asset_sections import CACHE_NAME
-from hulldown.planning.config.config_keys import bare_text, config_text
+from hulldown.plan.config.asset_sections import CACHE_NAME
+from hulldown.plan.config.config_keys import bare_text, config_text
 from hulldown.planning.inputs.camera_file import read_camera
 from hulldown.planning.inputs.found_assets import asset_files, found_config, keep_doubts, missing_kinds, read_found
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits

@@ -1,1 +1,1 @@
-"""A whole dataset as a list of poses: config, budgets, the plan file, its preview (paper, sections 2.1.1 and 2.1.8)."""
+"""How plans are made: inputs, the search for poses and cameras, light and paint (paper, sections 2.1.1 to 2.1.8)."""

@@ -12,12 +12,12 @@ from jaxtyping import Bool, Float, Int
 from hulldown.assets.library import Assets
 from hulldown.geometry.columns import objects_of
 from hulldown.placement.rejection import Rejection
+from hulldown.plan.coats import Coat
+from hulldown.plan.config.schema import Config
+from hulldown.plan.picture_names import picture_name
+from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
-from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.coats import Coat
-from hulldown.planning.plan.picture_names import picture_name
-from hulldown.planning.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.extras import MOST_EXTRAS, Role
 from hulldown.planning.search.instance_table import Instances, boxes_at

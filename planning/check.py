@@ -17,10 +17,10 @@ from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import reporting
 from hulldown.placement.contact import gap_and_penetration
+from hulldown.plan.library import load_planned_library
+from hulldown.plan.plan_file import Plan, read_plan
+from hulldown.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
 from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, of_views
-from hulldown.planning.inputs.loading import load_planned_library
-from hulldown.planning.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
-from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.placing import sees_sky

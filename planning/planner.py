@@ -15,11 +15,11 @@ from hulldown.assets.library import Assets
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.columns import take
+from hulldown.plan.config.schema import Config
+from hulldown.plan.given_poses import GivenPoses
+from hulldown.plan.row import Row, encode_rows
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.block_rows import rows_of
-from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.given_poses import GivenPoses
-from hulldown.planning.plan.row import Row, encode_rows
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Positions, make_budget
 from hulldown.planning.search.extras import extras_at, framed_on

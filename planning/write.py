@@ -27,13 +27,13 @@ from hulldown.base.arguments import PATH, AnyPath, Count
 from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
-from hulldown.planning.config.asset_sections import CACHE_NAME
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.asset_sections import CACHE_NAME
+from hulldown.plan.config.schema import Config
+from hulldown.plan.given_poses import GivenPoses
+from hulldown.plan.lines import PlanWriter
+from hulldown.plan.plan_file import Plan, read_plan
+from hulldown.plan.row import FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.inputs.poses import read_poses
-from hulldown.planning.plan.given_poses import GivenPoses
-from hulldown.planning.plan.lines import PlanWriter
-from hulldown.planning.plan.row import FORMAT, Header, ModelSource, ScenerySource
-from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
@@ -92,8 +92,8 @@ def plan(
     """
     # Local imports, since the worker processes import this module.
     from hulldown.base.terminal import reporting
+    from hulldown.plan.library import load_library
     from hulldown.planning.appearance.hdri_land import land_above_horizon
-    from hulldown.planning.inputs.loading import load_library
 
     config = config if isinstance(config, Config) else Config.read(config)
     given = read_poses(Path(poses)) if poses else None

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.property_tests.any_values import MANY, refusal
 
 SOUND: dict[str, Any] = {

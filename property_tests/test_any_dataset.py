@@ -20,7 +20,7 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import append
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may also cause warnings

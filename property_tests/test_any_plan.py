@@ -17,20 +17,20 @@ from hypothesis import strategies as st
 
 from hulldown.base.errors import ConfigError
 from hulldown.dataset.store.reservations import plan_key
+from hulldown.plan.changed_assets import refuse_changed
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_planned_library
+from hulldown.plan.pictures.preview import Artist
+from hulldown.plan.plan_file import Plan, read_plan
+from hulldown.plan.row import Row
+from hulldown.plan.summary import summarize
 from hulldown.planning.check import check_rows
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.changed_assets import refuse_changed
-from hulldown.planning.inputs.loading import load_planned_library
-from hulldown.planning.pictures.preview import Artist
-from hulldown.planning.plan.row import Row
-from hulldown.planning.plan_file import Plan, read_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
-from hulldown.rendering.blender.messages import CyclesSettings
-from hulldown.rendering.jobs import mask_job, render_job
-from hulldown.rendering.outline import Outline
+from hulldown.render.blender.messages import CyclesSettings
+from hulldown.render.jobs import mask_job, render_job
+from hulldown.render.outline import Outline
 from hulldown.tests.planning_assets import hills, small_assets, small_config
 from hulldown.tests.render_plans import library_of
 

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.planning.config.scene_sections import BudgetSection
+from hulldown.plan.config.scene_sections import BudgetSection
 from hulldown.planning.search.budget import make_budget
 
 CLASSES = st.lists(st.integers(1, 5), min_size=1, max_size=5)

@@ -20,10 +20,10 @@ from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
+from hulldown.plan.config.asset_sections import OWN
+from hulldown.plan.summary import summarize
 from hulldown.planning.check import known_poses, relabeled
-from hulldown.planning.config.asset_sections import OWN
 from hulldown.planning.planner import Planner
-from hulldown.planning.summary import summarize
 from hulldown.tests.planning_assets import (
     DISTRACTOR_ENTRIES,
     VEHICLE_ENTRIES,
@@ -34,7 +34,7 @@ from hulldown.tests.planning_assets import (
 )
 from hulldown.tests.shapes import vertices_at
 
-# Rounding of rows: see planning/plan/row.py.
+# Rounding of rows: see plan/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
 
 ASSETS = small_assets(distractors=True)

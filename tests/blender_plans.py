@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_library
 from hulldown.planning.write import write_plan
-from hulldown.rendering.blender.messages import CyclesSettings
-from hulldown.rendering.jobs import render_job
-from hulldown.rendering.process import Blender
+from hulldown.render.blender.messages import CyclesSettings
+from hulldown.render.jobs import render_job
+from hulldown.render.process import Blender
 
 IMAGES = 12
 

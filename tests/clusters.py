@@ -17,7 +17,7 @@ from distributed import Client
 from hulldown.dataset.coco import LOCK_NAME
 from hulldown.dataset.store.document import JOURNAL_NAME
 from hulldown.dataset.store.journal import MERGED
-from hulldown.rendering.session import LOGS_NAME
+from hulldown.render.session import LOGS_NAME
 
 ROOT = Path(__file__).resolve().parents[1]
 PYTHONPATH = str(ROOT / ".dev")  # the folder that contains the package

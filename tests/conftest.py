@@ -16,9 +16,9 @@ from filelock import FileLock
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
-    from hulldown.planning.inputs.loading import Library
-    from hulldown.planning.plan_file import Plan
-    from hulldown.rendering.supervisor import RenderReport
+    from hulldown.plan.library import Library
+    from hulldown.plan.plan_file import Plan
+    from hulldown.render.supervisor import RenderReport
     from hulldown.tests.messy_export import Messy
 
 
@@ -77,7 +77,7 @@ def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 @pytest.fixture(scope="module")
 def library(plan: Plan) -> Library:
     """The assets of the module's `plan`, for rendering."""
-    from hulldown.planning.inputs.loading import load_planned_library
+    from hulldown.plan.library import load_planned_library
 
     return load_planned_library(plan)
 
@@ -94,8 +94,8 @@ def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
 @pytest.fixture
 def render(blender: str) -> Callable[..., RenderReport]:
     """`render_plan` for plans of render_plans.py, with a stand-in for Blender."""
-    from hulldown.rendering.pool import Engine
-    from hulldown.rendering.supervisor import render_plan
+    from hulldown.render.pool import Engine
+    from hulldown.render.supervisor import render_plan
     from hulldown.tests.render_plans import CUBES
 
     return partial(render_plan, library=CUBES, engine=Engine(blender=blender))

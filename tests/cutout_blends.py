@@ -14,8 +14,8 @@ from hulldown.reading.blender.api.add_nodes import add_node
 from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.blender.surfaces.bake import opacities
 from hulldown.reading.blender.surfaces.opacity import is_opaque
-from hulldown.rendering.blender import cycles
-from hulldown.rendering.blender.object_index import ONE_RAY
+from hulldown.render.blender import cycles
+from hulldown.render.blender.object_index import ONE_RAY
 from hulldown.tests.blend_parts import fresh, mesh, place, save
 from hulldown.tests.node_trees import material_of, node_group, write_picture
 

@@ -54,7 +54,7 @@ class Renderer:
     """Does jobs; the name of a job's scenery, or FAILS in the environment, tells how it fails."""
 
     def do(self, job):
-        from hulldown.rendering.blender.reply import Reply  # the worker has made it importable
+        from hulldown.render.blender.reply import Reply  # the worker has made it importable
 
         if type(job).__name__ == "StartJob":
             return Reply(device="CPU")
@@ -84,6 +84,6 @@ class Unusable(Exception):
 
 print("Blender 5.0.1 (a fake)")
 sys.modules["bpy"] = SimpleNamespace(app=SimpleNamespace(version=(5, 0, 1), version_string="fake"))
-sys.modules["hulldown.rendering.blender.cycles"] = SimpleNamespace(Unusable=Unusable)
-sys.modules["hulldown.rendering.blender.renderer"] = SimpleNamespace(Renderer=Renderer)
+sys.modules["hulldown.render.blender.cycles"] = SimpleNamespace(Unusable=Unusable)
+sys.modules["hulldown.render.blender.renderer"] = SimpleNamespace(Renderer=Renderer)
 runpy.run_path(str(Path(__file__).parents[1] / "rendering" / "blender" / "worker.py"), run_name="__main__")

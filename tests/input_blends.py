@@ -15,9 +15,9 @@ from hulldown.reading.blender.api.add_nodes import add_node
 from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import job_for
-from hulldown.rendering.blender import cycles
-from hulldown.rendering.blender.object_index import ONE_RAY
-from hulldown.rendering.blender.scene import appended
+from hulldown.render.blender import cycles
+from hulldown.render.blender.object_index import ONE_RAY
+from hulldown.render.blender.scene import appended
 from hulldown.tests.blend_parts import empty, fresh, mesh, place, save
 
 COPIES = 9  # enough to be drawn by one object

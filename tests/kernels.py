@@ -14,7 +14,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from hulldown.assets.library import Assets
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.planning_assets import bare, hills, small_assets, small_config
 

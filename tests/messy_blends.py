@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from hulldown.rendering.blender.scene import appended
+from hulldown.render.blender.scene import appended
 from hulldown.tests.blend_parts import empty, fresh, place, save
 from hulldown.tests.messy_export import FOV, SIZE
 from hulldown.tests.messy_parts import CASES, FOLDER, box

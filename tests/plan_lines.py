@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from hulldown.planning.plan.row import PlannedVehicle, Row
+from hulldown.plan.row import PlannedVehicle, Row
 
 POSE = np.eye(4).tolist()
 HEADER = {

@@ -11,7 +11,7 @@ from hulldown.assets.library import Assets
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.geometry.transforms import apply
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.planning.planner import BLOCK, Planner
 from hulldown.tests.shapes import box, scenery_of, surface, vehicle_of, vertices_at
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from hulldown.assets.library import Assets
 from hulldown.assets.skylight import EVEN
 from hulldown.dataset.store.document import read_coco
-from hulldown.planning.inputs.loading import Library
+from hulldown.plan.library import Library
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.reader_process import Exported

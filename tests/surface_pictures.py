@@ -15,9 +15,9 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.reading.blender.api.add_nodes import add_node, maths
 from hulldown.reading.blender.api.light_pictures import rendered, store_light
 from hulldown.reading.blender.tidy_properties import PART, REST
-from hulldown.rendering.blender import cycles
-from hulldown.rendering.blender.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
-from hulldown.rendering.blender.scene import Stage
+from hulldown.render.blender import cycles
+from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
+from hulldown.render.blender.scene import Stage
 from hulldown.tests.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.node_trees import grouped, material_of, principled, shader_group, write_picture
 

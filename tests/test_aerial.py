@@ -9,8 +9,8 @@ from msgspec.structs import replace
 from hulldown import cli
 from hulldown.camera.shell import camera_pose
 from hulldown.dataset.labels.box_3d import position_in_camera
+from hulldown.plan.config.schema import Config
 from hulldown.planning.check import check_plan
-from hulldown.planning.config.schema import Config
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import small_assets, small_config, to_camera
 

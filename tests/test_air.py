@@ -9,8 +9,8 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import displayed
 from hulldown.camera.weather.kinds import DUST_ALBEDO, KINDS, Weather, air_layers, airlight, even_sky, extinction
 from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, view_of
-from hulldown.rendering.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
-from hulldown.rendering.process import Blender
+from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
+from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn
 
 pytestmark = pytest.mark.blender

@@ -172,7 +172,7 @@ def test_the_example_notebook_runs_and_its_plan_can_be_displayed_and_rendered_in
     assert not [finding for finding in shared["findings"] if finding.severity == "error"]
     assert np.ptp(np.asarray(plan.preview([0, 1], width=64).convert("L"))) > 100
     assert "<img" in plan._repr_html_()
-    from hulldown.rendering.supervisor import Part
+    from hulldown.render.supervisor import Part
 
     for limit in (1, 2):
         assert len(hd.render(plan, tmp_path / "parts", part=Part(limit=limit), device="cpu")) == limit

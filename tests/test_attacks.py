@@ -15,18 +15,18 @@ import pytest
 
 from hulldown.base.errors import AssetError
 from hulldown.cluster.scheduler import Scheduler
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library
-from hulldown.planning.plan.row import decode_row
-from hulldown.planning.plan_file import read_plan
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_library
+from hulldown.plan.plan_file import read_plan
+from hulldown.plan.row import decode_row
 from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import abi
 from hulldown.reading.reader_process import export
-from hulldown.rendering.blender.messages import CyclesSettings
-from hulldown.rendering.jobs import render_job
-from hulldown.rendering.pool import Engine
-from hulldown.rendering.process import Blender, Confinement
-from hulldown.rendering.supervisor import render_plan
+from hulldown.render.blender.messages import CyclesSettings
+from hulldown.render.jobs import render_job
+from hulldown.render.pool import Engine
+from hulldown.render.process import Blender, Confinement
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import run_script
 from hulldown.tests.clusters import cluster
 from hulldown.tests.parameters import few

@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.planning.config.scene_sections import PlacementSection
-from hulldown.planning.plan.row import encode_rows
+from hulldown.plan.config.scene_sections import PlacementSection
+from hulldown.plan.row import encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.extras import Role, offsets
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, plan, small_assets, small_config

@@ -18,9 +18,9 @@ from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.base.outside import sha256_of
 from hulldown.geometry.meshes import Mesh
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library, load_planned_library
-from hulldown.planning.plan_file import Plan
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_library, load_planned_library
+from hulldown.plan.plan_file import Plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.pairs import Pairs
 from hulldown.planning.write import make_header

@@ -7,7 +7,7 @@ import pytest
 
 from hulldown import cli
 from hulldown.base.errors import ConfigError
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.planning.inputs.camera_file import read_camera
 
 MATRIX = [1420.0, 0.0, 963.7, 0.0, 1418.5, 545.2, 0.0, 0.0, 1.0]

@@ -11,7 +11,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
 from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import read_coco
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import PLAN, edit, render, write_dataset
 
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
+from hulldown.plan.pictures.preview import Artist
+from hulldown.plan.plan_file import read_plan
+from hulldown.plan.row import PlannedVehicle, Row, fields
 from hulldown.planning.check import check_plan, check_rows
-from hulldown.planning.pictures.preview import Artist
-from hulldown.planning.plan.row import PlannedVehicle, Row, fields
-from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, hills, small_assets, small_config

@@ -139,7 +139,7 @@ def test_a_warning_is_one_line(tmp_path):
 @pytest.mark.blender
 def test_doctor_prints_json_in_any_folder(tmp_path):
     (tmp_path / "rendering").mkdir()
-    for shadow in ("rendering/__init__.py", "bpy.py"):
+    for shadow in ("render/__init__.py", "bpy.py"):
         (tmp_path / shadow).write_text("raise RuntimeError('not what was meant')")
     ran = run_apart("doctor", "--json", cwd=tmp_path)
     found = json.loads(ran.stdout)
@@ -220,7 +220,7 @@ def test_a_message_of_any_length_is_one_line(monkeypatch, capsys):
     def fail():
         raise HulldownError("x" * 10**6 + "\nsecond line", path="a\x1bb")
 
-    monkeypatch.setattr("hulldown.rendering.doctor.diagnose", fail)
+    monkeypatch.setattr("hulldown.render.doctor.diagnose", fail)
     assert cli.main(["doctor"]) == 2
     printed = capsys.readouterr().err
     assert len(printed) < 3000

@@ -7,7 +7,7 @@ import pytest
 
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import export
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import write_dataset
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.sources import read_sources

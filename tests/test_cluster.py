@@ -20,12 +20,12 @@ from msgspec.structs import replace
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
 from hulldown.dataset.provenance import read_failures
-from hulldown.planning.inputs.loading import load_planned_library
-from hulldown.planning.plan_file import read_plan
+from hulldown.plan.library import load_planned_library
+from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.landlock import abi
-from hulldown.rendering.pool import Engine
-from hulldown.rendering.process import Limits
-from hulldown.rendering.supervisor import render_plan
+from hulldown.render.pool import Engine
+from hulldown.render.process import Limits
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import IMAGES, plan_in, run_python, run_script
 from hulldown.tests.certificates import certificates, needs_openssl
 from hulldown.tests.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, digests, rendering, wait_for

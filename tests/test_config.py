@@ -9,7 +9,7 @@ import pytest
 from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.config.config_keys import (
+from hulldown.plan.config.config_keys import (
     ENTRIES,
     PAGE,
     bare_text,
@@ -18,8 +18,8 @@ from hulldown.planning.config.config_keys import (
     filled_page,
     section_keys,
 )
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import hdri_paths
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import hdri_paths
 
 MINIMAL = """
 [[assets.vehicles]]
@@ -62,7 +62,7 @@ def test_every_key_has_a_description_in_the_docs():
         assert all(key.default or key.example or key.required or key.name == "name" for key in section_keys(kind)), kind
     text = PAGE.read_text(encoding="utf-8")
     assert text.count("<!-- keys of ") == len(config_sections()) + len(ENTRIES) + 1
-    assert filled_page(text) == text, "run python -m hulldown.planning.config.config_keys"
+    assert filled_page(text) == text, "run python -m hulldown.plan.config.config_keys"
 
 
 def test_the_docs_of_limits_have_every_reason_and_existing_keys():

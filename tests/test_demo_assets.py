@@ -24,7 +24,7 @@ from hulldown.demo.catalog import (
     TRUCK,
     VEHICLE_FILES,
 )
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.planning.search.budget import make_budget
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.options import Options

@@ -16,7 +16,7 @@ from PIL import Image
 from pycocotools.coco import COCO
 
 from hulldown import cli
-from hulldown.planning.config.config_keys import config_text
+from hulldown.plan.config.config_keys import config_text
 from hulldown.verbs.command import command_line
 
 ROOT = Path(__file__).parents[1]

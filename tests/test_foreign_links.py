@@ -8,7 +8,7 @@ from PIL import Image
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import export
 from hulldown.dataset.join import join
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import write_dataset
 
 

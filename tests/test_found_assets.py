@@ -6,9 +6,9 @@ import pytest
 
 from hulldown import cli
 from hulldown.base.errors import AssetError
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import hdri_paths, load_library
 from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
-from hulldown.planning.inputs.loading import hdri_paths, load_library
 from hulldown.planning.write import new_doubts
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.tests.blender_plans import run_python

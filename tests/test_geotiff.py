@@ -10,7 +10,7 @@ from rasterio.vrt import WarpedVRT
 from hulldown.assets.bundle import load_scenery
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.pieces.options import Options

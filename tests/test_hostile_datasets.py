@@ -11,7 +11,7 @@ import pytest
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, export
 from hulldown.dataset.records import listed
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import edit, write_dataset
 
 

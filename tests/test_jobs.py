@@ -2,9 +2,9 @@
 
 import orjson
 
-from hulldown.planning.plan.row import decode_row
-from hulldown.rendering.blender.messages import CyclesSettings
-from hulldown.rendering.jobs import render_job
+from hulldown.plan.row import decode_row
+from hulldown.render.blender.messages import CyclesSettings
+from hulldown.render.jobs import render_job
 from hulldown.tests.render_plans import CUBES, make_row
 
 

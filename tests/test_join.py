@@ -10,7 +10,7 @@ from PIL import Image
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.join import join
 from hulldown.dataset.store.document import read_coco
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import PLAN, edit, render, write_dataset
 
 ENTRY = {"first_image_id": 1, "images": 6, "blender": ["5.0"], "devices": [], "systems": ["x"], "confinement": ["x"]}

@@ -16,7 +16,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.vehicle.marked_keypoints import marked_points
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.editing import append, edit

@@ -4,8 +4,8 @@ import pytest
 
 from hulldown.benchmarks.like import ARMS, SETS, SHARES, renders_of, stand_ins_of
 from hulldown.benchmarks.stand_ins import write_side
-from hulldown.planning.config.scene_sections import CameraSection
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.scene_sections import CameraSection
+from hulldown.plan.config.schema import Config
 
 
 @pytest.mark.parametrize("name", SETS)

@@ -8,10 +8,10 @@ from scipy.stats import ks_2samp
 
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import ConfigError
+from hulldown.plan.plan_file import read_plan
+from hulldown.plan.summary import summarize
 from hulldown.planning.check import check_plan
-from hulldown.planning.plan_file import read_plan
 from hulldown.planning.search.likeness import TRUNCATION_MARGIN, Likeness
-from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.editing import write_dataset
 from hulldown.tests.planning_assets import bare, plan, small_assets, small_config

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from hulldown.assets.picture_files import read_pixels
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import write_dataset
 
 

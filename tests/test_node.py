@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.code import versions
-from hulldown.rendering.node import refusal, shared_files
+from hulldown.render.node import refusal, shared_files
 from hulldown.tests.render_plans import cube_library
 
 

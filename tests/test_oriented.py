@@ -15,7 +15,7 @@ from hulldown.dataset.exports.export import export
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import Segmenter, image_record
 from hulldown.geometry.transforms import apply
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
 from hulldown.tests.editing import edit, write_dataset

@@ -23,15 +23,15 @@ ALLOWED = {
     # Parse what was opened there, by a library of their own.
     "assets/bundle.py": "np.load",
     "assets/picture_files.py": "Image.open",
-    "planning/plan/row.py": "msgspec.json.Decoder",
-    "planning/plan/misfit.py": "msgspec.json.decode",
+    "plan/row.py": "msgspec.json.Decoder",
+    "plan/misfit.py": "msgspec.json.decode",
     "reading/confinement/blocks.py": "gzip.open",
     "training/detectors/detector.py": "torch.load",
     # Give paths of regular files to a library.
     "reading/scenery/geotiff.py": "rasterio.open",
     "training/videos.py": "cv2.VideoCapture",
     # Read what this process or a part of hulldown wrote.
-    **dict.fromkeys(("base/child.py", "base/code.py", "planning/config/config_keys.py", "training/onnx_model.py"), ""),
+    **dict.fromkeys(("base/child.py", "base/code.py", "plan/config/config_keys.py", "training/onnx_model.py"), ""),
     **dict.fromkeys(("dataset/store/document.py", "dataset/store/placed_pictures.py", "reading/hdri.py"), ""),
     **dict.fromkeys(("cluster/workers.py", "verbs/output.py"), ""),
     "reading/confinement/landlock.py": "the standard library alone",

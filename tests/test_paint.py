@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from hulldown.planning.config.asset_sections import PaintEntry
-from hulldown.planning.inputs.loading import unmatched_pattern
-from hulldown.planning.pictures.preview import caption
-from hulldown.planning.pictures.shading import previewed
-from hulldown.planning.plan.coats import Coat, color_of_material
-from hulldown.planning.summary import summarize
+from hulldown.plan.coats import Coat, color_of_material
+from hulldown.plan.config.asset_sections import PaintEntry
+from hulldown.plan.library import unmatched_pattern
+from hulldown.plan.pictures.preview import caption
+from hulldown.plan.pictures.shading import previewed
+from hulldown.plan.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.reading.pieces.asset_report import MaterialRow
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
+from hulldown.plan.plan_file import read_plan
+from hulldown.plan.row import encode_rows
+from hulldown.plan.summary import summarize
 from hulldown.planning.check import check_plan
-from hulldown.planning.plan.row import encode_rows
-from hulldown.planning.plan_file import read_plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.random_streams import Purpose, choose
-from hulldown.planning.summary import summarize
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import hills, plan, small_assets, small_config, vehicle
 

@@ -10,8 +10,8 @@ from PIL import Image
 from hulldown.annotate.masks import mask_box
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.cli import main
-from hulldown.planning.pictures.passes import PASSES, STUFF, write_passes
-from hulldown.planning.pictures.preview import Artist
+from hulldown.plan.pictures.passes import PASSES, STUFF, write_passes
+from hulldown.plan.pictures.preview import Artist
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import write_plan
 from hulldown.tests.cameras import unproject
@@ -130,7 +130,7 @@ def test_panoptic_segments_have_cocos_format(made):
 def test_finished_images_are_kept_and_changed_ones_are_made_again(made, tmp_path, monkeypatch, capsys):
     plan, folder = made
     library = SimpleNamespace(assets=ASSETS)
-    monkeypatch.setattr("hulldown.planning.pictures.passes.load_planned_library", lambda *_, **__: library)
+    monkeypatch.setattr("hulldown.plan.pictures.passes.load_planned_library", lambda *_, **__: library)
     assert main(["passes", str(plan.path), "-o", str(tmp_path), "--part", "--count", "1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"part": 1}
     assert sorted(p.name for p in tmp_path.iterdir()) == ["part", "parts.json", "tables"]

@@ -8,7 +8,7 @@ from hulldown.assets.picture_files import read_picture, read_pixels, rgb
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.table import Dataset
 from hulldown.pictures.drawing import Overlay, draw
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import write_dataset
 from hulldown.training.inputs.sources import read_sources
 

@@ -10,10 +10,10 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import stays_inside
-from hulldown.planning.plan.lines import PlanWriter
-from hulldown.planning.plan.picture_names import PICTURE_NAME
-from hulldown.planning.plan.row import PlannedVehicle, Row, decode_header, encode, fields
-from hulldown.planning.plan_file import read_plan
+from hulldown.plan.lines import PlanWriter
+from hulldown.plan.picture_names import PICTURE_NAME
+from hulldown.plan.plan_file import read_plan
+from hulldown.plan.row import PlannedVehicle, Row, decode_header, encode, fields
 from hulldown.tests.plan_lines import HEADER, POSE, VEHICLE, line, row, write_lines
 from hulldown.tests.planning_assets import small_config
 

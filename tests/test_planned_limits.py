@@ -11,7 +11,7 @@ from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.transforms import apply
 from hulldown.placement.rejection import first_accepted
-from hulldown.planning.plan.row import encode_rows
+from hulldown.plan.row import encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.planning_assets import bare, filled_share, hills, plan, small_assets, small_config, vehicle

@@ -8,8 +8,8 @@ import pytest
 from hulldown.assets.library import HdriSource, Source
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.meshes import merge
-from hulldown.planning.plan.lines import PlanWriter
-from hulldown.planning.plan.row import ModelSource, encode, encode_rows
+from hulldown.plan.lines import PlanWriter
+from hulldown.plan.row import ModelSource, encode, encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.instance_table import boxes_at
 from hulldown.planning.search.stage import make_stage

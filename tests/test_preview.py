@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from hulldown.camera.weather.kinds import Weather
-from hulldown.planning.pictures.preview import TILE_WIDTH, Artist, caption, preview_sheet
-from hulldown.planning.pictures.shading import sun_of
+from hulldown.plan.pictures.preview import TILE_WIDTH, Artist, caption, preview_sheet
+from hulldown.plan.pictures.shading import sun_of
 from hulldown.planning.write import write_plan
 from hulldown.tests.plan_lines import altered
 from hulldown.tests.planning_assets import small_assets, small_config

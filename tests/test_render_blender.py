@@ -25,13 +25,13 @@ from hulldown.camera.shell import shell_axes
 from hulldown.cli import main
 from hulldown.dataset.provenance import read_failures, read_provenance
 from hulldown.geometry.transforms import rigid
-from hulldown.planning.inputs.loading import load_planned_library
-from hulldown.planning.plan_file import Plan
-from hulldown.rendering.cycles_masks import cycles_masks, verify_masks
-from hulldown.rendering.jobs import mask_job, readable
-from hulldown.rendering.process import WORKER, Allowance, Blender, Limits, worker_command
-from hulldown.rendering.supervisor import render_plan
-from hulldown.rendering.verify import verify
+from hulldown.plan.library import load_planned_library
+from hulldown.plan.plan_file import Plan
+from hulldown.render.cycles_masks import cycles_masks, verify_masks
+from hulldown.render.jobs import mask_job, readable
+from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
+from hulldown.render.supervisor import render_plan
+from hulldown.render.verify import verify
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels, run_python

@@ -9,8 +9,8 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
-from hulldown.rendering.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
-from hulldown.rendering.process import Blender
+from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
+from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn, run_script
 
 pytestmark = pytest.mark.blender

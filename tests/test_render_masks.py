@@ -8,8 +8,8 @@ import pytest
 
 from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.images import Label
-from hulldown.rendering.cycles_masks import compared, verify_masks
-from hulldown.rendering.verify import verify
+from hulldown.render.cycles_masks import compared, verify_masks
+from hulldown.render.verify import verify
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)
@@ -32,7 +32,7 @@ def rendered(tmp_path, render, monkeypatch):
         alone = alone * np.arange(1, alone.shape[1] + 1)[:, None, None]
         shown = np.concatenate([alone.max(axis=1, keepdims=True), alone], axis=1)
         monkeypatch.setattr(
-            "hulldown.rendering.cycles_masks.cycles_masks", lambda plan, chosen, *_, **__: [shown[i] for i in chosen]
+            "hulldown.render.cycles_masks.cycles_masks", lambda plan, chosen, *_, **__: [shown[i] for i in chosen]
         )
         return plan, path, coco
 

@@ -8,9 +8,9 @@ from scipy import ndimage
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.kinds import Weather
+from hulldown.plan.coats import Coat
+from hulldown.plan.library import load_library
 from hulldown.planning.check import check_plan
-from hulldown.planning.inputs.loading import load_library
-from hulldown.planning.plan.coats import Coat
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.blender_plans import draw, make_plan, run_script

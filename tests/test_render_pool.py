@@ -7,10 +7,10 @@ import pytest
 from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.rendering import process
-from hulldown.rendering.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
-from hulldown.rendering.pool import Engine, Pool
-from hulldown.rendering.process import FIRST_JOBS, Limits
+from hulldown.render import process
+from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
+from hulldown.render.pool import Engine, Pool
+from hulldown.render.process import FIRST_JOBS, Limits
 
 
 class Work:

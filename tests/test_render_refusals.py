@@ -10,9 +10,9 @@ import pytest
 from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.document import read_coco
-from hulldown.rendering.pool import Engine
-from hulldown.rendering.session import GIVE_UP_AFTER
-from hulldown.rendering.supervisor import Part
+from hulldown.render.pool import Engine
+from hulldown.render.session import GIVE_UP_AFTER
+from hulldown.render.supervisor import Part
 from hulldown.tests.editing import edit
 from hulldown.tests.render_plans import make_row, write_plan
 

@@ -22,8 +22,8 @@ from hulldown.dataset.join import join
 from hulldown.dataset.provenance import read_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.reading.confinement.landlock import confinement
-from hulldown.rendering.pool import Engine
-from hulldown.rendering.supervisor import Part
+from hulldown.render.pool import Engine
+from hulldown.render.supervisor import Part
 from hulldown.tests.render_plans import contents, cube_library, make_row, write_plan
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hulldown.rendering.cycles_masks import cycles_masks, verify_masks
-from hulldown.rendering.supervisor import render_plan
+from hulldown.render.cycles_masks import cycles_masks, verify_masks
+from hulldown.render.supervisor import render_plan
 from hulldown.tests.blender_plans import make_plan
 from hulldown.tests.oracles.rendered import assert_shows_plan
 

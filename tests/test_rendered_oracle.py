@@ -8,7 +8,7 @@ import pytest
 
 from hulldown.camera.response import displayed
 from hulldown.camera.weather.kinds import Weather
-from hulldown.planning.plan.row import decode_row
+from hulldown.plan.row import decode_row
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.tests.oracles.rendered import (
     MAX_SKY_DIFFERENCE,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.transforms import rigid, rotation_about
-from hulldown.planning.plan.row import Header, PlannedVehicle, Row, fields, rounded
+from hulldown.plan.row import Header, PlannedVehicle, Row, fields, rounded
 
 PAGE = (Path(__file__).parents[1] / "docs" / "plan-file.md").read_text(encoding="utf-8")
 

@@ -5,8 +5,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.planning.shortcuts import shortcuts
-from hulldown.planning.summary import summarize
+from hulldown.plan.shortcuts import shortcuts
+from hulldown.plan.summary import summarize
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 ASSETS = small_assets()

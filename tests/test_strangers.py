@@ -14,9 +14,9 @@ from hulldown.base.errors import HulldownError
 from hulldown.camera.weather.kinds import airlight
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.meshes import Mesh, merge
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_library
 from hulldown.planning.appearance.hdri_land import land_above_horizon
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from hulldown.planning.plan.row import decode_row
-from hulldown.planning.summary import Histogram, summarize
+from hulldown.plan.row import decode_row
+from hulldown.plan.summary import Histogram, summarize
 from hulldown.tests import plan_lines
 from hulldown.tests.plan_lines import VEHICLE, line
 

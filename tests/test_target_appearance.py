@@ -8,7 +8,7 @@ from scipy import ndimage
 from hulldown.annotate.masks import encode, mask_box
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification.target_appearance import target_appearance
-from hulldown.rendering.verify import verify
+from hulldown.render.verify import verify
 from hulldown.tests.editing import append
 
 SIZE = (180, 320)

@@ -16,8 +16,8 @@ from hulldown.dataset.join import join
 from hulldown.dataset.records import Finding
 from hulldown.dataset.verification import check_pictures
 from hulldown.reading.confinement.watch import GIB
-from hulldown.rendering.cycles_masks import MaskReport
-from hulldown.rendering.verify import verify
+from hulldown.render.cycles_masks import MaskReport
+from hulldown.render.verify import verify
 from hulldown.tests.editing import append, edit
 from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
@@ -275,8 +275,8 @@ def test_a_plans_assets_are_read_once_within_the_users_limits(planned, monkeypat
         read.append(limits)
         return CUBES
 
-    monkeypatch.setattr("hulldown.rendering.verify.load_planned_library", load)
-    monkeypatch.setattr("hulldown.rendering.verify.verify_masks", lambda *_, **__: MaskReport((), ()))
+    monkeypatch.setattr("hulldown.render.verify.load_planned_library", load)
+    monkeypatch.setattr("hulldown.render.verify.verify_masks", lambda *_, **__: MaskReport((), ()))
     main(["verify", str(folder), "--plan", str(plan), "--masks", "1", "--read-timeout", "7", "--read-memory", "3"])
     assert [(limits.silence_s, limits.memory_bytes) for limits in read] == [(7, 3 * GIB)]
 

@@ -18,7 +18,7 @@ SCRIPT = "water_blends.py"
 SHOWN = """
 import json, sys
 from hulldown.reading.blender.capture import visit_render
-from hulldown.rendering.blender.scene import Stage
+from hulldown.render.blender.scene import Stage
 stage = Stage(sys.argv[1])
 shown = []
 def look(depsgraph):

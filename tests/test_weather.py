@@ -10,8 +10,8 @@ import pytest
 from hulldown.base.errors import ConfigError
 from hulldown.camera.weather.extinction import rain_visibility_m, wetness
 from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
-from hulldown.planning.config.scene_sections import WeatherSection
 from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.weather import NAMES, draw_weathers
 from hulldown.tests.planning_assets import plan, small_assets, small_config

@@ -15,7 +15,7 @@ import bpy
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.reader_process import job_for
-from hulldown.rendering.blender.scene import appended
+from hulldown.render.blender.scene import appended
 from hulldown.tests.blend_parts import collection, fresh, instance, mesh, place, save
 from hulldown.tests.shapes import CORNERS, QUADS
 

@@ -14,7 +14,7 @@ from hulldown.verbs.command import Answer, Verb, run_command
 from hulldown.verbs.output import DONE, FOUND
 
 if TYPE_CHECKING:
-    from hulldown.rendering.doctor import Diagnosis
+    from hulldown.render.doctor import Diagnosis
 
 
 def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
@@ -64,6 +64,6 @@ def _diagnosis(diagnosis: Diagnosis) -> Answer:
 
 
 VERBS = {
-    "doctor": Verb("rendering.doctor:diagnose", _diagnosis),
+    "doctor": Verb("render.doctor:diagnose", _diagnosis),
     "demo": Verb("verbs.demo:run_demo", _shown, resumes=True),
 }

@@ -13,8 +13,8 @@ from hulldown.verbs.command import Answer, Verb
 from hulldown.verbs.output import DONE, FOUND, MISTAKE
 
 if TYPE_CHECKING:
+    from hulldown.plan.plan_file import Plan
     from hulldown.planning.inputs.inspection import Inspection
-    from hulldown.planning.plan_file import Plan
 
 
 def _project(config: Path) -> Answer:
@@ -63,6 +63,6 @@ VERBS = {
     "inspect": Verb("planning.inputs.inspection:inspect_files", _inspection),
     "plan": Verb("planning.write:plan", _plan, resumes=True),
     "check": Verb("planning.check:check_plan", _differences),
-    "preview": Verb("planning.pictures.preview:preview_sheet", _sheet),
-    "passes": Verb("planning.pictures.passes:write_passes", _passes, resumes=True),
+    "preview": Verb("plan.pictures.preview:preview_sheet", _sheet),
+    "passes": Verb("plan.pictures.passes:write_passes", _passes, resumes=True),
 }

@@ -13,8 +13,8 @@ from hulldown.verbs.output import DONE, FOUND, STOPPED
 if TYPE_CHECKING:
     from hulldown.dataset.join import Joined
     from hulldown.dataset.reports.comparison import Comparison
-    from hulldown.rendering.supervisor import RenderReport
-    from hulldown.rendering.verify import Findings
+    from hulldown.render.supervisor import RenderReport
+    from hulldown.render.verify import Findings
 
 
 def _rendered(report: RenderReport, output: AnyPath) -> Answer:
@@ -65,10 +65,10 @@ def _export(counts: Mapping[str, int], output: AnyPath) -> Answer:
 
 
 VERBS = {
-    "render": Verb("rendering.supervisor:render_plan", _rendered, resumes=True),
+    "render": Verb("render.supervisor:render_plan", _rendered, resumes=True),
     "cluster": Verb("cluster.scheduler:run_cluster", _cluster),
     "join": Verb("dataset.join:join", _joined, resumes=True),
-    "verify": Verb("rendering.verify:verify", _findings),
+    "verify": Verb("render.verify:verify", _findings),
     "report": Verb("dataset.reports.dataset_report:report", _page),
     "export": Verb("dataset.exports.export:export", _export),
 }

@@ -1,7 +1,7 @@
 """The weather of an image, and its kinds: one object each with all properties of the kind.
 
-A new kind is an entry of `KINDS`, keys in `planning.config.scene_sections`, and a section of docs/weather.md; a new way
-to cover surfaces is a function of `rendering.blender.covers` too. Needs numpy only, as it runs in Blender.
+A new kind is an entry of `KINDS`, keys in `plan.config.scene_sections`, and a section of docs/weather.md; a new way
+to cover surfaces is a function of `render.blender.covers` too. Needs numpy only, as it runs in Blender.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class WeatherKind:
     rate: str = ""
     # keys of the covers of ground and vehicles; empty if there are none, or the rate decides
     covers: tuple[str, ...] = ()
-    surfaces: str = ""  # name in `rendering.blender.surfaces.COVERS` of what covers them; empty: nothing does
+    surfaces: str = ""  # name in `render.blender.surfaces.COVERS` of what covers them; empty: nothing does
     windy: bool = True  # whether wind and shutter time matter
     overcast: bool = False  # whether it comes with clouds that hide the sun
     layers: int = 1  # layers of air, of equal extinction; more than one thin out with height

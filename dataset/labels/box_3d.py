@@ -15,7 +15,7 @@ from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.store.declared import Box3D
 from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import product
-from hulldown.planning.plan.row import PlannedVehicle, Row
+from hulldown.plan.row import PlannedVehicle, Row
 
 DIGITS = 9  # to a nanometer, so that every processor gives the same
 TOLERANCE = 1e-6

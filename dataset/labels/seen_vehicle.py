@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from jaxtyping import Bool
 from numpy import ndarray
 
-from hulldown.planning.plan.row import Row
+from hulldown.plan.row import Row
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 

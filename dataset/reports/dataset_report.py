@@ -26,10 +26,10 @@ from hulldown.dataset.table import CONDITIONS, Dataset
 from hulldown.geometry.indices import spread
 from hulldown.pictures.drawing import IGNORED, color_of
 from hulldown.pictures.own_files import refuse_foreign
-from hulldown.planning.inputs.loading import Library, load_planned_library
-from hulldown.planning.pictures.preview import Artist
-from hulldown.planning.plan_file import read_plan
-from hulldown.planning.summary import SIZES
+from hulldown.plan.library import Library, load_planned_library
+from hulldown.plan.pictures.preview import Artist
+from hulldown.plan.plan_file import read_plan
+from hulldown.plan.summary import SIZES
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 MAX_THUMBNAILS = 1_000  # thumbnails on a page: some 10 MB

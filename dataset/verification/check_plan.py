@@ -13,8 +13,8 @@ from hulldown.base.errors import HulldownError
 from hulldown.dataset.records import Finding
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.dataset.store.reservations import find_reservation, plan_key
-from hulldown.planning.inputs.loading import Library
-from hulldown.planning.plan_file import Plan
+from hulldown.plan.library import Library
+from hulldown.plan.plan_file import Plan
 
 MAX_VALUE_LENGTH = 120  # characters of a value in a finding
 MASKS = ("segmentation", "segmentation_amodal")

@@ -24,8 +24,8 @@ from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL
 from hulldown.dataset.store.journal import is_cut_off
 from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_plan import check_planned
-from hulldown.planning.inputs.loading import Library
-from hulldown.planning.plan_file import read_plan
+from hulldown.plan.library import Library
+from hulldown.plan.plan_file import read_plan
 
 
 def find_problems(
@@ -36,7 +36,7 @@ def find_problems(
     assets: Callable[[], Library],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
-    """Find what is wrong with a dataset; parameters as of `rendering.verify.verify`."""
+    """Find what is wrong with a dataset; parameters as of `render.verify.verify`."""
     folder = Path(dataset)
     coco = read_coco(folder)
     sound = sound_images(coco)

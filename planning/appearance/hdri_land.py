@@ -10,9 +10,9 @@ import numpy as np
 from hulldown.assets.library import Assets
 from hulldown.camera.projection import Camera
 from hulldown.geometry.indices import spread
-from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.lines import PlanFile
-from hulldown.planning.plan.row import Row
+from hulldown.plan.config.schema import Config
+from hulldown.plan.lines import PlanFile
+from hulldown.plan.row import Row
 from hulldown.scene.posed_scene import Scene
 
 LOOKED_AT = 1000  # images, evenly spread over the plan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
@@ -11,10 +10,10 @@ from jaxtyping import Float, Int
 
 from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
-from hulldown.camera.response import ALBEDO, FARTHEST_EV, metered
+from hulldown.camera.response import FARTHEST_EV, card_radiance, metered
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.planning.config.scene_sections import LightSection
-from hulldown.planning.plan.row import rounded
+from hulldown.plan.config.scene_sections import LightSection
+from hulldown.plan.row import rounded
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
 
 
@@ -68,7 +67,7 @@ def draw_lights(
     strength = rounded("strength", between(*light.strength, u[:, 2]))
     if light.exposure == "auto":
         irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
-        ev = metered(card(irradiance, strength[:, None]))
+        ev = metered(card_radiance(irradiance, strength[:, None]))
     else:
         ev = np.full(len(image), light.exposure)
     cut = {
@@ -86,14 +85,3 @@ def draw_lights(
         "horizon_deg": [float(skies[name].horizon_deg) if cut[name] else None for name in hdris],
         **{key: rounded(key, values).tolist() for key, values in numbers.items()},
     }
-
-
-def card(
-    irradiance: Float[np.ndarray, "*n 3"], strength: float | Float[np.ndarray, "n 1"]
-) -> Float[np.ndarray, "*n 3"]:
-    """Radiance of a level gray card on open land under HDRIs of this irradiance and strength, in linear Rec. 709.
-
-    It doesn't depend on the sky's rotation and the weather: in renders, fog doesn't dim the light on the ground near
-    the camera (docs/benchmarks.md).
-    """
-    return np.asarray(irradiance * (ALBEDO / math.pi * strength))

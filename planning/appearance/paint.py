@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Int
 from numpy.typing import ArrayLike
 
-from hulldown.planning.config.asset_sections import OWN, PaintEntry
-from hulldown.planning.plan.coats import Coat
+from hulldown.plan.coats import Coat
+from hulldown.plan.config.asset_sections import OWN, PaintEntry
 from hulldown.planning.search.random_streams import Purpose, RandomStreams
 
 COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the target's is 0

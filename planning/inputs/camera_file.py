@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 from hulldown.base.errors import ConfigError
 from hulldown.base.outside import read_text, typed, yaml_of
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.planning.config.scene_sections import LARGEST, CameraMatrix, Distortion
+from hulldown.plan.config.scene_sections import LARGEST, CameraMatrix, Distortion
 
 # Names in files of OpenCV's samples and of ROS, in lower case without underscores.
 _MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "mtx")

@@ -15,7 +15,7 @@ from types import MappingProxyType
 from hulldown.base.errors import AssetError
 from hulldown.base.outside import typed
 from hulldown.base.terminal import tracked
-from hulldown.planning.config.config_keys import config_text
+from hulldown.plan.config.config_keys import config_text
 from hulldown.reading.cache import cached, entry_name, new_folder, seal, unseal
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
@@ -163,7 +163,7 @@ def found_config(
 ) -> str:
     """Return the text of a config in `config_folder` that lists the usable files of `folder`, with their notes.
 
-    `values` are those of `planning.config.config_keys.config_text`.
+    `values` are those of `plan.config.config_keys.config_text`.
     """
     base = os.path.relpath(folder.resolve(), config_folder.resolve())
     listed = {file.path: Path(base, file.path).as_posix() for file in found}

@@ -18,8 +18,8 @@ from hulldown.base.arguments import AnyPath, PngFile
 from hulldown.base.errors import AssetError
 from hulldown.base.terminal import reading_status
 from hulldown.pictures.own_files import make_room_for_picture
-from hulldown.planning.config.schema import Config
-from hulldown.planning.inputs.loading import load_library
+from hulldown.plan.config.schema import Config
+from hulldown.plan.library import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.inspect import Inspected, draw, pages, sky_report, write_pictures

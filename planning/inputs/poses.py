@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.outside import DOCUMENT, read_text
-from hulldown.planning.plan.given_poses import FARTHEST, GivenPoses, PoseLine, Vector
+from hulldown.plan.given_poses import FARTHEST, GivenPoses, PoseLine, Vector
 
 NAMES = ("scenery", "vehicle", "sequence")
 NUMBERS = (

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Int
 from hulldown.geometry.columns import take
 from hulldown.geometry.indices import numbered
 from hulldown.placement.settle import Settled, unsettled
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.planning.search.budget import Positions
 from hulldown.planning.search.extras import MOST_EXTRAS, Extras, Role
 from hulldown.planning.search.given import Given, nothing_given

@@ -20,7 +20,7 @@ from jaxtyping import Bool, Int
 
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.indices import numbered
-from hulldown.planning.config.scene_sections import BudgetSection
+from hulldown.plan.config.scene_sections import BudgetSection
 
 ROUNDING = 1e-9  # of shares of a class's images
 

@@ -20,8 +20,8 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes, shell_place
 from hulldown.geometry.columns import take
 from hulldown.geometry.transforms import rigid
-from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.row import rounded
+from hulldown.plan.config.schema import Config
+from hulldown.plan.row import rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.given import Given
 from hulldown.planning.search.instance_table import Instances, hull_of

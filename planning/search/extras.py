@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.geometry.portable import sin_cos
-from hulldown.planning.config.scene_sections import PlacementSection
+from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
 from hulldown.planning.search.stage import PlanStage, Site

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.plan.given_poses import GivenPoses
 from hulldown.planning.inputs.poses import refused
-from hulldown.planning.plan.given_poses import GivenPoses
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.stage import Site
 

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from hulldown.geometry.indices import joined
 from hulldown.geometry.transforms import apply, compose
-from hulldown.planning.plan.row import rounded
+from hulldown.plan.row import rounded
 from hulldown.planning.search.stage import Fleet, Model
 from hulldown.scene.posed_vehicle import PosedVehicle
 

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.photographs import Photographs
 from hulldown.base.errors import ConfigError
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.schema import Config
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
 from hulldown.planning.search.stage import Fleet

@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.base.errors import ConfigError
-from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.row import LeftOut
+from hulldown.plan.config.schema import Config
+from hulldown.plan.row import LeftOut
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.positions import HopelessPosition, plan_block

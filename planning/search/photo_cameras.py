@@ -14,7 +14,7 @@ from hulldown.camera.projection import directions
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 from hulldown.geometry.portable import exp, hypot, log, sin_cos
 from hulldown.geometry.transforms import BOX_CORNERS, rotate
-from hulldown.planning.config.scene_sections import CameraSection
+from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.planning.search.instance_table import Instances, hull_of
 from hulldown.planning.search.likeness import TRUNCATION_MARGIN, Likeness, TargetBoxes
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose

@@ -13,8 +13,8 @@ from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid, ro
 from hulldown.placement.contact import depth_below
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, limit_contact, settle_each, unsettled
-from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.row import rounded
+from hulldown.plan.config.schema import Config
+from hulldown.plan.row import rounded
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 

@@ -14,7 +14,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
 from hulldown.geometry.columns import put
-from hulldown.planning.config.scene_sections import RenderSection
+from hulldown.plan.config.scene_sections import RenderSection
 from hulldown.planning.search.instance_table import Instances
 
 # Framing turns the camera, which changes the size a little; correcting the distance changes the framing less.

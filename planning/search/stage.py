@@ -21,8 +21,8 @@ from hulldown.placement.contact import Footing, stacked
 from hulldown.placement.footprint import underside
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
-from hulldown.planning.config.scene_sections import PlacementSection
-from hulldown.planning.config.schema import Config
+from hulldown.plan.config.scene_sections import PlacementSection
+from hulldown.plan.config.schema import Config
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import VehicleCaster

@@ -14,8 +14,8 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put, take
 from hulldown.placement.rejection import Rejection
-from hulldown.planning.config.schema import Config
-from hulldown.planning.plan.row import rounded
+from hulldown.plan.config.schema import Config
+from hulldown.plan.row import rounded
 from hulldown.planning.search.block import Block
 from hulldown.planning.search.cameras import CameraCandidates, CameraRule, CameraTries, frame_targets, sample_cameras
 from hulldown.planning.search.instance_table import Instances

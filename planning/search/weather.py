@@ -8,8 +8,8 @@ from jaxtyping import Float, Int
 from hulldown.camera.weather.extinction import rain_visibility_m, wetness
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.portable import sin_cos
-from hulldown.planning.config.scene_sections import WeatherSection
-from hulldown.planning.plan.row import rounded
+from hulldown.plan.config.scene_sections import WeatherSection
+from hulldown.plan.row import rounded
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, between
 
 NAMES = tuple(KINDS)

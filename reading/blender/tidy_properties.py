@@ -1,4 +1,4 @@
-"""Names in tidy twins: `reading.blender.tidy` writes them, `rendering.blender.scene` reads them."""
+"""Names in tidy twins: `reading.blender.tidy` writes them, `render.blender.scene` reads them."""
 
 PART = "hulldown_part"  # of a vehicle's objects: the index of their part
 REST = "hulldown_rest"  # and the 16 numbers of vehicle_from_object at rest, float64, row by row

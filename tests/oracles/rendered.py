@@ -17,7 +17,7 @@ from hulldown.camera.weather.kinds import air_layers, airlight, even_sky
 from hulldown.dataset.row_records import Segmenter
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation, plan_key
-from hulldown.planning.plan.row_scenes import RowScenes
+from hulldown.plan.row_scenes import RowScenes
 from hulldown.tests.blender_plans import pixels
 
 MIN_SKY_PX = 40

@@ -1,0 +1,254 @@
+"""The config's keys, read from the schema, in print: the config that `hulldown init` writes, and docs/config.md.
+
+`python -m hulldown.plan.config.config_keys` rewrites the tables of docs/config.md.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import textwrap
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import tomlkit
+from pydantic.fields import FieldInfo
+from pydantic.json_schema import JsonSchemaValue
+
+from hulldown.plan.config.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
+from hulldown.plan.config.scene_sections import PROFILES
+from hulldown.plan.config.schema import Config
+from hulldown.plan.config.section import Section
+
+PAGE = Path(__file__).parents[2] / "docs" / "config.md"
+ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
+    {"vehicle": VehicleEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
+)
+_SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
+_WIDTH = 120
+_LONGEST = 60  # of a line with a comment beside it
+# One of two alternatives must be given, so the first one gets a value.
+_GIVEN = MappingProxyType({"budget.images_per_class": 140})
+_BY_PROFILE = frozenset(f"render.{key}" for key in PROFILES["paper"])  # a profile gives their defaults
+_LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
+_LISTED = ("hdris", *_LISTS.values())  # keys of [assets] that get their own format
+
+
+@dataclass(frozen=True, slots=True)
+class Key:
+    """A key of a section, with its meaning."""
+
+    name: str
+    default: str | None  # default, example: its default as TOML, None for a key without, and the example of such a key
+    example: str | None
+    required: bool
+    allowed: str  # its range or choices; empty if the meaning describes them
+    meaning: str
+
+
+def section_keys(section: type[Section]) -> list[Key]:
+    """Return a section's keys, without its subsections, in the order of the schema."""
+    declared = section.model_json_schema()["properties"]
+    return [
+        _key(name, field, declared[name])
+        for name, field in section.model_fields.items()
+        if not (isinstance(field.annotation, type) and issubclass(field.annotation, Section))
+    ]
+
+
+def config_sections() -> dict[str, type[Section]]:
+    """Return the config's sections by name."""
+    inner = {name: field.annotation for name, field in Config.model_fields.items()}
+    return {name: kind for name, kind in inner.items() if isinstance(kind, type) and issubclass(kind, Section)}
+
+
+def toml_value(value: object) -> str:
+    """Return a value as one line of TOML."""
+    if isinstance(value, Mapping):
+        pairs = [f"{tomlkit.key([key]).as_string()} = {toml_value(inner)}" for key, inner in value.items()]
+        return f"{{ {', '.join(pairs)} }}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml_value, value)) + "]"
+    return tomlkit.item(value).as_string()
+
+
+def _key(name: str, field: FieldInfo, declared: JsonSchemaValue) -> Key:
+    default = None if field.is_required() or field.default is None else field.default
+    return Key(
+        name=name,
+        default=None if default is None or (name == "name" and default == "") else toml_value(default),
+        example=toml_value(field.examples[0]) if field.examples else None,
+        required=field.is_required(),
+        allowed=_allowed(declared),
+        meaning=" ".join((field.description or "").split()),
+    )
+
+
+def _allowed(declared: JsonSchemaValue) -> str:
+    """Return the range or the choices of a key, given its JSON schema; empty for a key of several types."""
+    (kind, *others) = [kind for kind in declared.get("anyOf", [declared]) if kind != {"type": "null"}]
+    if others:
+        return ""
+    kind = kind.get("additionalProperties", kind)  # of a table's values, and of a list's numbers
+    kind = kind.get("prefixItems", [kind])[0]
+    if "enum" in kind:
+        return ", ".join(map(toml_value, kind["enum"]))
+    bounds: dict[str, float] = {sign: kind[bound] for bound, sign in _SIGNS.items() if bound in kind}
+    if bounds.keys() == {">=", "<="}:
+        return _interval(bounds[">="], bounds["<="])
+    return ", ".join(f"{sign} {_number(bound)}" for sign, bound in bounds.items())
+
+
+def _interval(low: float, high: float) -> str:
+    between = " to " if low < 0 else "\N{EN DASH}"
+    return f"{_number(low)}{between}{_number(high)}"
+
+
+def _number(value: float) -> str:
+    return f"{value:,.10g}" if abs(value) < 1e15 else f"2^{math.log2(value):g}"
+
+
+def config_text(
+    *,
+    vehicles: Sequence[Mapping[str, object]],
+    sceneries: Sequence[Mapping[str, object]],
+    hdris: Sequence[str],
+    distractors: Sequence[Mapping[str, object]] = (),
+    values: Mapping[str, object] = MappingProxyType({}),
+    notes: Mapping[str, Sequence[str]] = MappingProxyType({}),
+    proposals: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
+    remarks: Sequence[str] = (),
+) -> str:
+    """Return a complete config for these assets, with a comment on every key.
+
+    `notes` and `proposals` are comments above an asset's entry and keys that are commented out below it, by its name or
+    path.
+    """
+    given, others = {**_GIVEN, **values}, config_sections()
+    of_assets = [key for key in section_keys(others.pop("assets")) if key.name not in _LISTED]
+    blocks = [
+        "# hulldown config. Every key has its default here; delete what you don't want to change.\n"
+        "# Paths are relative to this file's folder. A range is [low, high]; one number is a range of one value.\n",
+        _key_lines(section_keys(Config), "", given),
+        "[assets]\n"
+        + _key_lines(of_assets, "assets", given)
+        + f"hdris = {_pattern_list(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
+        *(_entry_comments(kind) for kind in ENTRIES),
+        *(
+            _as_comments(notes.get(name := str(entry.get("name", entry["path"])), ()))
+            + _entry_text(f"assets.{kind}", entry)
+            + _as_comments([f"{key} = {toml_value(value)}" for key, value in proposals.get(name, {}).items()])
+            for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
+            for entry in listed
+        ),
+        _as_comments(remarks),
+        *(f"[{name}]\n" + _key_lines(section_keys(kind), name, given) for name, kind in others.items()),
+    ]
+    if given:
+        raise ValueError(f"values: the config has no key {min(given)!r}")
+    return "\n".join(block for block in blocks if block)
+
+
+def _key_lines(keys: Sequence[Key], section: str, given: dict[str, object]) -> str:
+    """Return a line for each key, commented out if it has no default; removes the values it uses from `given`."""
+    pairs = []
+    for key in keys:
+        path = f"{section}.{key.name}".lstrip(".")
+        off = "# " if path not in given and (key.default is None or path in _BY_PROFILE) else ""
+        value = toml_value(given.pop(path)) if path in given else key.default or key.example
+        pairs.append((f"{off}{key.name} = {value}", key))
+    return _align_comments(pairs)
+
+
+def _align_comments(pairs: Sequence[tuple[str, Key]]) -> str:
+    """Align the comments of lines; a long comment continues on the next lines, and a long line has it above."""
+    column = max((len(text) for text, _ in pairs if len(text) <= _LONGEST), default=0)
+    lines = []
+    for text, key in pairs:
+        choices = f" ({key.allowed})" if key.allowed.startswith('"') else ""
+        if len(text) > column:
+            lines += [f"# {line}\n" for line in textwrap.wrap(key.meaning + choices, _WIDTH - 2)] + [f"{text}\n"]
+            continue
+        first, *more = textwrap.wrap(key.meaning + choices, _WIDTH - column - 4)
+        lines += [f"{text:<{column}}  # {first}\n", *(f"{'':<{column}}  # {line}\n" for line in more)]
+    return "".join(lines)
+
+
+def _entry_comments(kind: str) -> str:
+    """Return the keys of a kind of table as comments."""
+    keys = section_keys(ENTRIES[kind])
+    needed = " and ".join(key.name for key in keys if key.required)
+    head = f"[[assets.{_LISTS[kind]}]] is a {kind}: {needed} must be given. Optional keys:"
+    if kind == "distractor":
+        keys = [key for key in keys if key not in section_keys(ENTRIES["vehicle"])]
+        head = "[[assets.distractors]] is no target, such as a civilian car. It has the keys of a vehicle, and:"
+    pairs = [(f"  {key.name} = {key.default or key.example or '...'}", key) for key in keys]
+    return _as_comments([head, *_align_comments([pair for pair in pairs if not pair[1].required]).splitlines()])
+
+
+def _as_comments(lines: Sequence[str], indent: str = "") -> str:
+    """Return each line as a comment, with unprintable characters escaped."""
+
+    def printable(text: str) -> str:
+        return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
+
+    return "".join(f"{indent}# {printable(line)}\n" for line in lines)
+
+
+def _pattern_list(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:
+    """Return a list of patterns in one line, or one line per pattern if any has comments."""
+    if not any(notes.get(pattern) is not None for pattern in patterns):
+        return toml_value(list(patterns))
+    indent = " " * 4
+    lines = [f"{_as_comments(notes.get(name, ()), indent)}{indent}{toml_value(name)},\n" for name in patterns]
+    return f"[\n{''.join(lines)}]"
+
+
+def _entry_text(name: str, entry: Mapping[str, object]) -> str:
+    return "\n".join([f"[[{name}]]", *(f"{key} = {toml_value(value)}" for key, value in entry.items()), ""])
+
+
+def bare_text(values: Mapping[str, object] = MappingProxyType({})) -> str:
+    """Return a config with the names of example files; `values` as in `config_text`."""
+    return config_text(
+        vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
+        sceneries=[{"path": "sceneries/hills.blend"}],
+        hdris=["hdris/*.exr"],
+        values=values,
+    )
+
+
+def key_table(section: type[Section], *, without: type[Section] | None = None) -> str:
+    """Return a Markdown table of a section's keys, except those that `without` declares identically."""
+    declared = section_keys(without) if without else []
+    rows = ["| key | default (allowed) | meaning |", "|---|---|---|"]
+    for key in section_keys(section):
+        if key in declared:
+            continue
+        default = "required" if key.required else "" if key.default is None else f"`{key.default}`"
+        allowed = f" (`{key.allowed}`)" if key.allowed else ""
+        rows.append(f"| `{key.name}` | {(default + allowed).strip()} | {_escape_markdown(key.meaning)} |")
+    return "\n".join(rows)
+
+
+def _escape_markdown(text: str) -> str:
+    """Escape Markdown's emphasis, links, and cells."""
+    return re.sub(r"(\*|\||_(?=\W)|\[\[)", r"\\\1", text)
+
+
+def filled_page(text: str) -> str:
+    """Return the page with the tables below its comments, such as <!-- keys of camera -->, written anew."""
+
+    def filled(found: re.Match[str]) -> str:
+        name = found[1]
+        kind = Config if name == "the config" else {**config_sections(), **ENTRIES}[name]
+        known = VehicleEntry if kind is DistractorEntry else None
+        return f"<!-- keys of {name} -->\n{key_table(kind, without=known)}\n"
+
+    return re.sub(r"<!-- keys of ([\w ]+) -->\n(?:\|.*\n)*", filled, text)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(filled_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -1,0 +1,264 @@
+"""Assets of a config, read from bundles in its cache folder; missing and changed ones are exported first."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+
+import numpy as np
+
+from hulldown.assets.bundle import load_scenery, load_vehicle
+from hulldown.assets.fingerprint import fingerprint
+from hulldown.assets.library import Assets, GeometrySource, HdriSource, Source
+from hulldown.assets.skeleton import category_fields
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.base.arguments import AnyPath
+from hulldown.base.errors import AssetError, ConfigError
+from hulldown.base.terminal import reading_status
+from hulldown.geometry.transforms import apply
+from hulldown.plan.changed_assets import refuse_changed
+from hulldown.plan.config.asset_sections import (
+    CACHE_NAME,
+    DistractorEntry,
+    ModelEntry,
+    PaintEntry,
+    SceneryEntry,
+    VehicleEntry,
+)
+from hulldown.plan.config.schema import Config
+from hulldown.plan.lines import PlanFile
+from hulldown.plan.usual_lengths import odd_length, refuse_odd_lengths, usual_text
+from hulldown.reading.cache import cached
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.doubts import length_said
+from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
+from hulldown.reading.pieces.asset_report import MaterialRow, refuse_missing
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
+from hulldown.reading.pieces.formats import HDRI_SUFFIXES
+from hulldown.reading.pieces.naming import is_named
+from hulldown.reading.pieces.options import Options
+from hulldown.reading.pieces.wording import quoted
+from hulldown.reading.reader_process import Exported
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Library:
+    """A config's assets, and the results of reading their files, by the assets' names."""
+
+    assets: Assets
+    # models, sceneries: report, bundle, and tidy twin of the file of each vehicle or distractor, and of each scenery
+    models: Mapping[str, Exported]
+    sceneries: Mapping[str, Exported]
+    hdris: Mapping[str, Hdri]  # the rendered copy of each HDRI, and its light
+
+    @property
+    def shapes(self) -> dict[str, VehicleShape]:
+        """Vehicles and distractors."""
+        return {**self.assets.vehicles, **self.assets.distractors}
+
+    def doubts(self, *, backdrop: bool) -> dict[str, list[Doubt]]:
+        """Return doubts by the file's path; `backdrop` tells whether pictures show all of an HDRI, with its land."""
+        files = self.assets.files["hdris"]
+        doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
+        for name, hdri in self.hdris.items():
+            doubts.append((files[name].path, (*hdri.repairs, *hdri.doubts, *hdri.misfits[:backdrop])))
+        found: dict[str, dict[Doubt, None]] = {}
+        for path, lines in doubts:  # a file may have several vehicles
+            found.setdefault(path, {}).update(dict.fromkeys(lines))
+        return {path: list(lines) for path, lines in found.items() if lines}
+
+
+def hdri_paths(config: Config) -> dict[str, Path]:
+    """Return name and path of every HDRI that `assets.hdris` matches, in the order of the patterns, then by name."""
+    paths: dict[str, Path] = {}
+    for pattern in config.assets.hdris:
+        folder = Path(Path(pattern).anchor) if Path(pattern).is_absolute() else config.folder
+        relative = str(Path(pattern).relative_to(folder)) if Path(pattern).is_absolute() else pattern
+        try:
+            matches = sorted(p for p in folder.glob(relative) if p.is_file())
+        except (ValueError, NotImplementedError, OSError) as error:
+            raise ConfigError(f"assets.hdris: {pattern!r} isn't a file pattern ({error})", path=config.path) from None
+        if wrong := [match.name for match in matches if match.suffix.lower() not in HDRI_SUFFIXES]:
+            raise ConfigError(
+                f"assets.hdris: {pattern!r} matches {wrong[0]!r}, which isn't a {' or '.join(HDRI_SUFFIXES)} file",
+                path=config.path,
+                remedy="narrow the pattern, such as 'hdris/*.exr'",
+            )
+        if not matches:
+            raise ConfigError(
+                f"assets.hdris: {pattern!r} matches no file in {folder}",
+                path=config.path,
+                remedy="put .exr or .hdr files there or change the pattern",
+            )
+        for match in matches:
+            if paths.setdefault(match.stem, match) != match:
+                raise ConfigError(
+                    f"assets.hdris: {paths[match.stem]} and {match} have the same name",
+                    path=config.path,
+                    remedy="rename one of them",
+                )
+    return paths
+
+
+def load_library(
+    config: Config,
+    *,
+    strict: bool = False,
+    cache: AnyPath | None = None,
+    progress: Callable[[str], None] | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+) -> Library:
+    """Return the assets of a config with reports and tidy twins.
+
+    `cache`: folder for data read from files; the config's if None.
+    `progress`: called with each path that is read; None for a status line.
+    """
+    if progress is None:
+        with reading_status() as status:
+            return load_library(config, strict=strict, cache=cache, progress=status, limits=limits)
+    limits.check_confinement()
+    cache = config.folder / config.assets.cache if cache is None else Path(cache)
+    hdris = hdri_paths(config)
+    for path in hdris.values():
+        refuse_no_hdri(path)  # before the long work
+    at_once = min(4, os.cpu_count() or 1)
+    shared = replace(limits, share=at_once)
+
+    def read(entry: ModelEntry | SceneryEntry) -> tuple[Exported, str]:
+        kind = "scenery" if isinstance(entry, SceneryEntry) else "vehicle"
+        options = read_options(entry, config)
+        path = config.folder / entry.path
+        return cached(path, cache, kind=kind, options=options, limits=shared, progress=progress)
+
+    listed = config.assets
+    with ThreadPoolExecutor(at_once) as pool:
+        files = list(zip(listed.entries, pool.map(read, listed.entries), strict=True))
+    skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
+    refuse_odd_lengths([(entry, exported.report) for entry, (exported, _) in files if isinstance(entry, ModelEntry)])
+    needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
+    refuse_missing(needed, strict=strict)
+    models = {e.name: _with_length_doubt(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
+    _refuse_unmatched_paint(config, models)
+    sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
+
+    read_shapes = {name: load_vehicle(exported.bundle) for name, exported in models.items()}
+    read_lands = {name: load_scenery(exported.bundle) for name, exported in sceneries.items()}
+
+    def shapes(entries: Sequence[ModelEntry]) -> dict[str, VehicleShape]:
+        return {e.name: _as_listed(read_shapes[e.name], e, config) for e in entries}
+
+    kinds = {"vehicles": VehicleEntry, "distractors": DistractorEntry, "sceneries": SceneryEntry}
+    prints = {name: fingerprint(asset) for name, asset in (read_shapes | read_lands).items()}
+    sources: dict[str, dict[str, Source]] = {
+        key: {
+            e.name: GeometrySource(path=e.path, sha256=sha256, geometry=prints[e.name])
+            for e, (_, sha256) in files
+            if isinstance(e, kind)
+        }
+        for key, kind in kinds.items()
+    }
+    sources["hdris"] = {
+        name: HdriSource(path=_as_given(path, config), sha256=sky.sha256, mended_sha256=sky.mended_sha256)
+        for (name, path), sky in zip(hdris.items(), skies.values(), strict=True)
+    }
+    assets = Assets(
+        vehicles=shapes(listed.vehicles),
+        categories={entry.name: entry.category for entry in listed.vehicles},
+        sceneries={name: replace(land, name=name) for name, land in read_lands.items()},
+        hdris=tuple(hdris),
+        files=sources,
+        distractors=shapes(listed.distractors),
+        skies={name: sky.light for name, sky in skies.items()},
+    )
+    annotated = [*assets.vehicles.values(), *(assets.distractors[e.name] for e in listed.distractors if e.category)]
+    category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.folder)
+    return Library(assets, models, sceneries, skies)
+
+
+def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
+    """Return the export with a doubt about a vehicle of unusual length; without a scale, it's refused."""
+    report = exported.report
+    if entry.scale is None or not (odd := odd_length(entry, report)):
+        return exported
+    text = f"with its scale of {entry.scale:g} it is {length_said(max(report.size))} long, and {usual_text(*odd)}"
+    return replace(exported, report=replace(report, doubts=(*report.doubts, Doubt(DoubtKind.SCALE, text))))
+
+
+def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> None:
+    """Raise if a pattern of a vehicle's paint matches none of its materials."""
+    for entry in (*config.assets.vehicles, *config.assets.distractors):
+        materials = models[entry.name].report.materials
+        if (pattern := unmatched_pattern(entry.paint, materials)) is not None:
+            raise ConfigError(
+                f"paint of {entry.name!r}: {pattern!r} matches none of its materials: "
+                f"{quoted(row.name for row in materials) or 'it has none'}",
+                path=config.path,
+                remedy="name one of them, or take the pattern out",
+            )
+
+
+def unmatched_pattern(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> str | None:
+    """Return the first pattern of a vehicle's `paint` that matches none of its materials."""
+    patterns = [pattern for entry in paint for pattern in entry.materials]
+    return next((p for p in patterns if not any(is_named(row.name, p) for row in materials)), None)
+
+
+def load_planned_library(
+    plan: PlanFile,
+    *,
+    cache: AnyPath | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+) -> Library:
+    """Return the assets that a plan was made from; parameters as of `load_library`.
+
+    The default for `cache` is beside the plan. The one in its header isn't used, since plans come from anybody.
+    """
+    own_cache = plan.path.parent / CACHE_NAME
+    if not cache and own_cache.is_symlink():
+        remedy = "name the folder that it leads to by --cache, if it is yours"
+        raise ConfigError("is a link", path=own_cache, remedy=remedy)
+    library = load_library(Config.of_plan(plan), cache=cache or own_cache, limits=limits)
+    refuse_changed(plan, library.assets)
+    return library
+
+
+def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
+    """Return the vehicle with the name, limits of parts, and keypoints that the config gives it."""
+    limits = shape.part_limits.copy()
+    for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
+        if bounds is None:
+            continue
+        if part not in shape.part_names:
+            raise AssetError(
+                f"{part}_limits_deg is given, but no {part} was found in it",
+                path=config.folder / entry.path,
+                remedy=f"name its objects by `{part}`, or delete {part}_limits_deg",
+            )
+        limits[shape.part_names.index(part)] = np.radians(bounds)
+    points = {
+        key: (apply(shape.vehicle_from_file, np.array([point]))[0], None)
+        for key, point in (entry.keypoints or {}).items()
+    }
+    return replace(shape, name=entry.name, part_limits=limits).with_keypoints(points)
+
+
+def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
+    """Return the options for reading a file: those of its entry in the config, and shared ones."""
+    names = {field.name for field in fields(Options)}
+    options = {key: value for key, value in entry if key in names}
+    if isinstance(entry, SceneryEntry) and entry.texture:
+        # Relative to the scenery's folder, so that moving the project changes nothing.
+        folder = (config.folder / entry.path).parent
+        options["texture"] = Path(os.path.relpath(config.folder / entry.texture, folder)).as_posix()
+    return Options(**options, texture_size=config.assets.texture_size)
+
+
+def _as_given(path: Path, config: Config) -> str:
+    try:
+        return path.relative_to(config.folder).as_posix()
+    except ValueError:
+        return str(path)

@@ -1,0 +1,273 @@
+"""The plan on disk as JSON lines: a header, then one line per image, read as a stream or by index.
+
+A plan is written to a partial file, which is renamed when it is complete. A partial file with the same header is
+continued; any other is replaced.
+"""
+
+from __future__ import annotations
+
+import os
+import unicodedata
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Self, overload
+
+import filelock
+import msgspec
+import numpy as np
+from jaxtyping import Int
+
+from hulldown.base.errors import ConfigError
+from hulldown.base.files import open_in_place, open_regular
+from hulldown.base.outside import json_of
+from hulldown.placement.rejection import BY_KEY
+from hulldown.plan.misfit import misfit
+from hulldown.plan.picture_names import picture_name
+from hulldown.plan.row import FORMAT, Header, Row, decode_header, decode_row, encode
+
+_CHUNK = 1 << 24
+_BEGINNING = b'{"hulldown_plan":'
+
+
+class PlanFile(os.PathLike[str]):
+    """The rows of a plan file: `len(plan)`, `plan[i]`, `plan[:10]`, `for row in plan`; also a path."""
+
+    def __init__(self, path: Path, header: Header) -> None:
+        self.path, self.header = path, header
+        self._starts: Int[np.ndarray, " n"] | None = None
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Self:
+        """Open a plan; rows are read on access."""
+        path = Path(path)
+        try:
+            with open_regular(path) as file:
+                line, size = file.readline(), os.fstat(file.fileno()).st_size
+        except FileNotFoundError:
+            raise ConfigError("no such plan", path=path, remedy="make one with `hulldown plan`") from None
+        except OSError as error:
+            raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
+        try:
+            version = json_of(line, dict[str, object])["hulldown_plan"]
+        except (ValueError, KeyError):
+            raise _damaged(path, 1, "isn't the header of a plan") from None
+        if version != FORMAT:
+            raise _damaged(path, 1, f"has plan format {version!r:.60}, this is format {FORMAT}")
+        try:
+            plan = cls(path, decode_header(line))
+        except (msgspec.DecodeError, ValueError) as error:
+            raise _damaged(path, 1, misfit(line, Header, error)) from None
+        if len(plan) > size:  # `list(plan)` allocates memory for this number of rows
+            raise _damaged(path, 1, f"has {len(plan)} images, more than the {size} bytes of the file can hold")
+        return plan
+
+    def __len__(self) -> int:
+        return self.header.images
+
+    def __iter__(self) -> Iterator[Row]:
+        """Yield rows one at a time."""
+        i, names = -1, _Names()
+        with open_regular(self.path) as file:
+            file.readline()
+            for i, line in enumerate(file):
+                row = self._row(line, i)
+                if (holder := names.holder(row)) is not None:
+                    problem = f"has file_name {row.file_name!r:.80}, which line {holder + 2} has"
+                    raise _damaged(self.path, i + 2, problem)
+                yield row
+        if i + 1 < len(self):
+            raise self._too_short(i + 1)
+
+    @overload
+    def __getitem__(self, index: int) -> Row: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Row]: ...
+
+    def __getitem__(self, index: int | slice) -> Row | list[Row]:
+        """Return a row, or the rows of a slice; negative indices count from the end."""
+        if isinstance(index, slice):
+            return [self[i] for i in range(*index.indices(len(self)))]
+        if not -len(self) <= index < len(self):
+            raise IndexError(f"index: expected {-len(self)} to {len(self) - 1}, got {index}")
+        index %= len(self)
+        with open_regular(self.path) as file:
+            if self._starts is None:
+                self._starts = line_starts(file)
+            if index + 2 >= len(self._starts):
+                raise self._too_short(len(self._starts) - 2)
+            file.seek(int(self._starts[index + 1]))
+            return self._row(file.readline(), index)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({str(self.path)!r}, {len(self):,} images)"
+
+    def _too_short(self, rows: int) -> ConfigError:
+        return ConfigError(
+            f"ends after {rows} of {len(self)} images", path=self.path, remedy="plan again with `hulldown plan`"
+        )
+
+    def _row(self, line: bytes, index: int) -> Row:
+        number = index + 2  # the header is line 1
+        try:
+            row = decode_row(line)
+        except (msgspec.DecodeError, ValueError, RecursionError) as error:
+            raise _damaged(self.path, number, misfit(line, Row, error)) from None
+        if index >= len(self):
+            raise _damaged(self.path, number, f"is more than the {len(self)} images of the header")
+        if row.index != index:
+            raise _damaged(self.path, number, f"has index {row.index}, expected {index}")
+        if row.image_id != index + 1:
+            raise _damaged(self.path, number, f"has image_id {row.image_id}, expected {index + 1}")
+        try:
+            _ = row.intrinsics
+        except ValueError as error:
+            raise _damaged(self.path, number, f"has no usable camera: {error}") from None
+        roles = [vehicle.role for vehicle in row.planned]
+        if roles[:1] != ["target"] or "target" in roles[1:] or roles[1:] != sorted(roles[1:]):
+            expected = "the target, then companions, then distractors"
+            raise _damaged(self.path, number, f"has planned vehicles {roles!r:.60}, expected {expected}")
+        if row.target.bbox is None:
+            raise _damaged(self.path, number, "has planned[0].bbox None, expected [x, y, width, height] of a target")
+        if unknown := row.rejected.keys() - BY_KEY.keys():
+            raise _damaged(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
+        for vehicle in row.planned:
+            # Vehicles that the header doesn't list are refused where their assets are needed.
+            source = self.header.vehicles.get(vehicle.vehicle) or self.header.distractors.get(vehicle.vehicle)
+            if source is not None and vehicle.category != source.category:
+                what = f"has the class {vehicle.category!r:.60} for {vehicle.vehicle!r:.60}"
+                raise _damaged(self.path, number, f"{what}, expected {source.category!r:.60}")
+        return row
+
+
+def _damaged(path: Path, number: int, what: str) -> ConfigError:
+    return ConfigError(f"line {number} {what}", path=path, remedy="plan again with `hulldown plan`")
+
+
+class _Names:
+    """File names of the images so far. Planned names follow from the index, so only other names take memory."""
+
+    def __init__(self) -> None:
+        self._others: dict[str, int] = {}  # rows of names that aren't planned
+        self._rows: set[int] = set()  # the rows in `_others`
+
+    def holder(self, row: Row) -> int | None:
+        """Return the earlier row with the same name, ignoring case, or None."""
+        name, index = row.file_name, row.index
+        if name == picture_name(index):
+            return self._others.get(name)
+        name = unicodedata.normalize("NFC", name).casefold()
+        self._rows.add(index)
+        digits = name.removeprefix("images/").removesuffix(".png")
+        planned = int(digits) - 1 if digits.isascii() and digits.isdecimal() else index
+        if 0 <= planned < index and planned not in self._rows and name == picture_name(planned):
+            return planned
+        holder = self._others.setdefault(name, index)
+        return None if holder == index else holder
+
+
+class PlanWriter:
+    """Writes a plan to a partial file, or continues it, and renames it when it's complete."""
+
+    def __init__(self, path: str | Path, header: Header) -> None:
+        self.path = Path(path)
+        self.partial = self.path.with_name(self.path.name + ".partial")
+        self._lock = filelock.FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0)
+        self._header = encode(header)
+        _refuse_other_file(self.path)
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._lock.acquire()
+            self._file = self._open()
+        except filelock.Timeout:
+            raise ConfigError("another process is writing this plan", path=self.path, remedy="wait for it") from None
+        except OSError as error:
+            if self._lock.is_locked:
+                self._unlock()
+            remedy = "make room, or choose a folder that you may write to"
+            raise ConfigError(f"cannot be written: {error.strerror}", path=self.path, remedy=remedy) from None
+
+    def _open(self) -> BinaryIO:
+        file = open_in_place(self.partial)
+        file.seek(0)
+        if file.readline() == self._header:
+            self._starts = line_starts(file)
+            self.rows = len(self._starts) - 2
+            return file
+        file.truncate(0)
+        file.write(self._header)
+        self._starts = np.array([0, len(self._header)])
+        self.rows = 0
+        return file
+
+    def keep(self, rows: int) -> None:
+        """Drop the rows after the first `rows`; call it before `write`."""
+        end = int(self._starts[rows + 1])
+        self._file.truncate(end)
+        self._file.seek(end)
+        self.rows = rows
+
+    def write(self, lines: bytes, rows: int) -> None:
+        """Append `rows` encoded rows."""
+        with self._named():
+            self._file.write(lines)
+        self.rows += rows
+
+    def finish(self) -> None:
+        """Rename the partial file to the plan."""
+        with self._named():
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+            self.partial.replace(self.path)
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Name the file in errors such as that of a full disk."""
+        try:
+            yield
+        except OSError as error:
+            problem = f"cannot be written: {error.strerror}"
+            raise ConfigError(problem, path=self.path, remedy="make room and plan again, which goes on") from error
+
+    def __enter__(self) -> PlanWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+        if self.rows == 0:
+            self.partial.unlink(missing_ok=True)
+        self._unlock()
+
+    def _unlock(self) -> None:
+        # Deleted before the release, since afterwards the file may be another process's lock.
+        Path(self._lock.lock_file).unlink(missing_ok=True)
+        self._lock.release()
+
+
+def _refuse_other_file(path: Path) -> None:
+    """Refuse to replace a file that isn't a plan, such as a config after `-o`."""
+    if path.is_dir():
+        raise ConfigError("is a folder", path=path, remedy="name a file for the plan, such as plan.jsonl")
+    if path.is_file():
+        with open_regular(path) as file:
+            start = file.read(len(_BEGINNING))
+        if start not in (b"", _BEGINNING):
+            raise ConfigError("exists and isn't a plan", path=path, remedy="name another file, or delete it first")
+
+
+def line_starts(file: BinaryIO) -> Int[np.ndarray, " lines_plus_1"]:
+    """Return the offset of each complete line of a file, and the end of the last one."""
+    file.seek(0)
+    parts, at = [np.zeros(1, dtype=np.int64)], 0
+    while chunk := file.read(_CHUNK):
+        parts.append(np.flatnonzero(np.frombuffer(chunk, dtype=np.uint8) == 0x0A) + (at + 1))
+        at += len(chunk)
+    return np.concatenate(parts)

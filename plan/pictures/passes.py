@@ -1,0 +1,310 @@
+"""Depth, normals, instances, parts, and classes at the pixel centers of a plan's images, by rays alone."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import os
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import msgspec
+import numpy as np
+from jaxtyping import Float32, UInt8, UInt16
+from msgspec import UNSET, Struct, UnsetType
+from PIL import Image
+
+from hulldown.assets.library import Assets
+from hulldown.assets.scenery import Scenery
+from hulldown.base.arguments import AnyPath, Count
+from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.files import make_room, replace_file
+from hulldown.base.outside import read_json
+from hulldown.base.terminal import tracked
+from hulldown.camera.projection import directions
+from hulldown.geometry.indices import spread
+from hulldown.plan.library import load_planned_library
+from hulldown.plan.lines import PlanFile
+from hulldown.plan.pictures.preview import Artist
+from hulldown.plan.row import Row, encode
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.scene.posed_scene import Kind, SceneHits
+
+PASSES = ("depth", "normal", "instance", "part", "category")
+STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
+STUFF_SEGMENT = 1 << 16  # first segment number of stuff; segments of vehicles have their instance numbers
+MOST_INSTANCES = (1 << 16) - 1
+
+
+class Instance(Struct, frozen=True):
+    """A vehicle or a surface in an image, numbered from 1; class and label are a vehicle's."""
+
+    id: int
+    kind: str
+    name: str
+    category: str | UnsetType | None = UNSET
+    label: str | UnsetType = UNSET
+
+
+class Segment(Struct, frozen=True):
+    """A segment of an image in COCO's panoptic format."""
+
+    id: int
+    category_id: int
+    area: int
+    bbox: tuple[int, int, int, int]
+    iscrowd: int
+
+
+class NumberedPart(Struct, frozen=True):
+    """A line of parts.json: a part of one of the plan's vehicles, and its number in passes."""
+
+    id: int
+    vehicle: str
+    part: str
+
+
+class PanopticImage(Struct, frozen=True):
+    """An image of panoptic.json."""
+
+    id: int
+    file_name: str
+    width: int
+    height: int
+
+
+class PanopticLabel(Struct, frozen=True):
+    """The segments of an image, and their picture."""
+
+    image_id: int
+    file_name: str
+    segments_info: list[Segment]
+
+
+class PanopticClass(Struct, frozen=True):
+    """A class of segments; those of things are instances."""
+
+    id: int
+    name: str
+    isthing: int
+
+
+class Panoptic(Struct, frozen=True):
+    """The file panoptic.json, in COCO's panoptic format."""
+
+    images: list[PanopticImage]
+    annotations: list[PanopticLabel]
+    categories: list[PanopticClass]
+
+
+class Written(Struct, frozen=True):
+    """The file that lists an image's written passes, for the row with this hash."""
+
+    row_sha256: str
+    passes: list[str]
+    instances: list[Instance]
+    segments_info: list[Segment]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Pixels:
+    """The surfaces at the pixel centers of an image."""
+
+    # axis, ray: meters along the optical axis, and along the ray from the pinhole; inf for the sky
+    axis: Float32[np.ndarray, "h w"]
+    ray: Float32[np.ndarray, "h w"]
+    normal: Float32[np.ndarray, "h w 3"]  # of the face, in the world, toward the camera; nan for the sky
+    # 0 for the sky; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
+    instance: UInt16[np.ndarray, "h w"]
+    part: UInt16[np.ndarray, "h w"]  # number in `part_table`; 0 for other surfaces than vehicles
+    table: list[Instance]
+
+
+def part_table(artist: Artist) -> list[NumberedPart]:
+    """Return the parts of all vehicles of a plan, numbered from 1."""
+    parts = [(name, part) for name, shape in artist.shapes.items() for part in shape.part_names]
+    return [NumberedPart(i, name, part) for i, (name, part) in enumerate(parts, start=1)]
+
+
+def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
+    """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
+    camera, shape = row.camera, (row.height, row.width)
+    hits = artist.scene(row).seen_by(camera, threads=os.cpu_count() or 1)
+    through = directions(camera.intrinsics, camera.intrinsics.pixel_centers)
+    along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
+    instance, table = _instances(row, hits, sceneries[row.scenery])
+    return Pixels(
+        along_axis.astype(np.float32).reshape(shape),
+        hits.distance.astype(np.float32).reshape(shape),
+        hits.normal.astype(np.float32).reshape(*shape, 3),
+        instance.reshape(shape),
+        _parts(row, artist, hits).reshape(shape),
+        table,
+    )
+
+
+def _instances(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
+    """Return the number of each pixel's instance, and all vehicles and visible surfaces."""
+    table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
+    instance = np.where(hits.kind == Kind.VEHICLE, hits.instance + 1, 0)
+    if (ground := hits.kind == Kind.GROUND).any():
+        table.append(Instance(len(table) + 1, "ground", "ground"))
+        instance[ground] = len(table)
+    obstacles = hits.kind == Kind.OBSTACLE
+    shown, number = np.unique(hits.instance[obstacles], return_inverse=True)
+    instance[obstacles] = number + len(table) + 1
+    for i in shown.tolist():
+        what = "water" if scenery.instance_is_water[i] else "obstacle"
+        table.append(Instance(len(table) + 1, what, scenery.instance_names[i]))
+    if len(table) > MOST_INSTANCES:
+        raise ConfigError(f"image {row.index} shows {len(table):,} instances, more than 16-bit pictures can tell apart")
+    return instance.astype(np.uint16), table
+
+
+def _parts(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
+    """Return the number in `part_table` of the part at each pixel."""
+    ids = {part.vehicle: part.id for part in part_table(artist)[::-1]}
+    first = np.array([ids[vehicle.vehicle] for vehicle in row.vehicles] or [0])
+    return np.where(hits.part >= 0, first.take(hits.instance, mode="clip") + hits.part, 0).astype(np.uint16)
+
+
+def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
+    """Return an image's segments: a picture with their numbers as colors, and a list.
+
+    The ids of `STUFF` follow those of `class_ids`.
+    """
+    segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
+    for one in [Instance(0, "sky", "sky"), *pixels.table]:
+        i = one.id
+        if isinstance(one.category, str):
+            segment[i], category[i], crowd[i] = i, class_ids[one.category], one.label != "full"
+        else:
+            stuff = STUFF.index("distractor" if one.kind == "vehicle" else one.kind)
+            segment[i], category[i] = STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
+    numbers = segment[pixels.instance]
+    colors = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=-1).astype(np.uint8)
+    segments = []
+    for number in np.unique(numbers).tolist():
+        (rows, columns), i = np.nonzero(numbers == number), int(np.flatnonzero(segment == number)[0])
+        top, left = int(rows.min()), int(columns.min())
+        bbox = (left, top, int(columns.max()) + 1 - left, int(rows.max()) + 1 - top)
+        segments.append(Segment(number, int(category[i]), len(rows), bbox, int(crowd[i])))
+    return colors, segments
+
+
+def write_passes(
+    plan: AnyPath,
+    output: AnyPath,
+    *,
+    depth: bool = False,
+    normal: bool = False,
+    instance: bool = False,
+    part: bool = False,
+    category: bool = False,
+    count: Count | None = None,
+    cache: AnyPath | None = None,
+    limits: ReadLimits = DEFAULT_LIMITS,
+    assets: Assets | None = None,
+) -> dict[str, int]:
+    """Write depth, normals, instances, and more of a plan's images.
+
+    Reads a plan and the assets it names; writes arrays and pictures of each image, and COCO panoptic; without Blender.
+    Without a choice, all passes are written. The same call continues one that was stopped.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    output
+        The folder to write into.
+    depth
+        Float32 meters along the optical axis and along the ray.
+    normal
+        Float32 normals in the world.
+    instance
+        16-bit numbers of vehicles, ground, and obstacles.
+    part
+        16-bit numbers of vehicles' parts.
+    category
+        COCO panoptic: classes and instances.
+    count
+        Most images, evenly spread over the plan; by default all.
+    cache
+        Cache of assets; by default .hulldown-cache next to the plan.
+    limits
+        Time and memory for reading an asset.
+
+    Returns
+    -------
+    The number of images of each written pass.
+    """
+    plan, output = PlanFile.read(plan), Path(output)
+    assets = assets or load_planned_library(plan, cache=cache, limits=limits).assets
+    asked = dict(zip(PASSES, (depth, normal, instance, part, category), strict=True))
+    passes = [name for name in PASSES if asked[name]] or PASSES
+    artist = Artist(plan, assets)
+    chosen = spread(len(plan), len(plan) if count is None else count).tolist()
+    names = [*plan.header.categories, *STUFF]
+    things = len(plan.header.categories)
+    categories = [PanopticClass(i, name, int(i <= things)) for i, name in enumerate(names, start=1)]
+    document = Panoptic([], [], categories)
+    for index in tracked("casting rays", chosen, len(chosen)):
+        row = plan[index]
+        segments = _written(row, artist, assets, output, passes)
+        document.images.append(PanopticImage(row.image_id, row.file_name, row.width, row.height))
+        document.annotations.append(PanopticLabel(row.image_id, f"{_stem(row)}.png", segments))
+    if "part" in passes:
+        _write(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
+    if "category" in passes:
+        _write(output / "panoptic.json", msgspec.json.encode(document))
+    return dict.fromkeys(passes, len(chosen))
+
+
+def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
+    """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
+    stem, digest = _stem(row), hashlib.sha256(encode(row)).hexdigest()
+    path, complete = output / "tables" / f"{stem}.json", set[str]()
+    with suppress(HulldownError):  # written anew
+        table = read_json(path, Written, partial(HulldownError, path=path), what="a table of ours")
+        complete = set(table.passes) if table.row_sha256 == digest else complete
+    if complete >= set(passes):
+        return table.segments_info
+    pixels = pixels_of(row, artist, assets.sceneries)
+    colors, segments = panoptic(pixels, artist.class_ids)
+    files = {
+        "depth": ("depth", ".npz", lambda: _arrays(axis=pixels.axis, ray=pixels.ray)),
+        "normal": ("normal", ".npz", lambda: _arrays(world=pixels.normal)),
+        "instance": ("instance", ".png", lambda: _png(pixels.instance)),
+        "part": ("part", ".png", lambda: _png(pixels.part)),
+        "category": ("panoptic", ".png", lambda: _png(colors)),
+    }
+    for name in passes:
+        folder, suffix, content = files[name]
+        _write(output / folder / f"{stem}{suffix}", content())
+    _write(path, msgspec.json.encode(Written(digest, sorted({*passes, *complete}), pixels.table, segments)))
+    return segments
+
+
+def _stem(row: Row) -> str:
+    """Return an image's name without folder and suffix."""
+    return str(Path(row.file_name).relative_to("images").with_suffix(""))
+
+
+def _arrays(**arrays: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)
+    return buffer.getvalue()
+
+
+def _png(pixels: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def _write(path: Path, content: bytes) -> None:
+    make_room(path)
+    replace_file(path, content)

@@ -1,0 +1,118 @@
+"""Shade scenes by rays for previews: surfaces, a sun with shadows, a sky, and haze."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hulldown.camera.projection import Camera
+from hulldown.camera.weather.extinction import air_contrast
+from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.geometry.color import linear_color
+from hulldown.plan.coats import Coat
+from hulldown.scene.posed_scene import Kind, Scene
+
+_ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
+_EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
+_AMBIENT = 0.45  # share of the light from the whole sky; the rest is the sun's
+_SUN_ELEVATION = math.radians(40.0)
+_TILES_M = 5.0  # width of the ground's faint checkers, which show sizes
+
+
+def look(
+    world: Scene,
+    camera: Camera,
+    *,
+    paints: Sequence[Float[np.ndarray, "3"]],
+    sun: Float[np.ndarray, "3"],
+    strength: float,
+    weather: Weather | None,
+) -> Float[np.ndarray, "n 3"]:
+    """Return colors from 0 to 1 of a camera's n pixels, row by row.
+
+    `paints`: color of each vehicle of the world.
+    """
+    along = camera.ray_directions(camera.intrinsics.pixel_centers)
+    height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
+    color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
+    hits = world.seen_by(camera)
+    hit = np.flatnonzero(hits.hit)
+    distance = hits.distance[hit, None]
+    points = camera.position + distance * along[hit]
+    # Faces without area have no normal, and stay dark.
+    normal = np.nan_to_num(hits.normal[hit])
+    direct = np.clip(normal @ sun, 0.0, None)
+    lit = np.flatnonzero(direct > 0.0)
+    # Shadow rays start off the surface by more than float32 errs at that distance.
+    start = points[lit] + normal[lit] * (1e-3 + 1e-4 * distance[lit])
+    direct[lit[world.occluded(start, np.broadcast_to(sun, start.shape))]] = 0.0
+    if weather is not None and KINDS[weather.kind].overcast:
+        direct *= 0.0  # clouds hide the sun
+    light = _AMBIENT * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT) * 1.3 * direct
+    albedo = _albedo(hits.kind[hit], hits.instance[hit], points, paints)
+    if weather is not None:
+        albedo = _covered(albedo, normal[:, 2], hits.kind[hit] == Kind.VEHICLE, weather)
+    color[hit] = albedo * light[:, None]
+    color *= strength
+    if weather is not None:
+        clear = air_contrast(weather.visibility_m, hits.distance)[:, None]
+        color = clear * color + (1.0 - clear) * 0.9 * np.array(KINDS[weather.kind].preview_air) * strength
+    # Approximate gamma of displays.
+    return np.clip(color, 0.0, 1.0) ** (1.0 / 1.6)
+
+
+def _covered(
+    albedo: Float[np.ndarray, "n 3"], up: Float[np.ndarray, " n"], vehicle: Bool[np.ndarray, " n"], weather: Weather
+) -> Float[np.ndarray, "n 3"]:
+    """Return albedo under water, snow, or dust; `up` is z of the normals."""
+    cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
+    kind = KINDS[weather.kind]
+    if kind.preview is None:
+        return albedo * (1.0 - 0.4 * cover)
+    if kind.settles_above:
+        cover = cover * np.clip(2.0 * up, 0.0, 1.0)[:, None]
+    return albedo + cover * (np.array(kind.preview) - albedo)
+
+
+def _albedo(
+    kind: UInt8[np.ndarray, " n"],
+    instance: Int[np.ndarray, " n"],
+    points: Float[np.ndarray, "n 3"],
+    paints: Sequence[Float[np.ndarray, "3"]],
+) -> Float[np.ndarray, "n 3"]:
+    """Return the colors of the surfaces at these points."""
+    odd = np.floor(points[:, :2] / _TILES_M).sum(axis=1) % 2.0
+    albedo = _EARTH * (1.0 - 0.07 * odd)[:, None]
+    albedo[kind == Kind.OBSTACLE] = _LEAVES
+    for i, paint in enumerate(paints):
+        albedo[(kind == Kind.VEHICLE) & (instance == i)] = paint
+    return albedo
+
+
+def sun_of(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
+    """Return a direction for the sun that differs between HDRIs and turns with them; it isn't the HDRI's sun."""
+    azimuth = 2.0 * math.pi * _hash(hdri) + math.radians(yaw_deg)
+    flat = math.cos(_SUN_ELEVATION)
+    return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(_SUN_ELEVATION)])
+
+
+def paint_of(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
+    """Return a fixed color for a vehicle: from olive to sand, or from slate to plum for a distractor."""
+    share = _hash(vehicle)
+    if distractor:
+        return (1.0 - share) * np.array([0.24, 0.34, 0.52]) + share * np.array([0.52, 0.30, 0.46])
+    return (1.0 - share) * np.array([0.30, 0.36, 0.17]) + share * np.array([0.66, 0.52, 0.30])
+
+
+def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
+    """Return the linear color of a vehicle in a preview: that of its first coat, or its own."""
+    color = coats[0].color if coats else None
+    return own if color is None else np.array(linear_color(color))
+
+
+def _hash(name: str) -> float:
+    return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big") / 2**32

@@ -1,0 +1,373 @@
+"""The schema of a plan file: fields, ranges, rounding, and nullability of rows and the header.
+
+Plans are written, read, and checked by these types. The tables of docs/plan-file.md and the records of datasets follow
+from them, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Annotated, Any, Literal, NamedTuple, get_type_hints
+
+import msgspec
+import numpy as np
+from jaxtyping import Float
+from msgspec import Meta, Struct
+
+from hulldown.assets.library import GeometrySource, HdriSource, Source
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.projection import Camera
+from hulldown.camera.weather.kinds import Weather
+from hulldown.plan.coats import Coat
+from hulldown.plan.given_poses import FARTHEST, GivenPoses
+from hulldown.plan.picture_names import PICTURE_NAME
+
+FORMAT = 4
+
+
+def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
+    """Return a function that rounds to this number of decimals; adding zero turns -0.0 into 0.0."""
+    return lambda values: np.round(values, decimals) + 0.0
+
+
+def _poses(values: np.ndarray) -> np.ndarray:
+    """Round rotations to 1e-12 and positions to 1e-9 m."""
+    rounded = _to(12)(values)
+    rounded[..., :3, 3] = _to(9)(values[..., :3, 3])
+    return rounded
+
+
+def _boxes(values: np.ndarray) -> np.ndarray:
+    """Round both corners to 1e-6 pixels, so that a box that ends at the frame's side still does."""
+    low = _to(6)(values[..., :2])
+    high = _to(6)(values[..., :2] + values[..., 2:])
+    return np.concatenate([low, _to(6)(high - low)], axis=-1)
+
+
+def _is(expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any) -> Meta:
+    """Describe a kind of field: its values in words, its range, and its rounding in words and as a function."""
+    return Meta(extra={"expected": expected, "to": to, "rounding": rounding}, **limits)
+
+
+def _means(text: str, *, recorded: bool = True) -> Meta:
+    """Describe one field, and whether datasets record it."""
+    return Meta(description=text, extra={"recorded": recorded})
+
+
+_plans = partial(_means, recorded=False)  # of a field of plans alone
+
+
+Pixel = Annotated[float, Meta(ge=-1e12, le=1e12)]
+Pixels = Annotated[float, Meta(ge=0, le=1e12)]
+
+
+class Box(NamedTuple):
+    """A box in COCO's format: upper left corner, width, and height in pixels."""
+
+    x: Pixel
+    y: Pixel
+    width: Pixels
+    height: Pixels
+
+
+Meter = Annotated[float, Meta(ge=-1e6, le=1e6)]
+
+
+class Bounds(NamedTuple):
+    """Lowest and highest corner of a box along the axes of a vehicle, meters."""
+
+    low: tuple[Meter, Meter, Meter]
+    high: tuple[Meter, Meter, Meter]
+
+
+class OnMap(Struct, frozen=True, kw_only=True, gc=False):
+    """A vehicle's place on a map: meters to 1e-6, and degrees of WGS 84 to 1e-9."""
+
+    crs: str
+    easting: float
+    northing: float
+    longitude: float
+    latitude: float
+
+
+Name = Annotated[str, _is("a name", max_length=4096)]
+NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _is("a name or null")]
+Label = Literal["full", "ignored", "none"]
+RoleName = Annotated[Literal["target", "companion", "distractor"], _is('"target", "companion" or "distractor"')]
+Count = Annotated[int, _is("a whole number >= 0", ge=0, le=2**53)]
+Number = Annotated[int, _is("a whole number >= 1", ge=1, le=2**53 + 1)]
+NumberOrNone = Annotated[Annotated[int, Meta(ge=1, le=2**53)] | None, _is("a whole number >= 1")]
+Size = Annotated[int, _is("a whole number from 1 to 65536", ge=1, le=65536)]
+Seed = Annotated[int, _is("a whole number", ge=-(2**63), le=2**63 - 1)]
+Share = Annotated[float, _is("a number from 0 to 1", "1e-9", _to(9), ge=0, le=1)]
+AtLeastZero = Annotated[float, _is("a number >= 0", "1e-9", _to(9), ge=0, le=1e9)]
+Slope = Annotated[float, _is("a number from 0 to 90", "1e-9 degrees", _to(9), ge=0, le=90)]
+Turn = Annotated[float, _is("a number from -360 to 360", "1e-9 degrees", _to(9), ge=-360, le=360)]
+FieldOfView = Annotated[float, _is("a number from 1e-6 to 179.999", "1e-12 degrees", _to(12), ge=1e-6, le=179.999)]
+Pose = Annotated[np.ndarray, _is("a 4x4 matrix (rigid)", "1e-9 m, rotation to 1e-12", _poses)]
+_FRAME = "[x, y, width, height]"
+FrameOrNone = Annotated[Box | None, _is(f"{_FRAME} or null", "1e-6 pixels", _boxes)]
+_Pinhole = Annotated[float, Meta(ge=-1e9, le=1e9)]
+_Three = tuple[_Pinhole, _Pinhole, _Pinhole]
+_Bend = Annotated[float, Meta(ge=-1e6, le=1e6)]
+MatrixOrNone = Annotated[tuple[_Three, _Three, _Three] | None, _is("a 3x3 matrix")]
+LensOrNone = Annotated[tuple[_Bend, _Bend, _Bend, _Bend, _Bend] | None, _is("[k1, k2, p1, p2, k3]")]
+Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _is("a number from 0 to 90, or null")]
+EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=32)]
+Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
+Angles = Annotated[dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]], _is("angles by name", "1e-12 radians", _to(12))]
+Air = Annotated[Weather | None, _is('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _to(9))]
+Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
+Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
+Coats = Annotated[list[Coat], _is("a list of coats of paint")]
+PlaceOrNone = Annotated[OnMap | None, _is('{"crs": a name, "easting": meters, ...}')]
+FileName = Annotated[str, _is("a path like images/1.png", pattern=PICTURE_NAME)]
+_Files = _is("files by name")
+
+
+class Followed(Struct, frozen=True):
+    """The sampled photograph of an image, and the one that the camera follows, by file name.
+
+    They differ if the sampled one doesn't meet the config's limits. None: the camera follows the configured ranges.
+    """
+
+    sampled: str
+    photograph: str | None
+
+
+class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
+    """A vehicle in an image: its role, model, pose, and labels; see docs/plan-file.md."""
+
+    role: Annotated[
+        RoleName, _plans("companions are of `[[assets.vehicles]]`, distractors of `[[assets.distractors]]`")
+    ]
+    vehicle: Annotated[Name, _means("the vehicle's name")]
+    category: Annotated[NameOrNone, _plans("its class, or null")]
+    world_from_vehicle: Annotated[Pose, _means("its pose, in meters")]
+    articulation: Annotated[Angles, _means("angles of its parts, in radians")]
+    bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
+    bbox_amodal: Annotated[FrameOrNone, _means("all of the surface in front of the camera")]
+    visible_fraction: Annotated[Share, _means("unhidden share of its outline in the frame")]
+    truncated_fraction: Annotated[Share, _means("share of `bbox_amodal` that the frame cuts off")]
+    slope_deg: Annotated[Slope, _plans("inclination of the vehicle")]
+    gap: Annotated[AtLeastZero, _plans("largest distance to the ground below it, in meters")]
+    penetration: Annotated[AtLeastZero, _plans("largest height of the ground above its underside, in meters")]
+    tries: Annotated[Count, _plans("places tried for it, including its own")]
+    label: Annotated[Label, _is('"full", "ignored" or "none"'), _plans("its label; ignored if it shows too little")]
+    bounds: Annotated[Room, _plans("lowest and highest corner in its own frame, parts turned")]
+    paint: Annotated[Coats, _means("`materials`, `color`")]
+    air_contrast: Annotated[Share, _means("share of its contrast left after haze")]
+    geo: Annotated[PlaceOrNone, _means("place on the map, on a [GeoTIFF](terrain.md)")] = None
+    track_id: Annotated[NumberOrNone, _means("the same in all images of a `sequence`, and in no others")] = None
+
+
+Vehicles = Annotated[list[PlannedVehicle], _is("a list of vehicles")]
+
+
+class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
+    """An image of a plan: camera, light, weather, and the vehicles; see docs/plan-file.md.
+
+    The target is the vehicle that the camera is framed on. In a background it's left out of the picture, or is a
+    distractor.
+    """
+
+    index: Annotated[Count, _plans("0, 1, 2, ...")]
+    image_id: Annotated[Number, _plans("`index + 1`")]
+    file_name: Annotated[FileName, _plans("the picture's path; unique, ignoring case")]
+    scenery: Annotated[Name, _means("the scenery's name")]
+    position: Annotated[Count, _means("number of the position: one pose of a vehicle, with several shots")]
+    shot: Annotated[Count, _means("0, 1, 2, ... in each position")]
+    world_from_camera: Annotated[Pose, _means("the camera's pose, in meters")]
+    fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
+    K: Annotated[MatrixOrNone, _means("camera matrix in pixels, from the corner; only with `camera.intrinsics`")] = None
+    dist: Annotated[LensOrNone, _means("OpenCV's distortion coefficients; only with `K`")] = None
+    like: Annotated[
+        Followed | None,
+        _is("two names"),
+        _plans(
+            "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits "
+            "refuse it); only if one was sampled"
+        ),
+    ] = None
+    sequence: Annotated[
+        NameOrNone, _means("name of the sequence whose frame `shot` this is; only with `plan --poses`")
+    ] = None
+    width: Annotated[Size, _means("of the picture, in pixels")]
+    height: Annotated[Size, _means("of the picture, in pixels")]
+    hdri: Annotated[Name, _means("the HDRI's name")]
+    hdri_yaw_deg: Annotated[Turn, _means("its turn, counterclockwise seen from above")]
+    strength: Annotated[AtLeastZero, _means("factor on its brightness")]
+    horizon_deg: Annotated[Horizon, _means("elevation whose color continues below it; null: the whole HDRI is visible")]
+    exposure_ev: Annotated[EV, _means("exposure of the picture")]
+    white_balance_k: Annotated[Kelvin, _means("white balance minus 6500 K; more is warmer")]
+    weather: Annotated[Air, _means("null: clear and dry")]
+    sample_seed: Annotated[Seed, _means("seed of Cycles' noise")]
+    background: Annotated[bool, _is("true or false"), _means("whether the image shows no target (see below)")]
+    planned: Annotated[Vehicles, _plans("the target, then companions, then distractors")]
+    rejected: Annotated[Reasons, _plans("refused tries; refused places only in a position's first shot")]
+    left_out: Annotated[Count, _plans("companions that found no room")]
+
+    @property
+    def target(self) -> PlannedVehicle:
+        """The vehicle that the camera is framed on, in the picture or not."""
+        return self.planned[0]
+
+    @property
+    def companions(self) -> list[PlannedVehicle]:
+        """Other vehicles."""
+        return [vehicle for vehicle in self.planned if vehicle.role == "companion"]
+
+    @property
+    def distractors(self) -> list[PlannedVehicle]:
+        """Distractors beside the target."""
+        return [vehicle for vehicle in self.planned if vehicle.role == "distractor"]
+
+    @property
+    def empty(self) -> bool:
+        """Whether the target is left out of the picture."""
+        return self.background and self.target.category is not None
+
+    @property
+    def vehicles(self) -> list[PlannedVehicle]:
+        """The vehicles in the picture: the target or a distractor in its place, companions, and distractors."""
+        return self.planned[1:] if self.empty else self.planned
+
+    @property
+    def labeled(self) -> list[PlannedVehicle]:
+        """The vehicles with an annotation, including ignored ones."""
+        return [vehicle for vehicle in self.vehicles if vehicle.label != "none"]
+
+    @property
+    def intrinsics(self) -> Intrinsics:
+        """Image size, and field of view or calibration."""
+        return Intrinsics.of_fields(self.width, self.height, fov_x_deg=self.fov_x_deg, K=self.K, dist=self.dist)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera in the world."""
+        return Camera(self.intrinsics, self.world_from_camera)
+
+
+class ModelSource(GeometrySource, frozen=True, kw_only=True):
+    """The file of a vehicle or distractor, and its class, which a distractor may lack."""
+
+    category: str | None
+
+
+class ScenerySource(GeometrySource, frozen=True, kw_only=True):
+    """The file of a scenery, and the origin of the plan's world in its coordinates."""
+
+    origin: tuple[float, float, float]
+
+
+class LeftOut(Struct, frozen=True, kw_only=True):
+    """A vehicle that isn't planned on a scenery, and the reason."""
+
+    vehicle: str
+    scenery: str
+    why: str
+
+
+class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """The first line of a plan; `Config.of` reads `config`."""
+
+    hulldown_plan: Annotated[int, _is("4"), _means("format version")]
+    images: Annotated[Count, _means("number of lines that follow")]
+    seed: Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1), _means("the config's")]
+    root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
+    config: Annotated[dict[str, object], _is("a table"), _means("the config with all defaults")]
+    vehicles: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `geometry`, `category`")]
+    sceneries: Annotated[
+        dict[str, ScenerySource],
+        _Files,
+        _means("`path`, `sha256`, `geometry`, `origin`: the world's, in the file's coordinates"),
+    ]
+    hdris: Annotated[dict[str, HdriSource], _Files, _means("`path`, `sha256`, `mended_sha256`")]
+    distractors: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `geometry`, `category` or null")]
+    versions: Annotated[
+        dict[str, str], _is("versions by name"), _means("of Python, Blender (`bpy`), and the libraries")
+    ]
+    left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
+    photographs: Annotated[Source | None, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
+    poses: Annotated[
+        GivenPoses | None, _is("`path` and `lines`"), _means("the file's name and lines; only with `plan --poses`")
+    ] = None
+
+    @property
+    def categories(self) -> list[str]:
+        """The classes, those of vehicles first, in the order of the config."""
+        models = (*self.vehicles.values(), *self.distractors.values())
+        return list(dict.fromkeys(model.category for model in models if model.category is not None))
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """The declaration of one field."""
+
+    expected: str
+    to: str  # to, rounding: its rounding in words, empty if there is none, and as a function of arrays
+    rounding: Callable[[np.ndarray], np.ndarray] | None
+    meaning: str
+    recorded: bool
+    optional: bool  # whether it's left out of a line if it's None
+
+
+@cache
+def fields(kind: type[Struct]) -> dict[str, Field]:
+    """Return the fields of a declared type in the order of a line."""
+    hints = get_type_hints(kind, include_extras=True)
+    declared = {}
+    for field in msgspec.structs.fields(kind):
+        metas: tuple[Meta, ...] = hints[field.name].__metadata__
+        extra = {key: value for meta in metas for key, value in (meta.extra or {}).items()}
+        declared[field.name] = Field(meaning=metas[-1].description or "", optional=field.default is None, **extra)
+    return declared
+
+
+def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+    """Round values of a field of rows or vehicles as they're written: (..., 4, 4) poses, (..., 4) boxes, or numbers."""
+    rounding = (fields(Row) | fields(PlannedVehicle))[key].rounding
+    assert rounding is not None, key
+    return rounding(values)
+
+
+_RIGID = 1e-6  # tolerance of rotations in a plan that was edited by hand
+_Matrix = tuple[tuple[float, float, float, float], ...]
+
+
+def decoded_pose(_: type, value: object) -> np.ndarray:
+    """Return a pose from JSON as an array, the only type here that msgspec doesn't have."""
+    try:
+        (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)
+    except (msgspec.ValidationError, ValueError, SystemError):  # SystemError: an integer beyond the largest float
+        raise ValueError("no 4x4 matrix") from None
+    if not (
+        abs(a * a + b * b + c * c - 1.0) <= _RIGID
+        and abs(d * d + e * e + f * f - 1.0) <= _RIGID
+        and abs(g * g + h * h + i * i - 1.0) <= _RIGID
+        and abs(a * d + b * e + c * f) <= _RIGID
+        and abs(a * g + b * h + c * i) <= _RIGID
+        and abs(d * g + e * h + f * i) <= _RIGID
+        and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0.0
+        and last == (0.0, 0.0, 0.0, 1.0)
+        and max(abs(x), abs(y), abs(z)) <= FARTHEST
+    ):
+        raise ValueError("not rigid")
+    return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], last])
+
+
+decode_row = msgspec.json.Decoder(Row, dec_hook=decoded_pose).decode
+decode_header = msgspec.json.Decoder(Header).decode
+_encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
+
+
+def encode(record: Struct) -> bytes:
+    """Return a header, row, or vehicle as a line; floats have the fewest digits that read back exactly."""
+    return _encoder.encode(record) + b"\n"
+
+
+def encode_rows(rows: list[Row]) -> bytes:
+    """Return a line for each row."""
+    return b"".join(map(encode, rows))

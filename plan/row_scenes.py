@@ -1,0 +1,42 @@
+"""The scene of a row: its scenery with its vehicles, made from the assets in one place."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from hulldown.assets.scenery import Scenery
+from hulldown.assets.vehicle import VehicleShape
+from hulldown.plan.row import PlannedVehicle, Row
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+
+
+class RowScenes:
+    """Makes scenes of rows; models are prepared once, and sceneries while successive rows have them.
+
+    `fallback_z`: height of the plane in place of missing ground, see `Scene.of`. None: no plane, as in pictures.
+    """
+
+    def __init__(
+        self,
+        vehicles: Mapping[str, VehicleShape],
+        sceneries: Mapping[str, Scenery],
+        *,
+        fallback_z: float | None = None,
+    ) -> None:
+        self._vehicles, self._sceneries, self._fallback_z = vehicles, sceneries, fallback_z
+        self._casters: dict[str, VehicleCaster] = {}
+        self._scenery: tuple[str, Scene] = ("", Scene())
+
+    def posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
+        """Return a vehicle in its pose."""
+        name = vehicle.vehicle
+        if name not in self._casters:
+            self._casters[name] = VehicleCaster(self._vehicles[name])
+        return PosedVehicle(self._casters[name], vehicle.world_from_vehicle[None], vehicle.articulation)
+
+    def scene(self, row: Row) -> Scene:
+        """Return a row's scenery with the vehicles in its picture."""
+        if self._scenery[0] != row.scenery:
+            self._scenery = row.scenery, Scene.of(self._sceneries[row.scenery], fallback_z=self._fallback_z)
+        return self._scenery[1].with_vehicles([self.posed(vehicle) for vehicle in row.vehicles])

@@ -1,0 +1,239 @@
+"""Statistics of a plan: counts, rejections, sizes, and histograms, as tables."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+from jaxtyping import Float, Int
+from rich.markup import escape
+from rich.table import Table
+
+from hulldown.camera.shell import shell_place
+from hulldown.camera.weather.kinds import KINDS
+from hulldown.geometry.transforms import apply
+from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
+from hulldown.plan.config.asset_sections import OWN
+from hulldown.plan.row import LeftOut, Row
+from hulldown.plan.shortcuts import nuisances, shortcuts
+
+# COCO's classes of size, by area in square pixels.
+SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
+COUNTED = (
+    *("backgrounds", "companions", "distractors", "paints", "labels", "sceneries", "hdris", "weather", "rejected"),
+    "like",
+)
+# Title and edges of the bins of each quantity of targets.
+QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
+    "slope_deg": ("slope of the vehicle (degrees)", np.linspace(0.0, 90.0, 91)),
+    "distance_m": ("distance of the camera (m)", np.logspace(0.0, 4.0, 65)),
+    "elevation_deg": ("elevation of the camera (degrees)", np.linspace(-90.0, 90.0, 91)),
+    "visible_fraction": ("visible fraction", np.linspace(0.0, 1.0, 21)),
+    "truncated_fraction": ("truncated fraction", np.linspace(0.0, 1.0, 21)),
+    "exposure_ev": ("exposure (EV)", np.linspace(-32.0, 32.0, 129)),
+    "air_contrast": ("contrast after haze, images with weather only", np.linspace(0.0, 1.0, 21)),
+    "box_px": ("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
+}
+_BARS = " ▁▂▃▄▅▆▇█"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Histogram:
+    """Values of one quantity, and their counts in bins."""
+
+    title: str  # name and unit
+    edges: Float[np.ndarray, " b_plus_1"]  # edges of the bins; values outside count in the first or last bin
+    values: Float[np.ndarray, " n"]
+
+    @property
+    def counts(self) -> Int[np.ndarray, " b"]:
+        """Number of values in each bin."""
+        return np.histogram(np.clip(self.values, self.edges[0], self.edges[-1]), self.edges)[0]
+
+    @property
+    def used(self) -> slice:
+        """The bins from the first to the last with a value."""
+        bins = np.flatnonzero(self.counts)
+        return slice(bins[0], bins[-1] + 1) if len(bins) else slice(0, 0)
+
+    @property
+    def extremes(self) -> dict[str, float | None]:
+        """Lowest, mean, and highest value; None without values."""
+        values = self.values
+        if not len(values):
+            return {"lowest": None, "mean": None, "highest": None}
+        return {"lowest": float(values.min()), "mean": float(values.mean()), "highest": float(values.max())}
+
+    def bars(self, width: int = 24) -> str:
+        """Return the used bins as a line of blocks."""
+        counts = self.counts[self.used]
+        groups = [int(part.sum()) for part in np.array_split(counts, min(width, len(counts)) or 1)]
+        return "".join(_BARS[math.ceil(8 * n / max(*groups, 1))] for n in groups)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Summary:
+    """Counts over a plan's images; classes, sizes, and histograms are of targets, without backgrounds."""
+
+    images: int
+    positions: int
+    classes: Mapping[str, Counter[str]]  # classes, sizes: images of each class, by vehicle and by COCO size
+    sizes: Mapping[str, Counter[str]]
+    # occurrences of each name, by the keys in `COUNTED`. A background counts as the distractor in its target's place,
+    # or "". Paints are those of all vehicles, by color. Rejections are tries.
+    counts: Mapping[str, Counter[str]]
+    open_sky: int  # images of rain or snow while the config names no overcast HDRIs
+    no_room: int  # companions left out for want of room, counted once per position
+    left_out: tuple[LeftOut, ...]  # vehicles that aren't planned on a scenery
+    histograms: Mapping[str, Histogram]  # by the keys of `QUANTITIES`
+    shortcuts: tuple[str, ...]
+
+    def to_json(self) -> dict[str, object]:
+        """Return all statistics as plain numbers."""
+        return {
+            "images": self.images,
+            "positions": self.positions,
+            "classes": self.classes,
+            "sizes": self.sizes,
+            **self.counts,
+            "foggy": self.counts["weather"]["fog"],
+            "companions_left_out": self.no_room,
+            "shortcuts": list(self.shortcuts),
+            "left_out": [msgspec.structs.asdict(pair) for pair in self.left_out],
+            "histograms": {
+                key: {"edges": histogram.edges.tolist(), "counts": histogram.counts.tolist(), **histogram.extremes}
+                for key, histogram in self.histograms.items()
+            },
+        }
+
+    def tables(self) -> list[Table]:
+        """Return tables for a terminal."""
+        return [self._class_table(), self._histogram_table(), self._rejection_table()]
+
+    def notes(self) -> list[str]:
+        """Return a line for each wish of the config that the plan doesn't meet."""
+        notes = [f"left out: {pair.why}" for pair in self.left_out] + list(self.shortcuts)
+        if self.no_room:
+            notes.append(f"left out: {self.no_room:,} companions without room at their position")
+        like = self.counts["like"]
+        if like["another"] or like["none"]:
+            notes.append(
+                f"limits won over {like['another'] + like['none']:,} of {like.total():,} sampled photographs: "
+                f"cameras follow another one in {like['another']:,} images, the configured ranges in {like['none']:,}"
+            )
+        if self.open_sky:
+            notes.append(
+                f"rain or snow fall in {self.open_sky:,} images from any sky: name the overcast HDRIs in light.overcast"
+            )
+        return notes
+
+    def _class_table(self) -> Table:
+        table = _table(f"{self.images:,} images at {self.positions:,} positions", "class", "vehicles", "images", *SIZES)
+        for category, models in self.classes.items():
+            sizes = [f"{self.sizes[category][size]:,}" for size in SIZES]
+            table.add_row(escape(category), _listed(models.items()), f"{models.total():,}", *sizes)
+        for title, key in (
+            ("no target", "backgrounds"),
+            ("beside: companions", "companions"),
+            ("beside: distractors", "distractors"),
+            ("painted", "paints"),
+        ):
+            if counts := self.counts[key]:
+                table.add_row(title, _listed(counts.most_common()), f"{counts.total():,}")
+        labels, weather = self.counts["labels"], self.counts["weather"]
+        if ignored := labels["ignored"]:
+            table.add_row("labels", f"{labels['full']:,} full, {ignored:,} ignored, which show too little")
+        if like := self.counts["like"]["followed"] + self.counts["like"]["another"]:
+            table.add_row("like photographs", "", f"{like:,}")
+        if weather.keys() - {"clear"}:
+            table.add_row("weather", _listed(sorted(weather.items())))
+        return table
+
+    def _histogram_table(self) -> Table:
+        table = _table("quantities", "", "lowest", "mean", "highest")
+        table.add_column("histogram", no_wrap=True)
+        for histogram in self.histograms.values():
+            if len(histogram.values):
+                table.add_row(histogram.title, *(f"{x:.3g}" for x in histogram.extremes.values()), histogram.bars())
+        return table
+
+    def _rejection_table(self) -> Table:
+        table = _table("rejected tries", "tries that", "times", "share")
+        for kinds, taken, what in ((PLACING, self.positions, "places"), (AIMING, self.images, "cameras")):
+            rejected = {kind.phrase: n for kind in kinds if (n := self.counts["rejected"][kind.key])}
+            total = taken + sum(rejected.values())
+            for phrase, n in [("were taken", taken), *sorted(rejected.items(), key=lambda item: -item[1])]:
+                table.add_row(f"{what}: {phrase}", f"{n:,}", f"{100 * n / total:.1f} %" if total else "")
+        return table
+
+
+def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
+    """Count over all rows of a plan, in about 64 bytes per row.
+
+    `left_out` is the header's; `overcast` tells whether the config names overcast HDRIs.
+    """
+    images = positions = open_sky = no_room = 0
+    classes, sizes = defaultdict[str, Counter[str]](Counter), defaultdict[str, Counter[str]](Counter)
+    counts: dict[str, Counter[str]] = {key: Counter() for key in COUNTED}
+    values = {key: array("d") for key in QUANTITIES}
+    nuisance: dict[str, dict[str, Counter[str]]] = {}
+    for row in rows:
+        images += 1
+        positions += row.shot == 0
+        no_room += row.left_out if row.shot == 0 else 0
+        open_sky += not overcast and row.weather is not None and KINDS[row.weather.kind].overcast
+        counts["sceneries"][row.scenery] += 1
+        counts["hdris"][row.hdri] += 1
+        counts["weather"][row.weather.kind if row.weather else "clear"] += 1
+        counts["companions"].update(companion.vehicle for companion in row.companions)
+        counts["distractors"].update(distractor.vehicle for distractor in row.distractors)
+        counts["paints"].update(coat.color or OWN for vehicle in row.vehicles for coat in vehicle.paint)
+        counts["labels"].update(vehicle.label for vehicle in row.labeled)
+        counts["rejected"].update(row.rejected)
+        target = row.target
+        if row.like is not None:
+            same = row.like.photograph == row.like.sampled
+            counts["like"]["followed" if same else "none" if row.like.photograph is None else "another"] += 1
+        if row.background:
+            counts["backgrounds"]["" if row.empty else target.vehicle] += 1
+            continue
+        assert target.bbox is not None  # a target has one
+        area, category = target.bbox.width * target.bbox.height, str(target.category)
+        classes[category][target.vehicle] += 1
+        for variable, value in nuisances(row).items():
+            nuisance.setdefault(variable, {}).setdefault(category, Counter())[value] += 1
+        sizes[category][next(name for name, limit in SIZES.items() if area < limit)] += 1
+        center = np.mean([target.bounds.low, target.bounds.high], axis=0)
+        center = apply(target.world_from_vehicle, center[None])[0]
+        distance, _, elevation = shell_place(row.world_from_camera[:3, 3] - center)
+        derived = {
+            "distance_m": float(distance),
+            "elevation_deg": math.degrees(elevation),
+            "exposure_ev": row.exposure_ev,
+            "box_px": math.sqrt(area),
+        }
+        for key, column in values.items():
+            if key != "air_contrast" or row.weather:
+                column.append(derived[key] if key in derived else getattr(target, key))
+    counts["rejected"] = Counter({key: counts["rejected"][key] for key in BY_KEY if counts["rejected"][key]})
+    histograms = {key: Histogram(*QUANTITIES[key], np.array(column)) for key, column in values.items()}
+    warnings = tuple(shortcuts(nuisance))
+    return Summary(images, positions, classes, sizes, counts, open_sky, no_room, tuple(left_out), histograms, warnings)
+
+
+def _table(title: str, *columns: str) -> Table:
+    """Return an empty table whose columns of words are aligned left."""
+    table = Table(title=title, title_justify="left")
+    for column in columns:
+        table.add_column(column, justify="left" if column in ("", "class", "vehicles", "tries that") else "right")
+    return table
+
+
+def _listed(counts: Iterable[tuple[str, int]]) -> str:
+    """Return names and counts as a line of a table."""
+    return escape(", ".join(f"{name or 'empty'} {n:,}" for name, n in counts))

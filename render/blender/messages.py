@@ -1,0 +1,91 @@
+"""Jobs for a worker inside Blender: self-contained paths and numbers, pickled between two processes.
+
+Both processes import it, so it needs numpy only. Numbers are Python's own, since the other process may have another
+numpy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.weather.kinds import Weather
+
+Matrix = list[list[float]]  # (4, 4)
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleInput:
+    """A vehicle to place in the scenery."""
+
+    tidy: str  # its tidy twin, by `reading.blender.tidy`
+    world_from_parts: list[Matrix]  # poses of its parts, in meters
+    # linear red, green, and blue of each painted material, by its name in the vehicle's file
+    paint: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInput:
+    """The camera to look through."""
+
+    world_from_camera: Matrix  # rigid, meters; x right, y down, z forward
+    intrinsics: Intrinsics  # image size and field of view
+    near: float  # meters along the optical axis; nothing closer is seen
+    exposure: float  # the picture's exposure in EV
+    white_balance: float  # offset in kelvin from the neutral white balance
+
+
+@dataclass(frozen=True, slots=True)
+class LightInput:
+    """The sky."""
+
+    hdri: str
+    yaw: float  # its yaw in radians, counterclockwise
+    strength: float
+    horizon: float | None  # elevation in radians whose color continues below for the camera; None: the whole picture
+
+
+@dataclass(frozen=True, slots=True)
+class CyclesSettings:
+    """The config's settings of Cycles; `adaptive_threshold` 0: no adaptive sampling."""
+
+    samples: int
+    denoise: bool
+    adaptive_threshold: float
+    bounces: int
+
+
+@dataclass(frozen=True, slots=True)
+class MaskJob:
+    """Render the vehicle at each pixel to `output`, a .npy file; see `render.blender.object_index`."""
+
+    scenery: str
+    vehicles: list[VehicleInput]
+    camera: CameraInput
+    output: str
+
+
+@dataclass(frozen=True, slots=True)
+class RenderJob:
+    """Render a picture to `output`, a .png file; weather None: clear and dry."""
+
+    scenery: str
+    vehicles: list[VehicleInput]
+    camera: CameraInput
+    light: LightInput
+    weather: Weather | None
+    seed: int
+    settings: CyclesSettings
+    output: str
+
+
+@dataclass(frozen=True, slots=True)
+class StartJob:
+    """Choose a device by `render.blender.cycles.choose_device`, and the number of CPU threads, 0: all."""
+
+    device: str
+    index: int
+    threads: int
+
+
+Job = StartJob | RenderJob | MaskJob

@@ -1,0 +1,135 @@
+"""Do a worker's jobs: load missing assets, pose, render, measure.
+
+Runs inside Blender; needs numpy and bpy only.
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from hulldown.render.blender import cycles
+from hulldown.render.blender.lens import DEVICES as LENS_DEVICES
+from hulldown.render.blender.messages import CyclesSettings, Job, MaskJob, RenderJob, StartJob
+from hulldown.render.blender.object_index import IndexPictures
+from hulldown.render.blender.reply import Reply
+from hulldown.render.blender.scene import Stage
+
+
+class Renderer:
+    """Renders jobs, keeping the scenery and the device between them."""
+
+    def __init__(self) -> None:
+        self._stage: Stage | None = None
+        self._index: IndexPictures | None = None
+        self._loaded: tuple[type, str] | None = None  # what the stage was set up from
+        self._inputs: dict[str, tuple[object, ...]] = {}  # what each part of its scene was last set up from
+        self._device = "CPU"
+        self._threads = 0
+
+    def reset(self) -> None:
+        """Forget everything in memory: the next job loads its assets again."""
+        self._stage = self._index = self._loaded = None
+        self._inputs = {}
+
+    def do(self, job: Job) -> Reply:
+        """Do a job; return the reply."""
+        if isinstance(job, StartJob):
+            return self._start(job)
+        return self._render(job) if isinstance(job, RenderJob) else self._mask(job)
+
+    def _start(self, job: StartJob) -> Reply:
+        self._device, count = cycles.choose_device(job.device, job.index)
+        self._threads = job.threads
+        return Reply(device=self._device, devices=count)
+
+    def _ready(self, job: RenderJob | MaskJob) -> Stage:
+        """Return the stage for a job, loaded if it isn't the last job's."""
+        wanted = type(job), job.scenery
+        if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
+            problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
+            raise cycles.Unusable(problem, "use --device cpu or optix")
+        if self._stage is None or self._loaded != wanted:
+            self.reset()
+            self._stage = Stage(job.scenery)
+            if isinstance(job, MaskJob):
+                self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
+            self._loaded = wanted
+        return self._stage
+
+    def _render(self, job: RenderJob) -> Reply:
+        start = time.monotonic()
+        stage = self._ready(job)
+        self._set("settings", self._configure, job.settings)
+        self._set("vehicles", stage.place_vehicles, job.vehicles)
+        self._set("camera", stage.set_camera, job.camera)
+        self._set("light", stage.world.set, job.light)
+        camera = job.camera
+        self._set("exposure", cycles.expose, stage.scene, job.settings, camera.exposure, camera.white_balance)
+        stage.set_weather(job.weather, job.seed)
+        stage.scene.cycles.seed = job.seed
+        output = Path(job.output)
+        output.unlink(missing_ok=True)  # from a failed attempt
+        stage.scene.render.filepath = os.fspath(output)
+        posed = time.monotonic()
+        with _Stopwatch() as watch:
+            bpy.ops.render.render(write_still=True, scene=stage.scene.name)
+        if not output.is_file():
+            raise RuntimeError("Blender has written no picture")
+        end = time.monotonic()
+        seconds = {
+            "load": posed - start,
+            "sync": watch.sampling - posed,
+            "sample": watch.finished - watch.sampling,
+            "save": end - watch.finished,
+        }
+        return Reply(seconds=seconds)
+
+    def _configure(self, settings: CyclesSettings) -> None:
+        assert self._stage is not None
+        self._inputs.clear()  # the settings include some of the others
+        cycles.configure(self._stage.scene, settings, device=self._device, threads=self._threads)
+
+    def _set(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
+        """Set up a part of the scene, unless the job before had the same inputs.
+
+        Blender tags what is set, even to the same value, and Cycles builds it anew. Shots of one position share
+        vehicles and light.
+        """
+        if self._inputs.get(part) != inputs:
+            self._inputs.pop(part, None)  # in case it fails
+            setter(*inputs)
+            self._inputs[part] = inputs
+
+    def _mask(self, job: MaskJob) -> Reply:
+        stage = self._ready(job)
+        assert self._index is not None
+        vehicles = stage.place_vehicles(job.vehicles)
+        stage.set_camera(job.camera)
+        np.save(job.output, self._index.maps(vehicles))
+        return Reply()
+
+
+class _Stopwatch:
+    """Times at which Cycles began and finished sampling, from its status messages."""
+
+    def __enter__(self) -> _Stopwatch:
+        self.sampling = self.finished = 0.0
+        bpy.app.handlers.render_stats.append(self._hear)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        bpy.app.handlers.render_stats.remove(self._hear)
+        self.finished = self.finished or time.monotonic()
+        self.sampling = self.sampling or self.finished
+
+    def _hear(self, stats: str, *_: object) -> None:
+        if "Sample " in stats and not self.sampling:
+            self.sampling = time.monotonic()
+        if "Finished" in stats:
+            self.finished = time.monotonic()

@@ -1,0 +1,185 @@
+"""A loaded scenery, and a row's vehicles, camera, HDRI, and weather in it.
+
+The scenery is the tidy twin of its file (`reading.blender.tidy`): in meters, z up, relative to its origin, without
+lamps, cameras, or anything that Blender evaluates. Runs inside Blender; needs numpy and bpy only.
+
+References
+----------
+Paper, sections 2.1.3 and 2.1.4.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import bpy
+import numpy as np
+
+from hulldown.camera.weather.kinds import KINDS, Weather, airlight
+from hulldown.reading.blender.frames import pose, world_from_blender_camera
+from hulldown.reading.blender.opening import disarm
+from hulldown.reading.blender.tidy_properties import PART, REST
+from hulldown.render.blender.covers import PLANE
+from hulldown.render.blender.cycles import Unusable
+from hulldown.render.blender.fog import Fog
+from hulldown.render.blender.hdri_light import HdriWorld
+from hulldown.render.blender.lens import set_lens
+from hulldown.render.blender.messages import CameraInput, VehicleInput
+from hulldown.render.blender.paint_nodes import PaintedMaterials
+from hulldown.render.blender.streaks import Precipitation, falling
+from hulldown.render.blender.surfaces import Surfaces
+
+MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
+SENSOR_WIDTH = 36.0
+SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
+FAR = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
+
+
+class Stage:
+    """The tidy twin of a scenery with our own camera and light, to be set up for one row after the other."""
+
+    def __init__(self, tidy: str) -> None:
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+        self.scene = bpy.data.scenes.new("hulldown")  # that of the startup file has settings of earlier Blenders
+        self.scene.collection.children.link(appended(tidy)[0])
+        self.root = bpy.data.objects.new("hulldown", None)
+        self.scene.collection.objects.link(self.root)
+        self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
+        self.scene.camera = self.camera
+        self.world = HdriWorld(self.scene)
+        fog = self._add("hulldown fog", bpy.data.meshes.new("hulldown fog"))
+        self.fog = Fog(fog, self.world)
+        self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
+        self.surfaces = Surfaces()
+        self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
+        self._painted: dict[str, PaintedMaterials] = {}  # of each of them
+        self._companions = False  # whether any row has had more than one vehicle file
+        self._lowest = math.inf  # meters: height of the lowest vehicle
+
+    def _add(self, name: str, data: Any) -> Any:
+        obj = bpy.data.objects.new(name, data)
+        obj.parent = self.root
+        self.scene.collection.objects.link(obj)
+        return obj
+
+    def place_vehicles(self, vehicles: Sequence[VehicleInput]) -> list[list[Any]]:
+        """Place these vehicles and no others in the scenery; return the objects of each."""
+        used: dict[str, int] = {}
+        placed = []
+        self._lowest = min((vehicle.world_from_parts[0][2][3] for vehicle in vehicles), default=math.inf)
+        for vehicle in vehicles:
+            path = vehicle.tidy
+            copy = used.get(path, 0)
+            used[path] = copy + 1
+            collection = self._vehicle(path, copy)
+            parts = np.asarray(vehicle.world_from_parts, dtype=np.float64)
+            above = np.linalg.inv(parts[0])[2].tolist()
+            for obj in collection.objects:
+                obj[PLANE] = above
+                pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
+            if self._painted[path].is_first(vehicle.paint):
+                self.surfaces.clear()  # paint is inserted below water and snow
+            self._painted[path].paint(collection.objects, vehicle.paint)
+            placed.append(list(collection.objects))
+        linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
+        children = self.scene.collection.children
+        for collection in [c for copies in self._vehicles.values() for c in copies]:
+            if (collection in linked) != (collection.name in children):
+                (children.link if collection in linked else children.unlink)(collection)
+        self._forget_all_but(used)
+        return placed
+
+    def _vehicle(self, path: str, copy: int) -> Any:
+        copies = self._vehicles.pop(path, [])
+        self._vehicles[path] = copies
+        if not copies:
+            collection, materials = appended(path)
+            self._painted[path] = PaintedMaterials(collection.objects, materials)
+            copies.append(collection)
+            copies[0].use_fake_user = True  # keeps it from being purged while it's in no scene
+            for obj in copies[0].objects:
+                obj.parent = self.root
+                obj.matrix_basis.identity()  # `pose` has the whole transform
+        while len(copies) <= copy:
+            twin = bpy.data.collections.new(copies[0].name)
+            for obj in copies[0].objects:
+                twin.objects.link(obj.copy())  # shares mesh and materials
+            twin.use_fake_user = True
+            copies.append(twin)
+        return copies[copy]
+
+    def _forget_all_but(self, used: Mapping[str, int]) -> None:
+        self._companions = self._companions or len(used) > 1
+        kept = MAX_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
+        for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - kept)]:
+            copies = self._vehicles.pop(path)
+            del self._painted[path]
+            bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
+            bpy.data.orphans_purge(do_recursive=True)
+
+    def set_camera(self, camera: CameraInput) -> None:
+        """Set the row's camera."""
+        self._view = camera
+        pose(self.camera, world_from_blender_camera(camera.world_from_camera))
+        data = self.camera.data
+        data.sensor_fit = "HORIZONTAL"
+        data.lens_unit = "MILLIMETERS"
+        intrinsics, render = camera.intrinsics, self.scene.render
+        width, height = intrinsics.width, intrinsics.height
+        render.resolution_x, render.resolution_y = width, height
+        distorting = any(intrinsics.distortion)
+        if intrinsics.pinhole is None or distorting:  # whose shader shifts and stretches
+            across, stretch, (cx, cy) = 2 * intrinsics.half_tangents[0], 1.0, (width / 2, height / 2)
+        else:
+            fx, fy, cx, cy = intrinsics.pinhole
+            across, stretch = width / fx, fx / fy
+        data.lens = max(SENSOR_WIDTH / across, SHORTEST_LENS)
+        data.sensor_width = across * data.lens
+        render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
+        data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch
+        if distorting:
+            set_lens(data, intrinsics, camera.near)
+        elif data.type != "PERSP":
+            data.type = "PERSP"
+        data.clip_start, data.clip_end = camera.near, FAR
+
+    def set_weather(self, weather: Weather | None, seed: int) -> None:
+        """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.
+
+        `weather`: None: clear air and uncovered surfaces.
+        """
+        if not weather:
+            self.fog.clear()
+            self.precipitation.clear()
+            self.surfaces.clear()
+            return
+        vehicles = [obj for copies in self._vehicles.values() for copy in copies for obj in copy.objects]
+        self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
+        pose = np.array(self._view.world_from_camera)
+        glow = airlight(weather.kind, self.world.airlight())
+        below = max(0.0, pose[2, 3] - self._lowest)
+        self.fog.fill(weather.kind, weather.visibility_m, glow, pose[:3, 3], below=below)
+        streaks = falling(weather, self._view, seed)
+        if streaks is None:
+            self.precipitation.clear()
+        else:
+            radiance = glow * KINDS[weather.kind].share_of_sky
+            self.precipitation.fill(streaks, radiance, pose[:3, 3])
+
+
+def appended(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
+    """Append the collection of a tidy twin, and its materials, by their names in it."""
+    with bpy.data.libraries.load(tidy, link=False) as (source, target):
+        if source.version[:2] > bpy.app.version[:2]:
+            wrote = ".".join(map(str, source.version[:2]))
+            problem = f"{tidy} was written by Blender {wrote}, newer than the {bpy.app.version_string} that renders"
+            raise Unusable(
+                problem, f"render with Blender {wrote}, or with another --cache, for which files are read again"
+            )
+        target.collections = source.collections[:1]
+        names = list(source.materials)
+        target.materials = list(names)
+    disarm()  # twins don't need it, but the cache may have come with the plan: see docs/safety.md
+    return target.collections[0], dict(zip(names, target.materials, strict=True))

@@ -1,0 +1,93 @@
+"""Streaks of rain and flakes of snow in the scene: one mesh of quads, replaced for each image.
+
+Runs inside Blender; needs numpy and bpy only.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import bpy
+import numpy as np
+
+from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.camera.weather.precipitation import Streaks, drops_in_view, streaks, view_of
+from hulldown.reading.blender.api.add_nodes import add_node, maths
+from hulldown.reading.blender.frames import pose
+from hulldown.render.blender.fog import set_hidden
+from hulldown.render.blender.messages import CameraInput
+
+NAME = "hulldown precipitation"
+
+
+def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
+    """Streaks in front of a camera; None in weather without rain or snow."""
+    sizes_of = KINDS[weather.kind].sizes
+    if sizes_of is None:
+        return None
+    pose = np.array(camera.world_from_camera)
+    view = view_of(pose, camera.intrinsics, weather.exposure_s)
+    return streaks(drops_in_view(sizes_of(weather), view, weather.wind_m_s, seed=seed), view)
+
+
+class Precipitation:
+    """Rain or snow near the camera, visible to the camera alone, without light or shadow."""
+
+    def __init__(self, obj: Any) -> None:
+        self._object = obj
+        for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
+            setattr(obj, f"visible_{rays}", False)
+        material = bpy.data.materials.new(NAME)
+        material.cycles.emission_sampling = "NONE"  # otherwise they'd be thousands of lamps
+        self._emission = _glow_by_opacity(material.node_tree)
+        obj.data.materials.append(material)
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove all streaks."""
+        set_hidden(self._object, True)
+
+    def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray) -> None:
+        """Draw streaks.
+
+        `eye`: the camera's position in the scenery, in meters.
+        """
+        mesh, count = self._object.data, len(streaks.gain)
+        mesh.clear_geometry()
+        mesh.vertices.add(4 * count)
+        mesh.loops.add(4 * count)
+        mesh.polygons.add(count)
+        mesh.vertices.foreach_set("co", streaks.vertices.astype(np.float32).ravel())
+        mesh.loops.foreach_set("vertex_index", np.arange(4 * count, dtype=np.int32))
+        mesh.polygons.foreach_set("loop_start", np.arange(0, 4 * count, 4, dtype=np.int32))
+        profile = mesh.attributes.new("profile", "FLOAT_VECTOR", "POINT")
+        profile.data.foreach_set("vector", streaks.profile.astype(np.float32).ravel())
+        gain = mesh.attributes.new("gain", "FLOAT", "POINT")
+        gain.data.foreach_set("value", np.repeat(streaks.gain, 4).astype(np.float32))
+        mesh.update(calc_edges=True)
+        self._emission.inputs["Color"].default_value = (*radiance, 1.0)
+        around = np.eye(4)
+        around[:3, 3] = eye
+        pose(self._object, around)
+        set_hidden(self._object, False)
+
+
+def _glow_by_opacity(tree: Any) -> Any:
+    """Build the material: an emission with the mean opacity of a moving disc, in closed form, times the gain."""
+    tree.nodes.clear()
+    math = partial(maths, tree)
+    profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]
+    gain = add_node(tree, "Attribute", attribute_name="gain").outputs["Fac"]
+    u, v, way = add_node(tree, "SeparateXYZ", {0: profile}).outputs
+    squared = math("MAXIMUM", math("SUBTRACT", 1.0, math("MULTIPLY", u, u)), 0.0)
+    chord = math("SQRT", squared)
+    first = math("MAXIMUM", math("SUBTRACT", v, way), math("MULTIPLY", chord, -1.0))
+    last = math("MAXIMUM", math("MINIMUM", math("ADD", v, way), chord), first)
+    cubes = math("SUBTRACT", math("POWER", last, 3.0), math("POWER", first, 3.0))
+    hidden = math("MULTIPLY_ADD", cubes, -1.0 / 3.0, math("MULTIPLY", squared, math("SUBTRACT", last, first)))
+    share = math("MULTIPLY", math("DIVIDE", hidden, math("MULTIPLY", way, 2.0)), gain)
+    emission, clear = add_node(tree, "Emission"), add_node(tree, "BsdfTransparent")
+    mix = add_node(tree, "MixShader", {0: share, 1: clear.outputs[0], 2: emission.outputs[0]})
+    add_node(tree, "OutputMaterial", {"Surface": mix.outputs[0]})
+    return emission

@@ -1,0 +1,178 @@
+"""Weather in every material of a scene: insert node groups, set their shares, and remove them.
+
+A row without weather has the materials as in the file, so its picture doesn't depend on the rows
+before. Vehicles come from their own files, so they have their own materials, which have the vehicles'
+share; all others have the ground's. Runs inside Blender; needs numpy and bpy only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
+from typing import Any
+
+import bpy
+import numpy as np
+
+from hulldown.camera.weather.kinds import KINDS
+from hulldown.reading.blender.surfaces.nodes import material_output, trees
+from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
+from hulldown.reading.blender.surfaces.shaders import is_clear
+from hulldown.reading.pieces.naming import NOT_WATER, WATER, WATERS, first_match
+from hulldown.render.blender import covers
+
+MARK = "hulldown weather"  # label of inserted nodes
+OURS = "hulldown"  # begins the names of the stage's own materials
+SCENERY, VEHICLES = "scenery", "vehicles"
+UNTOUCHED = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")
+
+# By the name of a cover, the node groups that make it, of a name and for vehicles or not.
+COVERS: Mapping[str, Callable[[str, bool], list[Any]]] = {
+    "water": lambda name, vehicles: [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")],
+    "snow": lambda name, vehicles: [covers.snow(name)],
+    "dust": lambda name, vehicles: [covers.dust(name, climbs=vehicles)],
+}
+Shape = tuple[tuple[str, int], ...]  # names of a material's node tree and the groups in it, with their nodes
+
+
+class Surfaces:
+    """Water, snow, or dust on the surfaces of a stage."""
+
+    def __init__(self) -> None:
+        self._kind = ""
+        self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
+        self._dressed: dict[int, Shape] = {}  # by session id of a material
+        self.left: list[str] = []  # materials without a shader that rain can change
+
+    def set(self, kind: str, ground: float, vehicle: float, vehicles: Iterable[Any]) -> None:
+        """Cover scenery and vehicles.
+
+        `ground`, `vehicle`: shares from 0 to 1 of water in pores, snow on level ground, or dust.
+        """
+        kind = kind if KINDS[kind].surfaces and max(ground, vehicle) > 0 else ""
+        if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _materials()):
+            self.clear()
+            self._kind = kind
+        if not kind:
+            return
+        self._dress_new({slot.material for obj in vehicles for slot in obj.material_slots})
+        for wearer, share in ((SCENERY, ground), (VEHICLES, vehicle)):
+            for group in self._group(wearer):
+                value = group.nodes[covers.SHARE].outputs[0]
+                if value.default_value != np.float32(share):  # setting it would have Cycles compile all shaders anew
+                    value.default_value = share
+
+    def clear(self) -> None:
+        """Remove all inserted nodes."""
+        if self._kind:
+            for material, _ in _materials():
+                _undress(material.node_tree)
+            for tree in bpy.data.node_groups:
+                _undress(tree)
+        self._kind = ""
+        self._dressed.clear()
+        self.left.clear()
+
+    def _dress_new(self, worn: Set[Any]) -> None:
+        """Insert groups into materials without them; those in `worn` are vehicles'."""
+        known = len(self.left)
+        if new := [material for material, _ in _materials() if material.session_uid not in self._dressed]:
+            for material in new:
+                self._dress(material, VEHICLES if material in worn else SCENERY)
+            self._dressed = {material.session_uid: shape for material, shape in _materials()}
+        if self.left[known:]:  # in the log
+            print(f"rain leaves materials as they are, whose shaders are not understood: {self.left[known:]}")
+
+    def _group(self, wearer: str) -> list[Any]:
+        key = self._kind, wearer
+        if key not in self._groups:
+            name = f"{OURS} {self._kind} on {wearer}"
+            self._groups[key] = COVERS[KINDS[self._kind].surfaces](name, wearer == VEHICLES)
+        return self._groups[key]
+
+    def _dress(self, material: Any, wearer: str) -> None:
+        groups, cover = self._group(wearer), KINDS[self._kind].surfaces
+        if cover == "water":
+            wetted = [_wet(tree, *groups) for tree in trees(material.node_tree)]
+            if not any(wetted):
+                self.left.append(material.name)
+        elif cover != "snow" or wearer == VEHICLES or not _is_water(material):
+            _cover(material, groups[0])
+
+
+def _materials() -> Iterator[tuple[Any, Shape]]:
+    """Yield the materials of scenery and vehicles, and the shape of their trees, which changes with new nodes."""
+    for material in list(bpy.data.materials):
+        if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
+            yield material, tuple((tree.name, len(tree.nodes)) for tree in trees(material.node_tree))
+
+
+def _is_water(material: Any) -> bool:
+    """Return whether a material is water, where snow melts: transparent, or named so."""
+    wet = first_match(material.name, (*WATER, *WATERS)) and not first_match(material.name, NOT_WATER)
+    return bool(wet) or is_clear(material)
+
+
+def _wet(tree: Any, principled: Any, matt: Any) -> int:
+    """Wet the dry shaders of one tree; return the number of supported ones."""
+    understood = 0
+    for node in list(tree.nodes):
+        if node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE"):
+            group = principled if node.type == "BSDF_PRINCIPLED" else matt
+            outputs = [item.name for item in group.interface.items_tree if item.in_out == "OUTPUT"]
+            if not any(link.from_node.label == MARK for link in node.inputs[outputs[0]].links):
+                _insert(tree, node, group, outputs)
+        understood += node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE", *UNTOUCHED)
+    return understood
+
+
+def _insert(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
+    """Insert a group before the shader's inputs of the same names."""
+    node = _node(tree, group)
+    for socket in node.inputs:
+        shader_input = shader.inputs[socket.name]
+        if shader_input.is_linked:
+            tree.links.new(shader_input.links[0].from_socket, socket)
+        else:
+            socket.default_value = shader_input.default_value
+    for name in outputs:
+        tree.links.new(node.outputs[name], shader.inputs[name])
+
+
+def _cover(material: Any, group: Any) -> None:
+    tree, output = material.node_tree, material_output(material)
+    if output is None or not output.inputs["Surface"].is_linked:
+        return
+    before = [(inner, {node.as_pointer() for node in inner.nodes}) for inner in trees(tree)]
+    opacity = opacity_socket(material)
+    for inner, nodes in before:
+        for node in inner.nodes:
+            if node.as_pointer() not in nodes:
+                node.label = MARK
+    node, surface = _node(tree, group), output.inputs["Surface"]
+    tree.links.new(surface.links[0].from_socket, node.inputs["Surface"])
+    tree.links.new(node.outputs["Surface"], surface)
+    if isinstance(opacity, float):
+        node.inputs["Opacity"].default_value = opacity
+    else:
+        tree.links.new(opacity, node.inputs["Opacity"])
+
+
+def _node(tree: Any, group: Any) -> Any:
+    node = tree.nodes.new("ShaderNodeGroup")
+    node.node_tree, node.label = group, MARK
+    return node
+
+
+def _undress(tree: Any) -> None:
+    """Remove the marked nodes, and restore the links."""
+    marked = [node for node in tree.nodes if node.label == MARK]
+    for node in marked:
+        for socket in node.outputs if node.bl_idname == "ShaderNodeGroup" else ():
+            given = node.inputs[socket.name]
+            for link in list(socket.links):
+                if given.is_linked:
+                    tree.links.new(given.links[0].from_socket, link.to_socket)
+    for node in marked:
+        tree.nodes.remove(node)
+    for item in [item for item in tree.interface.items_tree if item.name.startswith(SOCKET)]:
+        tree.interface.remove(item)

@@ -1,0 +1,103 @@
+"""Turn a plan's rows into self-contained jobs for workers: absolute paths, matrices, and numbers."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TypeVar
+
+from msgspec import structs
+
+from hulldown.base.errors import ConfigError
+from hulldown.camera.projection import NEAR
+from hulldown.geometry.color import linear_color
+from hulldown.plan.coats import Coat, color_of_material
+from hulldown.plan.library import Library
+from hulldown.plan.row import PlannedVehicle, Row
+from hulldown.reading.confinement.landlock import asset_folders
+from hulldown.reading.pieces.asset_report import MaterialRow
+from hulldown.render.blender.messages import (
+    CameraInput,
+    CyclesSettings,
+    LightInput,
+    MaskJob,
+    RenderJob,
+    VehicleInput,
+)
+
+
+def readable(library: Library) -> tuple[Path, ...]:
+    """Return paths that Blender may read: the folders of the config's files and of their rendered twins, and the HDRIs.
+
+    Neither a plan's header nor an asset adds to it.
+    """
+    read = (*library.models.values(), *library.sceneries.values())
+    files = [file for exported in read for file in (exported.tidy, exported.report.path)]
+    folders = [folder for file in files for folder in asset_folders(Path(os.path.normpath(file)))]
+    return tuple(dict.fromkeys([*folders, *(hdri.path for hdri in library.hdris.values())]))
+
+
+def render_job(row: Row, library: Library, settings: CyclesSettings, output: Path) -> RenderJob:
+    """Return the job of rendering a row."""
+    return RenderJob(
+        scenery=_scenery(row, library),
+        vehicles=[_vehicle(vehicle, library, row) for vehicle in row.vehicles],
+        camera=_camera(row),
+        light=LightInput(
+            hdri=str(_named(library.hdris, row.hdri, "hdri", row).path.resolve()),
+            yaw=math.radians(row.hdri_yaw_deg),
+            strength=row.strength,
+            horizon=None if row.horizon_deg is None else math.radians(row.horizon_deg),
+        ),
+        weather=row.weather,
+        seed=row.sample_seed % 2**31,
+        settings=settings,
+        output=str(output),
+    )
+
+
+def mask_job(row: Row, library: Library, output: Path) -> MaskJob:
+    """Return the job of rendering a row's masks; parameters and errors as of `render_job`."""
+    vehicles = [_vehicle(structs.replace(vehicle, paint=[]), library, row) for vehicle in row.vehicles]
+    return MaskJob(scenery=_scenery(row, library), vehicles=vehicles, camera=_camera(row), output=str(output))
+
+
+def _scenery(row: Row, library: Library) -> str:
+    return str(_named(library.sceneries, row.scenery, "scenery", row).tidy.resolve())
+
+
+def _camera(row: Row) -> CameraInput:
+    return CameraInput(
+        world_from_camera=row.world_from_camera.tolist(),
+        intrinsics=row.intrinsics,
+        near=NEAR,
+        exposure=row.exposure_ev,
+        white_balance=row.white_balance_k,
+    )
+
+
+def _vehicle(vehicle: PlannedVehicle, library: Library, row: Row) -> VehicleInput:
+    shape = _named(library.shapes, vehicle.vehicle, "vehicle", row)
+    exported = library.models[vehicle.vehicle]
+    parts = vehicle.world_from_vehicle @ shape.vehicle_from_parts(vehicle.articulation)
+    return VehicleInput(str(exported.tidy.resolve()), parts.tolist(), _paint(vehicle.paint, exported.report.materials))
+
+
+def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> dict[str, tuple[float, float, float]]:
+    """Return the linear color of each painted material, by its name."""
+    colors = {row.name: color_of_material(row.name, coats) for row in materials}
+    return {name: linear_color(color) for name, color in colors.items() if color is not None}
+
+
+Asset = TypeVar("Asset")
+
+
+def _named(known: Mapping[str, Asset], name: str, kind: str, row: Row) -> Asset:
+    if name not in known:
+        raise ConfigError(
+            f"image {row.index}: {kind} {name!r} is not among {sorted(known)}",
+            remedy="plan again with `hulldown plan`",
+        )
+    return known[name]

@@ -1,0 +1,320 @@
+"""A supervised Blender that does one job after the other, restarted if it crashes, hangs, or uses too much memory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pickle
+import platform
+import queue
+import shutil
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import psutil
+from cyclopts import Parameter
+
+from hulldown.base.arguments import Positive
+from hulldown.base.child import Child, Stopped, memory_limit
+from hulldown.base.errors import HulldownError
+from hulldown.base.outside import DATA, json_of, read_file
+from hulldown.reading.confinement import landlock
+from hulldown.render.blender.messages import Job, MaskJob, RenderJob, StartJob
+from hulldown.render.blender.reply import BEGINNING, Reply
+from hulldown.render.rendered_pictures import damage
+
+WORKER = Path(__file__).with_name("blender") / "worker.py"
+STOP_S = 5.0  # for a worker to end by itself
+# For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
+# alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
+# For OpenBLAS, whose threads busy-wait for products that are too small for them.
+# For OpenColorIO, which otherwise keeps a processor of 3 MB for every exposure that it has ever seen.
+ENVIRONMENT = {
+    "MALLOC_MMAP_THRESHOLD_": str(2**17),
+    "OPENBLAS_NUM_THREADS": "1",
+    "OCIO_DISABLE_PROCESSOR_CACHES": "1",
+}
+POLL_S = 0.2  # interval of checks of time and memory
+NEARLY = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
+GIB = 2**30
+CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
+DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
+
+
+@Parameter(name="*")
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Limits of a Blender.
+
+    Parameters
+    ----------
+    job_s
+        Time limit of a picture in seconds; by default 20 times the longest of the first five.
+    memory_bytes
+        Resident memory of one Blender; by default its share of nine tenths of the machine's. A Blender that ends a
+        picture above four fifths of it is replaced.
+    """
+
+    job_s: Annotated[Positive | None, Parameter(name="--image-timeout")] = None
+    memory_bytes: Annotated[int | None, Parameter(parse=False)] = None
+
+
+ATTEMPTS = 3  # at a job, or at a start
+START_S = 300.0  # time limit of a start
+FIRST_JOBS = 5  # jobs that set the time limit of the others
+FIRST_JOBS_S = 3600.0  # their own time limit
+TIMES_LONGER = 20.0  # the longest of them is the others' time limit
+SHORTEST_S = 300.0  # least time limit, for loading another scenery
+
+
+class Allowance:
+    """The resources of each of several Blenders on a machine."""
+
+    def __init__(self, limits: Limits, blenders: int = 1) -> None:
+        self.limits, self.blenders = limits, blenders
+        self.took: list[float] = []  # seconds of the jobs that are done
+
+    @property
+    def job_s(self) -> float:
+        """Seconds that the next job gets."""
+        if self.limits.job_s is not None:
+            return self.limits.job_s
+        first = self.took[:FIRST_JOBS]
+        return max(SHORTEST_S, TIMES_LONGER * max(first)) if len(first) == FIRST_JOBS else FIRST_JOBS_S
+
+    @property
+    def memory(self) -> float:
+        """Bytes."""
+        return memory_limit(self.limits.memory_bytes, self.blenders)
+
+    @property
+    def threads(self) -> int:
+        """Of the processor; 0 for all."""
+        return 0 if self.blenders == 1 else max(1, (psutil.cpu_count() or 1) // self.blenders)
+
+
+class AttemptFailed(Exception):
+    """A failed attempt at a job, with a reason for the user."""
+
+
+class Lost(AttemptFailed):
+    """Blender has failed and must be restarted."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """The outcome of a job."""
+
+    seconds: Mapping[str, float] = field(default_factory=dict)  # duration of each part of a picture, as in `Reply`
+    content: bytes = b""  # contents of the job's output file
+    reasons: tuple[str, ...] = ()  # reason of each failed attempt, if all failed
+    restarts: int = 0
+    # what did the job: `blender`, `devices`, `systems`, and `confinement`, as in a dataset's provenance
+    made_by: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Confinement:
+    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`."""
+
+    write: Path  # folder for output, which must exist at the start
+    read: tuple[Path, ...]  # files and folders of its jobs
+
+    def of(self, command: Sequence[str], *, gpu: bool) -> list[str]:
+        """Return a command that runs `command` confined; `gpu`: with graphics cards, and their kernel caches."""
+        program = shutil.which(command[0]) or command[0]
+        cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if gpu else []
+        caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
+        return landlock.confined([program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards)
+
+
+class Blender:
+    """A Blender that starts with its first job and stays open. Leaving it as a context ends it.
+
+    `program`: an installed Blender, or None for the bpy module of this Python.
+    `confinement`: what it may read and write; None for everything.
+    """
+
+    def __init__(
+        self,
+        log: Path,
+        *,
+        program: str | None = None,
+        device: str = "auto",
+        number: int = 0,
+        allowance: Allowance | None = None,
+        confinement: Confinement | None = None,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.devices = 1
+        self._log, self._program, self._device, self._number = log, program, device, number
+        self._allowance = allowance or Allowance(Limits())
+        self._confinement, self._say = confinement, say
+        # The doctor looks at the bpy module only.
+        self._remedy = "run `hulldown doctor`" if program is None else f"see whether `{program} --background` starts"
+        self._child: Child | None = None
+        self._stopping: Callable[[], bool] = lambda: False
+        self._restarts = 0
+        self._made_by: dict[str, str] = {}
+
+    @property
+    def pid(self) -> int | None:
+        """Its process id; None if it isn't open."""
+        return self._child.pid if self._child else None
+
+    def do(self, job: RenderJob | MaskJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
+        """Do a job, with several attempts; returns when it's done or has finally failed."""
+        self._stopping, self._restarts = stopping, 0
+        reasons: list[str] = []
+        try:
+            while len(reasons) < ATTEMPTS:
+                self.start()
+                try:
+                    reply, content = self._attempt(job)
+                    return Outcome(reply.seconds, content, restarts=self._restarts, made_by=self._made_by)
+                except Lost as lost:
+                    self._lose(lost)
+                    reasons.append(str(lost))
+                except AttemptFailed as failure:
+                    self._say(str(failure))
+                    reasons.append(str(failure))
+        except BaseException:
+            self.close()
+            raise
+        return Outcome(reasons=tuple(reasons), restarts=self._restarts, made_by=self._made_by)
+
+    def _attempt(self, job: RenderJob | MaskJob) -> tuple[Reply, bytes]:
+        began = time.monotonic()
+        reply = self._ask(job, self._allowance.job_s)
+        self._allowance.took.append(time.monotonic() - began)
+        if reply.failed:
+            raise AttemptFailed(reply.failed)
+        content = _written(job)
+        assert self._child is not None
+        if self._child.memory > NEARLY * self._allowance.memory:
+            self._say("has grown near its memory limit and is replaced")
+            self._child.close_stdin()
+            self._child.wait(STOP_S)
+            self.close()
+        return reply, content
+
+    def start(self) -> None:
+        """Start it if necessary, and choose the device."""
+        if self._child is not None:
+            return
+        for attempt in range(1, ATTEMPTS + 1):
+            try:
+                self._launch()
+                version = self._hear(START_S).ready
+                reply = self._ask(StartJob(self._device, self._number, self._allowance.threads), START_S)
+            except Lost as lost:
+                self._lose(lost)
+                if attempt < ATTEMPTS:
+                    continue
+                problem = f"Blender has not started {attempt} times running: {lost}"
+                raise HulldownError(problem, path=self._log, remedy=self._remedy) from None
+            if reply.failed:
+                raise HulldownError(f"Blender cannot be used: {reply.failed}", remedy=self._remedy)
+            self.devices = reply.devices
+            self._made_by = {
+                "blender": version,
+                "devices": reply.device,
+                "systems": platform.platform(terse=True),
+                "confinement": landlock.confinement(),
+            }
+            self._say(f"renders on {reply.device}")
+            return
+
+    def _launch(self) -> None:
+        self._log.parent.mkdir(parents=True, exist_ok=True)
+        if self._log.is_symlink():
+            self._log.unlink()
+        self._replies: queue.SimpleQueue[Reply | None] = queue.SimpleQueue()
+        replies = self._replies  # replies of a killed process are ignored
+
+        def on_line(line: bytes) -> None:
+            text = line.decode("utf-8", "replace")
+            if not line:
+                replies.put(None)
+            elif text.startswith(BEGINNING):
+                with contextlib.suppress(ValueError):  # a killed worker's partial line
+                    replies.put(json_of(line[len(BEGINNING) :], Reply))
+
+        command = worker_command(self._program)
+        more = {"TMPDIR": str(self._confinement.write)} if self._confinement else {}
+        try:
+            self._child = Child(
+                self._confinement.of(command, gpu=self._device != "cpu") if self._confinement else command,
+                env={**ENVIRONMENT, **os.environ, **more},
+                on_line=on_line,
+                log=self._log,
+            )
+        except OSError as error:
+            raise HulldownError(f"cannot be started: {error.strerror}", path=command[0]) from None
+
+    def _ask(self, job: Job, seconds: float) -> Reply:
+        assert self._child is not None
+        self._child.write(pickle.dumps(job))
+        return self._hear(seconds)
+
+    def _hear(self, seconds: float) -> Reply:
+        """Return the next reply, within the limits of time and memory."""
+        assert self._child is not None
+        end = time.monotonic() + seconds
+        while True:
+            if self._stopping():
+                raise Stopped
+            try:
+                reply = self._replies.get(timeout=POLL_S)
+            except queue.Empty:
+                limit = self._allowance.memory
+                if time.monotonic() > end:
+                    raise Lost(f"no answer within {seconds:g} s") from None
+                if (held := self._child.memory) > limit:
+                    over = f"held {held / GIB:.2f} GiB, more than the limit of {limit / GIB:.2f} GiB"
+                    raise Lost(over) from None
+                continue
+            if reply is None:
+                raise Lost(f"Blender {self._child.last_words()}")
+            if reply.unusable:
+                raise HulldownError(f"Blender cannot be used: {reply.unusable}", remedy=reply.remedy)
+            return reply
+
+    def _lose(self, lost: Lost) -> None:
+        self.close()
+        self._restarts += 1
+        self._say(f"{lost}; it is started again")
+
+    def close(self) -> None:
+        """End it now; the next job starts another."""
+        if self._child is not None:
+            self._child.kill()
+        self._child = None
+
+    def __enter__(self) -> Blender:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.close()
+
+
+def worker_command(program: str | None) -> list[str]:
+    """Return the command of a worker, in this Python with the bpy module, or in an installed Blender."""
+    if program is None:
+        return [sys.executable, "-P", str(WORKER)]
+    options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
+    return [program, *options, "--python", str(WORKER)]
+
+
+def _written(job: RenderJob | MaskJob) -> bytes:
+    """Return the contents of a job's output file."""
+    output = Path(job.output)
+    if isinstance(job, RenderJob):
+        size = job.camera.intrinsics
+        if wrong := damage(output, size.width, size.height):
+            raise AttemptFailed(wrong)
+    return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)

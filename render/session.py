@@ -1,0 +1,218 @@
+"""One run of a plan into a dataset, picture by picture.
+
+A row is finished when its picture has its final name and the journal has its line. Any interruption before costs
+one picture, which the next run renders again under the same name and id.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.files import UNFINISHED_NAME
+from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.provenance import (
+    Failure,
+    Provenance,
+    add_provenance,
+    read_failures,
+    read_provenance,
+    write_failures,
+)
+from hulldown.dataset.row_records import Segmenter, image_record, plan_categories
+from hulldown.dataset.store.declared import PICTURE_KEY
+from hulldown.dataset.store.placed_pictures import confined, publish, writing
+from hulldown.plan.library import Library
+from hulldown.plan.plan_file import Plan
+from hulldown.plan.row import Row
+from hulldown.render.blender.messages import CyclesSettings, RenderJob
+from hulldown.render.jobs import render_job
+from hulldown.render.outline import Outline, Part, stamp_of
+from hulldown.render.pool import Pool
+from hulldown.render.process import Outcome
+from hulldown.render.rendered_pictures import without_notes
+
+if TYPE_CHECKING:
+    from hulldown.render.cluster_pool import ClusterPool
+
+LOGS_NAME = "logs"
+GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they aren't the cause
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """Progress of a run: finished, failed, and wanted pictures; a message, possibly empty; the workers."""
+
+    finished: int
+    failed: int
+    images: int
+    line: str = ""
+    workers: int = 0
+
+
+class Session:
+    """Sends rows to a pool and stores its results."""
+
+    def __init__(
+        self,
+        plan: Plan,
+        outline: Outline,
+        dataset: CocoDataset,
+        library: Library,
+        *,
+        part: Part,
+        progress: Callable[[Progress], None],
+    ) -> None:
+        self.rendered = self.restarts = self._failed_in_a_row = 0
+        self.failed: list[str] = []
+        self.begun = False
+        self.made_by: dict[str, list[str]] = {}
+        self._plan, self._stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
+        self._segmenter = Segmenter.of_plan(plan, library)
+        dataset.add_categories(plan_categories(plan, library.shapes), keypoints=True)
+        reservation = self._reservation = dataset.reserve(
+            outline.key, images=len(outline.rows), annotations=int(outline.labels.sum())
+        )
+        rows, firsts = part.of(outline), outline.first_annotations(reservation).tolist()
+        self._left: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
+        for _, index, labels, planned in rows:
+            if not dataset.finished(name := reservation.file_name(planned)):
+                self._left[index] = name, firsts[index]
+                of_labels = range(firsts[index], firsts[index] + labels)
+                dataset.check_free(name, reservation.image_offset + index + 1, of_labels)
+        names = {name for name, _ in self._left.values()}
+        self.images, self.already = len(rows), len(rows) - len(self._left)
+        self._progress = progress
+        self._pool: Pool | ClusterPool | None = None
+        self._folder = dataset.folder
+        self.unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
+        # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
+        self._failures = [failure for failure in read_failures(self._folder) if failure.file_name not in names]
+        read_provenance(self._folder)
+        self._recorded: dict[str, list[str]] = {}
+        settings = plan.config.render
+        self._settings = CyclesSettings(
+            settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces
+        )
+
+    def say(self, line: str) -> None:
+        """Report progress to the caller."""
+        workers = self._pool.working if self._pool else 0
+        self._progress(Progress(self.already + self.rendered, len(self.failed), self.images, line, workers))
+
+    def render(self, pool: Pool | ClusterPool) -> None:
+        """Render the remaining rows, and end the pool; errors as of `render.pool.Pool.results`."""
+        if self.unfinished.is_symlink() or self.unfinished.is_file():
+            self.unfinished.unlink()  # not a link's target
+        for wait in (0.1, 0.5, 2.0, 0.0):
+            shutil.rmtree(self.unfinished, ignore_errors=True)
+            if not wait or not self.unfinished.exists():
+                break
+            time.sleep(wait)  # the Blender of a run that was just killed may write a picture before it ends, too
+        self.unfinished.mkdir()
+        self._pool = pool
+        self.say("")
+        try:
+            with pool:
+                for index, outcome in pool.results(list(self._left), self._job):
+                    self._take_in(index, outcome)
+            if self.failed:
+                self._begin()
+        finally:  # after the pool's end, until which Blenders write
+            shutil.rmtree(self.unfinished, ignore_errors=True)
+
+    def _take_in(self, index: int, outcome: Outcome) -> None:
+        self.restarts += outcome.restarts
+        news = {name: sorted({*self.made_by.get(name, ()), value}) for name, value in outcome.made_by.items()}
+        self.made_by = {**self.made_by, **news}
+        if not outcome.reasons:
+            self._done(index, outcome)
+            self._failed_in_a_row = 0
+            return
+        self._give_up(index, outcome.reasons)
+        self._failed_in_a_row += len(outcome.reasons)
+        if self._failed_in_a_row >= GIVE_UP_AFTER:
+            raise HulldownError(
+                f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
+                f"{outcome.reasons[-1]}",
+                path=logs if (logs := self._folder / LOGS_NAME).is_dir() else self._folder,
+                remedy="fix the cause and run again, which goes on from here",
+            )
+
+    def _begin(self) -> None:
+        """After the first image: retry the failures of earlier runs."""
+        if not self.begun:
+            self.begun = True
+            write_failures(self._folder, self._failures)
+
+    def _record(self) -> None:
+        """Update the plan's provenance whenever there is news."""
+        if self.made_by == self._recorded:
+            return
+        made = Provenance(
+            file=self._plan.path.name,
+            first_image_id=self._reservation.image_offset + 1,
+            images=len(self._plan),
+            **self.made_by,
+            plan=self._plan.header,
+        )
+        add_provenance(self._folder, {self._reservation.key: made})
+        self._recorded = self.made_by
+
+    def _output(self, row: Row) -> Path:
+        return self.unfinished / f"{row.index}.png"
+
+    def _row(self, index: int) -> Row:
+        """Return a row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""
+        if stamp_of(self._plan.path) != self._stamp:
+            raise ConfigError(
+                "is not what it was when this run began",
+                path=self._plan.path,
+                remedy="run again; a new plan is better planned to a new file and rendered into a new folder",
+            )
+        return self._plan[index]
+
+    def _job(self, index: int) -> RenderJob:
+        row = self._row(index)
+        try:
+            return render_job(row, self._library, self._settings, self._output(row))
+        except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
+            raise ConfigError(
+                f"line {index + 2} cannot be rendered ({error})",
+                path=self._plan.path,
+                remedy="plan again with `hulldown plan`",
+            ) from error
+
+    def _done(self, index: int, outcome: Outcome) -> None:
+        row = self._row(index)
+        picture = self._output(row)
+        name, first = self._left[index]
+        records = self._segmenter.records(row)
+        self._begin()
+        self._record()
+        content = without_notes(outcome.content)
+        with writing(self._folder, name):
+            picture.write_bytes(content)
+        publish(picture, self._folder, name)
+        image_id = self._reservation.image_offset + index + 1
+        about = {"id": image_id, "file_name": name, "device": outcome.made_by["devices"]}
+        self._dataset.append(
+            {**about, PICTURE_KEY: hashlib.sha256(content).hexdigest(), **image_record(row)},
+            [{"id": first + i, **record} for i, record in enumerate(records)],
+        )
+        self.rendered += 1
+        self.say("")
+
+    def _give_up(self, index: int, reasons: Sequence[str]) -> None:
+        name, _ = self._left[index]
+        self._failures.append(Failure(index=index, file_name=name, reasons=list(reasons)))
+        if self.begun:
+            write_failures(self._folder, self._failures)
+        self.failed.append(name)
+        self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")
