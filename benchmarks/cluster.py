@@ -23,7 +23,7 @@ from hulldown.render.jobs import readable, render_job
 from hulldown.render.outline import sort_key
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
-from hulldown.render.supervisor import render_plan
+from hulldown.render.supervisor import render_remaining
 from hulldown.tests.clusters import Cluster, blenders, cluster, digests
 
 SIZES = ((96, 54), (480, 270))
@@ -88,13 +88,13 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
 def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
     """Render a plan on three workers; one of them, or its Blender, is killed again and again, and replaced."""
     plan, library = planned(folder, config, 4 * n, SIZES[0], one_of_a_class=True, render=TINY)
-    render_plan(plan.path, folder / "whole", library=library, engine=Engine(device="cpu"))
+    render_remaining(plan.path, folder / "whole", library=library, engine=Engine(device="cpu"))
     found: dict[str, Any] = {"images": len(plan), "workers": 3}
     rng = np.random.default_rng(3)
     for name in ("quiet", "killed"):
         victims: list[str] = []
         with cluster(folder / name / "nodes", 3) as nodes:
-            report = render_plan(
+            report = render_remaining(
                 plan.path,
                 folder / name / "dataset",
                 library=library,
@@ -149,7 +149,7 @@ def _told_overhead(entries: list[dict]) -> str:
             f"{100 * (statistics.median(ratios) - 1):+.0f}%",
         ))  # fmt: skip
     return (
-        f"**Overhead.** {CHUNK} rows of one scenery, fast profile, in turn by `render --workers {WORKERS}` and by "
+        f"**Overhead.** {CHUNK} rows of one scenery, fast profile, in turn by `render_plan --workers {WORKERS}` and by "
         f"{WORKERS} `dask worker` on the same machine, with everything loaded.\n\n"
     ) + table(["picture", "local, images/s", "Dask, images/s", "Dask takes"], rows)
 

@@ -76,20 +76,20 @@ def renders_of(name: str) -> dict[str, Side]:
 
 def detector(run: Path, data: Sequence[Path], seed: int) -> Path:
     """Train a detector on some datasets, unless it's finished; return its folder."""
-    from hulldown.training.train import train
+    from hulldown.training.train import train_detector
 
     settings = load_settings(None, {**SETTINGS, "seed": seed})
-    train({path.name: path for path in data}, run, settings=settings, progress=lambda what, done, total: None)
+    train_detector({path.name: path for path in data}, run, settings=settings, progress=lambda what, done, total: None)
     return run
 
 
 def found(run: Path, photographs: Path) -> Path:
     """Detect in photographs, unless it's done; return the file of detections."""
-    from hulldown.training.predict import predict
+    from hulldown.training.predict import predict_detections
 
     path = run / f"{photographs.parent.name}-{photographs.name}.json"
     if not path.exists():
-        predict(run, photographs, path, progress=lambda done, total: None)
+        predict_detections(run, photographs, path, progress=lambda done, total: None)
     return path
 
 

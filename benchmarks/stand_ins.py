@@ -22,7 +22,7 @@ from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
 from hulldown.base.files import replacing
-from hulldown.dataset.exports.export import export
+from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLITS
 from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import COCO_NAME, read_coco
@@ -32,7 +32,7 @@ from hulldown.plan.config.config_keys import config_text
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.planning.write import write_plan
-from hulldown.render.supervisor import Progress, render_plan
+from hulldown.render.supervisor import Progress, render_remaining
 
 SAMPLES = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on
@@ -123,7 +123,7 @@ def make_side(side: Side, folder: Path) -> Path:
         config = Config.read(write_side(side, folder))
         workers = os.cpu_count() or 1
         write_plan(config, load_library(config).assets, plan, workers=workers, progress=_say(side.name))
-    if not render_plan(plan, dataset, progress=_rendered(side)).complete:
+    if not render_remaining(plan, dataset, progress=_rendered(side)).complete:
         raise SystemExit(f"{dataset}: not all images could be rendered; see failures.jsonl there")
     return dataset
 
@@ -144,7 +144,7 @@ def write_stand_ins(dataset: Path, out: Path, shares: tuple[float, float, float]
     """Train, valid and test folders of a dataset's images as stand-ins for photographs; no position is in two."""
     unfinished = out.with_name(f"{out.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
-    export(dataset, unfinished, layout="coco", fractions=shares)
+    export_dataset(dataset, unfinished, layout="coco", fractions=shares)
     for split in SPLITS:
         coco = read_coco(unfinished / split)
         images = []

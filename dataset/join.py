@@ -74,7 +74,7 @@ class _Move:
         return self.part.folder / self.old_name
 
 
-def join(
+def join_datasets(
     parts: Sequence[AnyPath],
     output: AnyPath,
     *,

@@ -45,7 +45,7 @@ _AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
 _SMALLEST_BLOCK = 64
 
 
-def plan(
+def plan_dataset(
     config: Annotated[Config | str | os.PathLike[str], PATH],
     output: AnyPath,
     *,
@@ -154,7 +154,7 @@ def write_plan(
     poses: GivenPoses | None = None,
     progress: Progress | None = None,
 ) -> Plan:
-    """Plan with assets in memory and write the plan, or continue it; parameters as of `plan` and `Planner`."""
+    """Plan with assets in memory and write the plan, or continue it; parameters as of `plan_dataset` and `Planner`."""
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:

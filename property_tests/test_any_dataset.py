@@ -17,10 +17,10 @@ from hypothesis import strategies as st
 from PIL import Image
 
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.exports.export import export
-from hulldown.dataset.join import join
+from hulldown.dataset.exports.export import export_dataset
+from hulldown.dataset.join import join_datasets
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import append
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may also cause warnings
@@ -80,10 +80,10 @@ def changed(value: Any, changes: list[tuple[int, str, Any, str]]) -> Any:
 
 def used(folder: Path) -> None:
     uses: list[Callable[[], object]] = [
-        lambda: [str(finding) for finding in verify(folder)],
-        lambda: export(folder, folder.parent / "coco"),
-        lambda: export(folder, folder.parent / "yolo", layout="yolo"),
-        lambda: join([folder], folder.parent / "joined"),
+        lambda: [str(finding) for finding in verify_dataset(folder)],
+        lambda: export_dataset(folder, folder.parent / "coco"),
+        lambda: export_dataset(folder, folder.parent / "yolo", layout="yolo"),
+        lambda: join_datasets([folder], folder.parent / "joined"),
         lambda: CocoDataset.open(folder, categories=["truck"]).close(),
     ]
     assert all(len(refusal(use)) < 5000 for use in uses)

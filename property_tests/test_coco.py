@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 import hulldown.dataset.coco
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.join import join
+from hulldown.dataset.join import join_datasets
 from hulldown.dataset.store.document import read_coco
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # of cut journals and missing files of killed processes
@@ -120,7 +120,7 @@ def test_shares_joined_in_any_order_are_the_whole(
             shuffle.shuffle(own_rows)
             render_share(part, len(owner), own_rows)
         for group in (order[:at_once], order[at_once:]):
-            join([parts[k] for k in group], folder / "joined")
+            join_datasets([parts[k] for k in group], folder / "joined")
         render_share(folder / "whole", len(owner))
         for file in ("annotations.json", *(f"images/{i}.png" for i in range(len(owner)))):
             assert (folder / "joined" / file).read_bytes() == (folder / "whole" / file).read_bytes()
@@ -156,14 +156,14 @@ def test_a_killed_join_loses_and_doubles_nothing() -> None:
         began = []
         for _ in range(6):
             killed(
-                lambda tell: join(parts, folder / "joined", progress=lambda done, of: os.write(tell, b"\n")),
+                lambda tell: join_datasets(parts, folder / "joined", progress=lambda done, of: os.write(tell, b"\n")),
                 rng.randrange(40),
                 rng.uniform(0.0, 0.01),
             )
             if (folder / "joined").exists():
                 began.append(len(read_or_nothing(folder / "joined")["images"]))
         assert began == sorted(began)
-        join(parts, folder / "joined")
+        join_datasets(parts, folder / "joined")
         render_share(folder / "whole", total)
         joined, whole = ((folder / which / "annotations.json").read_bytes() for which in ("joined", "whole"))
         assert joined == whole

@@ -54,7 +54,7 @@ class RenderReport:
         return self.already + self.rendered == self.images
 
 
-def render(
+def render_plan(
     plan: str | os.PathLike[str],
     folder: str | os.PathLike[str],
     *,
@@ -101,7 +101,7 @@ def render(
     """
     scheduler = Scheduler(scheduler) if isinstance(scheduler, str) else scheduler
     engine = Engine(workers=workers, device=device, scheduler=scheduler)
-    report = render_plan(plan, folder, engine=engine, part=part, cache=cache, progress=progress)
+    report = render_remaining(plan, folder, engine=engine, part=part, cache=cache, progress=progress)
     if report.interrupted:
         raise KeyboardInterrupt
     if report.failed:
@@ -125,7 +125,7 @@ def _pool(
 
 @contextlib.contextmanager
 def render_bar() -> Iterator[Callable[[Progress], None]]:
-    """Show a bar on stderr, with the messages above it; yield what `render` calls."""
+    """Show a bar on stderr, with the messages above it; yield what `render_plan` calls."""
     with titled_bar(unit="images") as advance:
 
         def show(progress: Progress) -> None:
@@ -137,7 +137,7 @@ def render_bar() -> Iterator[Callable[[Progress], None]]:
         yield show
 
 
-def render_plan(
+def render_remaining(
     plan: AnyPath,
     output: AnyPath,
     library: Library | None = None,
@@ -170,7 +170,7 @@ def render_plan(
     """
     if progress is None and watched():
         with render_bar() as bar:
-            return render_plan(
+            return render_remaining(
                 plan, output, library, engine=engine, part=part, cache=cache, limits=limits, progress=bar
             )
     start = time.monotonic()

@@ -26,7 +26,7 @@ class Findings(list[Finding]):
         return listed(self)
 
 
-def verify(
+def verify_dataset(
     dataset: AnyPath,
     plan: AnyPath | None = None,
     *,

@@ -130,29 +130,29 @@ def test_displays_escape_html_in_files(tmp_path):
 
 
 def test_datasets_and_plans_are_path_like(dataset, plan, tmp_path):
-    assert hd.verify(dataset) == []
-    assert hd.join([dataset], tmp_path / "joined").added == 8
-    assert sum(hd.export(dataset, tmp_path / "out").values()) == 8
+    assert hd.verify_dataset(dataset) == []
+    assert hd.join_datasets([dataset], tmp_path / "joined").added == 8
+    assert sum(hd.export_dataset(dataset, tmp_path / "out").values()) == 8
     assert len(hd.read_plan(plan)) == len(plan)
     with pytest.raises(hd.HulldownError):
-        hd.render(plan, tmp_path / "rendered")
+        hd.render_plan(plan, tmp_path / "rendered")
     assert not (tmp_path / "rendered").exists()
 
 
 def test_files_are_named_by_strings_too(dataset, plan, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(hd.HulldownError, match=r"^none\.toml: no such file"):
-        hd.plan("none.toml", "plan.jsonl")
+        hd.plan_dataset("none.toml", "plan.jsonl")
     with pytest.raises(hd.HulldownError, match=r"^none: no such file"):
-        hd.plan(plan.config, "plan.jsonl", poses="none")
+        hd.plan_dataset(plan.config, "plan.jsonl", poses="none")
     with pytest.raises(hd.HulldownError):
-        hd.render(str(plan.path), "rendered", cache="cache")
+        hd.render_plan(str(plan.path), "rendered", cache="cache")
 
 
 @pytest.mark.parametrize("wrong", [{"threshold": "bset"}, {"threshold": 50}, {"iou": 0}])
 def test_a_threshold_out_of_range_is_refused(dataset, wrong):
     with pytest.raises(ValueError, match=f"^{next(iter(wrong))}: expected a number"):
-        hd.evaluate(dataset, "found.json", "report", **wrong)
+        hd.evaluate_detections(dataset, "found.json", "report", **wrong)
 
 
 @pytest.mark.blender
@@ -175,5 +175,5 @@ def test_the_example_notebook_runs_and_its_plan_can_be_displayed_and_rendered_in
     from hulldown.render.supervisor import Part
 
     for limit in (1, 2):
-        assert len(hd.render(plan, tmp_path / "parts", part=Part(limit=limit), device="cpu")) == limit
-        assert [one for one in hd.verify(tmp_path / "parts", plan) if one.severity == "error"] == []
+        assert len(hd.render_plan(plan, tmp_path / "parts", part=Part(limit=limit), device="cpu")) == limit
+        assert [one for one in hd.verify_dataset(tmp_path / "parts", plan) if one.severity == "error"] == []

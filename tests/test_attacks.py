@@ -26,7 +26,7 @@ from hulldown.render.blender.messages import CyclesSettings
 from hulldown.render.jobs import render_job
 from hulldown.render.pool import Engine
 from hulldown.render.process import Blender, Confinement
-from hulldown.render.supervisor import render_plan
+from hulldown.render.supervisor import render_remaining
 from hulldown.tests.blender_plans import run_script
 from hulldown.tests.clusters import cluster
 from hulldown.tests.parameters import few
@@ -183,10 +183,10 @@ def planned(attack: Path) -> Path:
 def test_no_attack_succeeds_from_plan_to_picture(attack: Path, planned: Path, where: str, tmp_path: Path) -> None:
     before, opened, out = written(attack), Opened(attack / "secret"), attack / "mine/out" / where
     if where == "here":
-        report = render_plan(planned, out, engine=Engine(device="cpu"))
+        report = render_remaining(planned, out, engine=Engine(device="cpu"))
     else:
         with cluster(tmp_path / "nodes", 1) as nodes:
-            report = render_plan(planned, out, engine=Engine(scheduler=Scheduler(nodes.address), device="cpu"))
+            report = render_remaining(planned, out, engine=Engine(scheduler=Scheduler(nodes.address), device="cpu"))
     assert report.failed == ()
     assert report.rendered == len(read_plan(planned))
     assert opened.names() == set()

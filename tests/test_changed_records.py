@@ -7,11 +7,11 @@ import pytest
 
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.exports.export import export
-from hulldown.dataset.join import join
+from hulldown.dataset.exports.export import export_dataset
+from hulldown.dataset.join import join_datasets
 from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import read_coco
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import PLAN, edit, render, write_dataset
 
 
@@ -21,12 +21,12 @@ def fill(folder, n=3, **more):
 
 
 def errors(folder, **options):
-    return [str(finding) for finding in verify(folder, **options) if finding.severity == "error"]
+    return [str(finding) for finding in verify_dataset(folder, **options) if finding.severity == "error"]
 
 
 def test_every_image_has_the_hash_of_its_picture(tmp_path):
     coco = read_coco(fill(tmp_path))
-    assert list(verify(tmp_path)) == []
+    assert list(verify_dataset(tmp_path)) == []
     for image in coco["images"]:
         assert image[PICTURE_KEY] == hashlib.sha256((tmp_path / image["file_name"]).read_bytes()).hexdigest()
 
@@ -91,14 +91,14 @@ def test_a_pipe_in_place_of_a_file_does_not_block(tmp_path, name):
     (part / name).unlink(missing_ok=True)
     os.mkfifo(part / name)
     with pytest.raises(DatasetError, match="isn't a regular file"):
-        join([part], tmp_path / "new")
+        join_datasets([part], tmp_path / "new")
 
 
 def test_a_name_of_a_megabyte_is_abbreviated(tmp_path):
     edit(fill(tmp_path), lambda c: c["images"][1].update(file_name="x" * 1_000_000))
-    assert max(len(str(finding)) for finding in verify(tmp_path)) < 3000
+    assert max(len(str(finding)) for finding in verify_dataset(tmp_path)) < 3000
     with pytest.raises(DatasetError) as refused:
-        export(tmp_path, tmp_path / "out")
+        export_dataset(tmp_path, tmp_path / "out")
     assert len(str(refused.value)) < 3000
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.export import export
-from hulldown.render.verify import verify
+from hulldown.dataset.exports.export import export_dataset
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import write_dataset
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.sources import read_sources
@@ -18,7 +18,7 @@ def dataset(folder, *boxes):
 
 
 def exported(folder, out, **options):
-    export(folder, out, fractions=(1.0, 0.0, 0.0), **options)
+    export_dataset(folder, out, fractions=(1.0, 0.0, 0.0), **options)
     coco = json.loads((out / "train" / "_annotations.coco.json").read_text())
     return [label["bbox"] for label in coco["annotations"]]
 
@@ -27,14 +27,14 @@ def test_a_box_slightly_outside_is_clipped(tmp_path):
     folder = dataset(tmp_path, (-0.004, 2, 10, 5), (30, 20, 2.9, 4.5))
     clipped = [[0, 2, 9.996, 5], [30, 20, 2, 4]]
     np.testing.assert_allclose(read_sources({"real": folder})[1][0].xywh, clipped, atol=1e-12)
-    assert [(each.severity, each.figure) for each in verify(folder)] == [
+    assert [(each.severity, each.figure) for each in verify_dataset(folder)] == [
         ("warning", 0.004),
         ("warning", pytest.approx(0.9)),
     ]
     np.testing.assert_allclose(exported(folder, tmp_path / "out"), clipped, atol=1e-12)
 
 
-@pytest.mark.parametrize("use", [lambda folder, out: read_sources({"real": folder}), export])
+@pytest.mark.parametrize("use", [lambda folder, out: read_sources({"real": folder}), export_dataset])
 def test_all_other_boxes_are_listed_together(tmp_path, use):
     folder = dataset(tmp_path, (-5, 2, 10, 5), (1, 1, 4, 4), (30, 20, 9, 4), (3, 3, 0, 4))
     with pytest.raises(DatasetError) as error:

@@ -11,7 +11,7 @@ from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import DatasetError
 from hulldown.cli import main
 from hulldown.dataset.reports.comparison import FEATURES, brightness_and_contrast, compare_with_photographs
-from hulldown.dataset.reports.dataset_report import report
+from hulldown.dataset.reports.dataset_report import report_dataset
 from hulldown.dataset.table import Dataset
 from hulldown.tests.editing import write_dataset
 
@@ -61,7 +61,7 @@ def test_photographs_without_files_are_compared_by_boxes(tmp_path):
     own, photographs = coco(tmp_path / "a", 6, seed=1), coco(tmp_path / "b", 6, seed=2)
     shutil.rmtree(photographs / "images")
     with pytest.warns(UserWarning, match="only boxes"):
-        found = report(own, tmp_path / "page.html", photographs=photographs)
+        found = report_dataset(own, tmp_path / "page.html", photographs=photographs)
     assert set(FEATURES) - set(found.distances()) == {"brightness", "contrast"}
 
 

@@ -19,7 +19,7 @@ from hulldown.training.inputs.data import DrawnExamples
 from hulldown.training.inputs.draws import make_draws
 from hulldown.training.inputs.sources import follow_masks, read_sources
 from hulldown.training.predict import load_detector
-from hulldown.training.train import train
+from hulldown.training.train import train_detector
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,9 @@ SHAPES = {"class_embed.bias": torch.zeros(3), "class_embed.weight": torch.zeros(
 def test_unusable_weights_are_refused_before_the_folder_is_made(pictures, tmp_path, content, words):
     torch.save(content, tmp_path / "start.pt")
     with pytest.raises(HulldownError, match=words):
-        train({"demo": pictures}, tmp_path / "run", settings=nano(weights=str(tmp_path / "start.pt")), device="cpu")
+        train_detector(
+            {"demo": pictures}, tmp_path / "run", settings=nano(weights=str(tmp_path / "start.pt")), device="cpu"
+        )
     assert not (tmp_path / "run").exists()
 
 
@@ -75,7 +77,7 @@ def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, t
     spoil(path)
     try:
         with pytest.raises(HulldownError, match=r"checkpoint\.ckpt: .*; delete it, and training begins anew"):
-            train({"demo": pictures}, stopped, settings=small(), device="cpu", workers=0)
+            train_detector({"demo": pictures}, stopped, settings=small(), device="cpu", workers=0)
     finally:
         path.write_bytes(sound)
 
@@ -125,7 +127,7 @@ def test_a_picture_deleted_during_training_is_a_one_line_error(tmp_path, workers
                 path.unlink()
 
     with pytest.raises(DatasetError, match=r"^[^ ]*\.png: is missing; put it there") as caught:
-        train(
+        train_detector(
             {"demo": dataset}, tmp_path / "run", settings=small(budget=400), device="cpu", workers=workers,
             progress=progress,
         )  # fmt: skip

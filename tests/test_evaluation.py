@@ -13,7 +13,7 @@ from selenium.webdriver.common.by import By
 from hulldown.cli import main
 from hulldown.tests.detections import dataset, random_case, results
 from hulldown.tests.editing import write_dataset
-from hulldown.training.evaluation.evaluation_report import evaluate
+from hulldown.training.evaluation.evaluation_report import evaluate_detections
 
 METRICS = {"tp", "fp", "fn", "precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75"}
 
@@ -29,7 +29,7 @@ def stored(folder, coco, **found):
 
 def evaluated(dataset, predictions, output, **options):
     """The contents of report.json, which are those of the returned report."""
-    found = evaluate(dataset, predictions, output, **options)
+    found = evaluate_detections(dataset, predictions, output, **options)
     assert json.loads(msgspec.json.encode(found)) == json.loads((output / "report.json").read_text())
     return msgspec.to_builtins(found)
 
@@ -93,7 +93,7 @@ def test_sheets_show_misses_and_false_positives(weak):
 
 
 def test_a_second_report_is_equal_to_the_byte(weak, scene, tmp_path):
-    evaluate(scene, [scene / "weak.json"], tmp_path)
+    evaluate_detections(scene, [scene / "weak.json"], tmp_path)
     for path in weak[1].iterdir():
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()
 

@@ -15,7 +15,7 @@ from hulldown import cli
 from hulldown.annotate.masks import decode, encode, mask_box
 from hulldown.annotate.outlines import polygons
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export
+from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export_dataset
 from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.images import Label
 from hulldown.tests.editing import edit, write_dataset
@@ -90,7 +90,7 @@ def exported(dataset, tmp_path_factory):
             out = tmp_path_factory.mktemp(layout) / "out"
             told = pytest.warns(UserWarning, match="6 pictures have no calib") if layout == "kitti" else nullcontext()
             with told:
-                counts = export(dataset, out, layout=layout, polygons=False if within is None else within)
+                counts = export_dataset(dataset, out, layout=layout, polygons=False if within is None else within)
             assert sum(counts.values()) == 36
             assert min(counts.values()) > 0
             made[layout, within] = out
@@ -292,7 +292,7 @@ def test_the_command_knows_every_layout(layout):
 @pytest.mark.parametrize("layout", sorted(set(LAYOUTS) - set(WITH_POLYGONS)))
 def test_a_layout_without_polygons_refuses_the_option(dataset, tmp_path, layout):
     with pytest.raises(DatasetError, match=f"layout {layout} has no polygons"):
-        export(dataset, tmp_path / "out", layout=layout, polygons=True)
+        export_dataset(dataset, tmp_path / "out", layout=layout, polygons=True)
     assert not (tmp_path / "out").exists()
 
 

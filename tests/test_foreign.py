@@ -7,7 +7,7 @@ import pytest
 
 from hulldown.base.errors import DatasetError
 from hulldown.cli import main
-from hulldown.dataset.exports.export import export
+from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.store.document import read_coco
 from hulldown.tests.training_pictures import make_dataset
 
@@ -32,7 +32,7 @@ def boxes(coco):
     [("yolo", "images/train", 1e-6), ("rfdetr-yolo", "train", 1e-6), ("voc", ".", 1.0)],
 )
 def test_an_export_can_be_read_back(pictures, tmp_path, layout, split, error):
-    export(pictures, tmp_path / "out", layout=layout, fractions=(1.0, 0.0, 0.0))
+    export_dataset(pictures, tmp_path / "out", layout=layout, fractions=(1.0, 0.0, 0.0))
     read, given = boxes(read_coco(tmp_path / "out" / split)), boxes(read_coco(pictures))
     assert read.keys() == given.keys()
     for stem, labels in given.items():
@@ -42,7 +42,7 @@ def test_an_export_can_be_read_back(pictures, tmp_path, layout, split, error):
 
 
 def test_yolo_without_names_is_refused_by_its_labels_and_windows_paths_are_read(pictures, tmp_path):
-    export(pictures, tmp_path / "out", layout="yolo", fractions=(1.0, 0.0, 0.0))
+    export_dataset(pictures, tmp_path / "out", layout="yolo", fractions=(1.0, 0.0, 0.0))
     for described in (tmp_path / "out").glob("*.y*ml"):
         described.unlink()
     with pytest.raises(DatasetError, match=r"labels/train, but no data\.yaml .*names: \[tank, truck\]"):
@@ -57,7 +57,7 @@ def test_yolo_without_names_is_refused_by_its_labels_and_windows_paths_are_read(
 
 
 def test_training_evaluation_and_export_accept_them(pictures, tmp_path):
-    export(pictures, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
+    export_dataset(pictures, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
     train = str(tmp_path / "yolo" / "train")
     run = str(tmp_path / "run")
     arguments = ["--model", "small", "--weights", "none", "--resolution", "64", "--budget", "6", "--workers", "0"]

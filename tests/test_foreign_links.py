@@ -6,9 +6,9 @@ import pytest
 from PIL import Image
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.export import export
-from hulldown.dataset.join import join
-from hulldown.render.verify import verify
+from hulldown.dataset.exports.export import export_dataset
+from hulldown.dataset.join import join_datasets
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import write_dataset
 
 
@@ -24,12 +24,12 @@ def foreign(tmp_path):
 
 
 def exported(folder, out, **options):
-    export(folder, out, fractions=(1.0, 0.0, 0.0), **options)
+    export_dataset(folder, out, fractions=(1.0, 0.0, 0.0), **options)
     return out / "train/1.png"
 
 
 def joined(folder, out, **options):
-    join([folder], out, **options)
+    join_datasets([folder], out, **options)
     return out / "images/1.png"
 
 
@@ -76,4 +76,4 @@ def test_circular_links_and_pipes_are_one_line_errors(foreign, tmp_path, made):
     os.mkfifo(foreign / "images/1.png")
     with pytest.raises(DatasetError, match=r"1\.png(:| cannot be) .*isn't a regular file"):
         made(foreign, tmp_path / "out")
-    assert "isn't a regular file" in verify(foreign)[0].problem
+    assert "isn't a regular file" in verify_dataset(foreign)[0].problem

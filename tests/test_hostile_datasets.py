@@ -9,9 +9,9 @@ import sys
 import pytest
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.export import LAYOUTS, export
+from hulldown.dataset.exports.export import LAYOUTS, export_dataset
 from hulldown.dataset.records import listed
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import edit, write_dataset
 
 
@@ -29,7 +29,7 @@ def test_broken_pictures_are_all_named_and_not_exported(folder, tmp_path, layout
     edit(folder, lambda coco: coco["images"][2].update(width=33))
     wanted = r"3 pictures cannot be used: 1\.png cannot be read as a picture .*2\.png is missing, 3\.png is 32 x 24"
     with pytest.raises(DatasetError, match=wanted) as error:
-        export(folder, tmp_path / "out", layout=layout)
+        export_dataset(folder, tmp_path / "out", layout=layout)
     assert error.value.path == folder
     assert not (tmp_path / "out").exists()
 
@@ -43,7 +43,7 @@ def test_impossible_masks_are_all_named_and_not_exported(folder, tmp_path, optio
     edit(folder, with_masks)
     wanted = "2 masks cannot be used: annotation 2: segmentation: expected .* annotation 3: segmentation: expected"
     with pytest.raises(DatasetError, match=wanted):
-        export(folder, tmp_path / "out", **options)
+        export_dataset(folder, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
 
 
@@ -61,7 +61,7 @@ def test_a_full_disk_is_not_reported_as_a_broken_picture_and_nothing_is_left(fol
     if exists:
         out.mkdir()
     with pytest.raises(DatasetError, match=r"out: cannot be written \(No space left") as error:
-        export(folder, out)
+        export_dataset(folder, out)
     assert "free some space" in error.value.remedy
     assert list(out.iterdir()) == [] if exists else not out.exists()
 
@@ -71,7 +71,7 @@ def test_many_equal_annotations_are_few_lines(folder):
         coco["annotations"] += [{**coco["annotations"][0], "id": i} for i in range(4, 3004)]
 
     edit(folder, repeat)
-    lines = listed(verify(folder))
+    lines = listed(verify_dataset(folder))
     assert len(lines) == 21
     assert "2980 more" in lines[-1]
 
@@ -80,7 +80,7 @@ def test_findings_of_a_kind_are_counted_beyond_twenty(folder):
     edit(folder, lambda coco: coco.update(annotations=[
         {**coco["annotations"][0], "id": i, "category_id": 9, "bbox": [i % 20, i // 20, 1, 1]} for i in range(1, 201)
     ]))  # fmt: skip
-    lines = listed(verify(folder))
+    lines = listed(verify_dataset(folder))
     assert len(lines) == 21
     assert "180 more" in lines[-1]
 
@@ -88,14 +88,14 @@ def test_findings_of_a_kind_are_counted_beyond_twenty(folder):
 def test_repeated_keys_are_found(folder):
     path = folder / "annotations.json"
     path.write_text(path.read_text().replace('"bbox": ', '"bbox": [9, 9, 1, 1], "bbox": '))
-    (finding,) = verify(folder)
+    (finding,) = verify_dataset(folder)
     assert (finding.severity, "'bbox'" in finding.problem, "3 objects" in finding.problem) == ("error", True, True)
 
 
 def test_a_file_that_is_no_picture_is_not_exported(folder, tmp_path):
     (folder / "2.png").write_text("secret")
     with pytest.raises(DatasetError, match=r"2\.png cannot be read as a picture"):
-        export(folder, tmp_path / "out")
+        export_dataset(folder, tmp_path / "out")
 
 
 def test_output_to_an_ascii_terminal_works(folder, tmp_path):

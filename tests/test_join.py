@@ -8,9 +8,9 @@ import pytest
 from PIL import Image
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.join import join
+from hulldown.dataset.join import join_datasets
 from hulldown.dataset.store.document import read_coco
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import PLAN, edit, render, write_dataset
 
 ENTRY = {"first_image_id": 1, "images": 6, "blender": ["5.0"], "devices": [], "systems": ["x"], "confinement": ["x"]}
@@ -41,17 +41,17 @@ def contents(folder):
 
 def test_joining_again_adds_only_new_images(tmp_path):
     one, two = render(tmp_path / "1", [0]), render(tmp_path / "2", [4])
-    first = join([one, two], tmp_path / "joined")
+    first = join_datasets([one, two], tmp_path / "joined")
     assert (first.added, first.already, first.failed, first.missing) == (2, 0, 0, 4)
     assert (tmp_path / "joined/images/00000001.png").samefile(one / "images/00000001.png")
     before = contents(tmp_path / "joined")
-    again = join([one, two], tmp_path / "joined")
+    again = join_datasets([one, two], tmp_path / "joined")
     assert (again.added, again.already) == (0, 2)
     assert contents(tmp_path / "joined") == before
     render(one, [1, 2])
     # The other machine has also rendered one of the first machine's images.
     render(two, [0])
-    more = join([two, one], tmp_path / "joined")
+    more = join_datasets([two, one], tmp_path / "joined")
     assert (more.added, more.already, more.missing) == (2, 3, 2)
 
 
@@ -60,7 +60,7 @@ def test_a_part_is_read_up_to_the_end_of_its_journal(tmp_path):
     (part / "annotations.json").unlink()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
-        assert join([part], tmp_path / "joined").added == 2
+        assert join_datasets([part], tmp_path / "joined").added == 2
 
 
 def test_two_plans_get_different_ids_and_names(tmp_path):
@@ -69,7 +69,7 @@ def test_two_plans_get_different_ids_and_names(tmp_path):
     # A dataset that already has both plans, under another prefix.
     both = render(render(tmp_path / "4", [3], key="b" * 64), [1])
     for parts in ([one, two], [rest], [both]):
-        join(parts, tmp_path / "joined")
+        join_datasets(parts, tmp_path / "joined")
     coco = read_coco(tmp_path / "joined")
     found = {image["id"]: (image["file_name"], image["shot"]) for image in coco["images"]}
     assert found == {
@@ -82,14 +82,14 @@ def test_two_plans_get_different_ids_and_names(tmp_path):
         10: ("images/2-bbbbbbbb-00000004.png", 3),
     }
     assert {a["id"]: a["image_id"] for a in coco["annotations"]} == {2 * i - 1 + k: i for i in found for k in (0, 1)}
-    assert verify(tmp_path / "joined") == []
+    assert verify_dataset(tmp_path / "joined") == []
 
 
 def test_a_dataset_made_elsewhere_keeps_its_fields(tmp_path):
     part = photos(tmp_path / "real", ["a.png", "b/c.png"])
     joined = tmp_path / "joined"
-    join([render(tmp_path / "1", [0]), part], joined)
-    join([part], joined)
+    join_datasets([render(tmp_path / "1", [0]), part], joined)
+    join_datasets([part], joined)
     coco = read_coco(joined)
     assert [(c["id"], c["name"], c.get("supercategory")) for c in coco["categories"]] == [
         (1, "tank", "vehicle"), (2, "truck", "vehicle"), (3, "car", "civil"),
@@ -99,12 +99,12 @@ def test_a_dataset_made_elsewhere_keeps_its_fields(tmp_path):
     ]  # fmt: skip
     box = coco["annotations"][-1]
     assert (box["id"], box["image_id"], box["category_id"], box["score"]) == (13, 7, 1, 0.5)
-    assert verify(joined) == []
+    assert verify_dataset(joined) == []
 
 
 def test_join_appends_to_an_existing_dataset(tmp_path):
     real = photos(tmp_path / "real", ["a.png"])
-    join([render(tmp_path / "1", [0, 1])], real)
+    join_datasets([render(tmp_path / "1", [0, 1])], real)
     coco = read_coco(real)
     assert coco["info"]["year"] == 2024
     assert [i["file_name"] for i in coco["images"]] == [
@@ -120,13 +120,13 @@ def test_failures_and_provenance_are_carried_over(tmp_path):
         (part / "provenance.json").write_text(json.dumps({"plans": {PLAN: {**ENTRY, "devices": [device]}}}))
     joined = tmp_path / "joined"
     photos(joined, ["a.png", "b.png"])
-    assert join(parts, joined).failed == 1
+    assert join_datasets(parts, joined).failed == 1
     (line,) = map(json.loads, (joined / "failures.jsonl").read_text().splitlines())
     assert (line["index"], line["file_name"]) == (2, "images/1-aaaaaaaa-00000003.png")
     (found,) = json.loads((joined / "provenance.json").read_text())["plans"].values()
     assert (found["devices"], found["first_image_id"]) == (["CPU", "GPU"], 2)
     # Another machine has rendered it since.
-    assert join([render(tmp_path / "3", [2])], joined).failed == 0
+    assert join_datasets([render(tmp_path / "3", [2])], joined).failed == 0
     assert not (joined / "failures.jsonl").exists()
 
 
@@ -166,7 +166,7 @@ def test_a_part_that_cannot_be_joined_leaves_the_dataset_unchanged(tmp_path, dam
     before = contents(target)
     for folder in (target, tmp_path / "new" / "joined"):
         with pytest.raises(DatasetError, match=message):
-            join([other, part], folder)
+            join_datasets([other, part], folder)
     assert contents(target) == before
     assert not (tmp_path / "new").exists()
 
@@ -176,7 +176,7 @@ def test_a_picture_whose_plan_was_removed_is_still_recognized(tmp_path):
     bare = render(tmp_path / "2", [0])
     (bare / "journal.jsonl").unlink()
     edit(bare, lambda coco: coco.pop("info"))
-    assert (join([share, bare], tmp_path / "new").added, len(read_coco(tmp_path / "new")["images"])) == (1, 1)
+    assert (join_datasets([share, bare], tmp_path / "new").added, len(read_coco(tmp_path / "new")["images"])) == (1, 1)
 
 
 def with_photograph(folder, image_id, name="real/x.png"):
@@ -220,7 +220,7 @@ def test_another_picture_with_the_same_name_or_id_is_refused(tmp_path, parts, ta
         IN_THE_WAY[name](tmp_path / name)
     before = contents(tmp_path)
     with pytest.raises(DatasetError, match=message):
-        join([tmp_path / part for part in parts], tmp_path / target)
+        join_datasets([tmp_path / part for part in parts], tmp_path / target)
     assert contents(tmp_path) == before
     assert not (tmp_path / "new").exists()
     assert target != "photo" or not (tmp_path / target / "journal.jsonl").exists()
@@ -229,7 +229,7 @@ def test_another_picture_with_the_same_name_or_id_is_refused(tmp_path, parts, ta
 def test_a_name_without_the_plans_prefix_is_not_the_plans(tmp_path):
     real = photos(tmp_path / "real", ["a.png"])
     with_photograph(render(real, [0]), 4)
-    assert join([real, render(tmp_path / "2", [2])], tmp_path / "new").added == 4
+    assert join_datasets([real, render(tmp_path / "2", [2])], tmp_path / "new").added == 4
     found = {image["file_name"]: image["id"] for image in read_coco(tmp_path / "new")["images"]}
     assert found == {"images/00000001.png": 1, "images/00000003.png": 3, "a.png": 7, "real/x.png": 8}
 
@@ -246,16 +246,16 @@ def test_a_damaged_dataset_is_unchanged(tmp_path, name, content, message):
     (target / name).write_text(json.dumps(content) + "\n")
     before = contents(target)
     with pytest.raises(DatasetError, match=message):
-        join([render(tmp_path / "2", [1])], target)
+        join_datasets([render(tmp_path / "2", [1])], target)
     assert contents(target) == before
 
 
 def test_the_dataset_itself_and_folders_without_a_dataset_are_refused_as_parts(tmp_path):
     part = render(tmp_path / "1", [0])
     with pytest.raises(DatasetError, match="is a part of itself"):
-        join([part], part)
+        join_datasets([part], part)
     with pytest.raises(DatasetError, match=r"no annotations\.json and no journal"):
-        join([tmp_path], tmp_path / "joined")
+        join_datasets([tmp_path], tmp_path / "joined")
 
 
 def test_no_picture_is_written_outside(tmp_path):
@@ -265,7 +265,7 @@ def test_no_picture_is_written_outside(tmp_path):
     joined.mkdir()
     (joined / "images").symlink_to(outside)
     with pytest.raises(DatasetError, match="leads out of the dataset"):
-        join([render(tmp_path / "1", [0])], joined)
+        join_datasets([render(tmp_path / "1", [0])], joined)
     assert list(outside.iterdir()) == []
     assert [path.name for path in joined.iterdir()] == ["images"]
 
@@ -276,6 +276,6 @@ def test_without_links_pictures_are_copied(tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "link", refuse)
     part = render(tmp_path / "1", range(6))
-    join([part], tmp_path / "joined")
+    join_datasets([part], tmp_path / "joined")
     assert not (tmp_path / "joined/images/00000001.png").samefile(part / "images/00000001.png")
     assert contents(tmp_path / "joined") == contents(part)

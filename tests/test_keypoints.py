@@ -12,11 +12,11 @@ from hulldown.assets.bundle import load_vehicle, save
 from hulldown.assets.skeleton import category_fields
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.exports.export import export
+from hulldown.dataset.exports.export import export_dataset
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.vehicle.marked_keypoints import marked_points
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.editing import append, edit
@@ -103,8 +103,8 @@ def dataset(tmp_path):
 
 
 def test_pycocotools_evaluates_them(dataset, tmp_path, capsys):
-    assert list(verify(dataset, fast=True)) == []
-    export(dataset, tmp_path / "out", fractions=(1.0, 0.0, 0.0))
+    assert list(verify_dataset(dataset, fast=True)) == []
+    export_dataset(dataset, tmp_path / "out", fractions=(1.0, 0.0, 0.0))
     truth = COCO(str(tmp_path / "out/train/_annotations.coco.json"))
     found = [{**each, "score": 0.9} for each in truth.dataset["annotations"]]
     evaluation = COCOeval(truth, truth.loadRes(found), "keypoints")
@@ -116,7 +116,7 @@ def test_pycocotools_evaluates_them(dataset, tmp_path, capsys):
 
 
 def test_yolo_pose_has_ultralytics_format(dataset, tmp_path):
-    export(dataset, tmp_path / "out", layout="yolo-pose", fractions=(1.0, 0.0, 0.0))
+    export_dataset(dataset, tmp_path / "out", layout="yolo-pose", fractions=(1.0, 0.0, 0.0))
     data = yaml.safe_load((tmp_path / "out/data.yaml").read_text())
     assert (data["kpt_shape"], data["flip_idx"], data["names"]) == ([3, 3], [0, 2, 1], {0: "tank"})
     numbers = np.array((tmp_path / "out/labels/train/2.txt").read_text().split(), dtype=float)
@@ -138,14 +138,14 @@ def test_yolo_pose_has_ultralytics_format(dataset, tmp_path):
 )
 def test_verify_finds_invalid_keypoints(dataset, change, problem):
     edit(dataset, lambda coco: coco["annotations"][0].update(change))
-    assert any(problem in finding.problem for finding in verify(dataset, fast=True))
+    assert any(problem in finding.problem for finding in verify_dataset(dataset, fast=True))
 
 
 @pytest.mark.parametrize("name", [None, 5, ""])
 def test_verify_checks_keypoints_of_a_category_without_a_usable_name(dataset, name):
     edit(dataset, lambda coco: coco["categories"][0].update(name=name))
     edit(dataset, lambda coco: coco["annotations"][0].update(num_keypoints=3))
-    problems = [finding.problem for finding in verify(dataset, fast=True)]
+    problems = [finding.problem for finding in verify_dataset(dataset, fast=True)]
     assert any(problem.startswith("name is") for problem in problems)
     assert "num_keypoints is 3" in problems
 
@@ -158,7 +158,7 @@ def test_other_keypoints_of_a_category_are_refused(dataset, tmp_path):
     with CocoDataset.open(tmp_path / "plain") as plain, pytest.raises(DatasetError, match="'tank' has no keypoints"):
         plain.add_categories([{"name": "tank", "keypoints": ["muzzle"]}], keypoints=True)
     with pytest.raises(DatasetError, match="its categories have no keypoints"):
-        export(tmp_path / "plain", tmp_path / "out", layout="yolo-pose")
+        export_dataset(tmp_path / "plain", tmp_path / "out", layout="yolo-pose")
 
 
 def test_empties_mark_points_of_their_parents_part():

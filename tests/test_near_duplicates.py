@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from hulldown.assets.picture_files import read_pixels
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import write_dataset
 
 
@@ -66,5 +66,5 @@ def test_verify_warns_of_photographs_with_the_same_content(photographs, tmp_path
         with Image.open(photographs / f"{name[0]}.png") as picture:
             picture.save(tmp_path / name, quality=70)
     write_dataset(tmp_path, [{"file_name": name, "width": 160, "height": 90} for name in names])
-    (finding,) = verify(tmp_path)
+    (finding,) = verify_dataset(tmp_path)
     assert (finding.severity, finding.where, "0.png" in finding.problem) == ("warning", "0.jpg", True)

@@ -11,11 +11,11 @@ from hulldown.annotate.masks import encode
 from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.exports.export import export
+from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import Segmenter, image_record
 from hulldown.geometry.transforms import apply
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
 from hulldown.tests.editing import edit, write_dataset
@@ -104,10 +104,10 @@ def test_the_corners_are_those_of_the_posed_box_the_ground_first(planned, datase
 def test_verify_finds_wrong_corners_and_amodal_masks(dataset, tmp_path, change, problem):
     shutil.copy(dataset / "annotations.json", tmp_path)
     assert not any(
-        "amodal mask" in found.problem or "corners" in found.problem for found in verify(tmp_path, fast=True)
+        "amodal mask" in found.problem or "corners" in found.problem for found in verify_dataset(tmp_path, fast=True)
     )
     edit(tmp_path, lambda coco: change(coco["annotations"][0]))
-    assert any(problem in found.problem for found in verify(tmp_path, fast=True))
+    assert any(problem in found.problem for found in verify_dataset(tmp_path, fast=True))
 
 
 def everything(label):
@@ -127,7 +127,7 @@ def test_verify_finds_a_rectangle_that_does_not_fit_its_mask(dataset, tmp_path, 
         label["obb"] = [a + b for a, b in zip(label["obb"], by, strict=True)]
 
     edit(tmp_path, move)
-    problems = [finding for finding in verify(tmp_path, fast=True) if "obb" in finding.problem]
+    problems = [finding for finding in verify_dataset(tmp_path, fast=True) if "obb" in finding.problem]
     assert len(problems) == any(by)
 
 
@@ -136,7 +136,7 @@ def test_supervision_reads_the_corners(dataset, tmp_path):
     for image in read_usable(dataset).images:
         full = [(one.category, rectangle_corners(one.record["obb"])) for one in image.labels if not one.crowd]
         wanted[image.file_name.rpartition("/")[2][:-4]] = full
-    export(dataset, tmp_path / "yolo", layout="yolo-obb", fractions=(1.0, 0.0, 0.0))
+    export_dataset(dataset, tmp_path / "yolo", layout="yolo-obb", fractions=(1.0, 0.0, 0.0))
     folders = (str(tmp_path / "yolo" / kind / "train") for kind in ("images", "labels"))
     data = package("supervision").DetectionDataset.from_yolo(*folders, str(tmp_path / "yolo/data.yaml"), is_obb=True)
     assert len(data) == len(wanted)
@@ -150,7 +150,7 @@ def test_supervision_reads_the_corners(dataset, tmp_path):
 def test_a_label_without_a_mask_has_the_corners_of_its_box(tmp_path):
     image, label = {"file_name": "1.png", "width": 10, "height": 10}, {"image_id": 1, "bbox": [1, 1, 5, 4]}
     write_dataset(tmp_path / "photographs", [image], [label], names=("truck",))
-    export(tmp_path / "photographs", tmp_path / "out", layout="yolo-obb", fractions=(1.0, 0.0, 0.0))
+    export_dataset(tmp_path / "photographs", tmp_path / "out", layout="yolo-obb", fractions=(1.0, 0.0, 0.0))
     numbers = [float(n) for n in (tmp_path / "out/labels/train/1.txt").read_text().split()]
     assert numbers == [0, 0.1, 0.1, 0.6, 0.1, 0.6, 0.5, 0.1, 0.5]
 

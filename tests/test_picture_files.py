@@ -8,7 +8,7 @@ from hulldown.assets.picture_files import read_picture, read_pixels, rgb
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.table import Dataset
 from hulldown.pictures.drawing import Overlay, draw
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import write_dataset
 from hulldown.training.inputs.sources import read_sources
 
@@ -112,9 +112,9 @@ def test_every_reader_uses_the_displayed_picture(turned):
 
 
 def test_verify_reports_orientation_and_compares_displayed_sizes(turned):
-    (finding,) = verify(turned)
+    (finding,) = verify_dataset(turned)
     assert finding.severity == "warning"
     assert "EXIF orientation 6" in finding.problem
     path = turned / "annotations.json"
     path.write_text(path.read_text().replace('"width": 64, "height": 96', '"width": 96, "height": 64'))
-    assert any("when displayed" in each.problem and each.severity == "error" for each in verify(turned))
+    assert any("when displayed" in each.problem and each.severity == "error" for each in verify_dataset(turned))

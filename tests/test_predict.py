@@ -18,7 +18,7 @@ from hulldown.training.detectors.tiled import TiledDetector
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.input_pictures import find_pictures
-from hulldown.training.predict import UNFINISHED_SUFFIX, predict
+from hulldown.training.predict import UNFINISHED_SUFFIX, predict_detections
 
 
 @pytest.fixture(scope="module")
@@ -46,7 +46,7 @@ def data(tmp_path):
 
 def test_results_are_cocos_with_classes_by_name(run, data, tmp_path):
     output = tmp_path / "found.json"
-    done = predict(run, data, output, batch=2)
+    done = predict_detections(run, data, output, batch=2)
     found = json.loads(output.read_text())
     assert (done.images, done.detections, done.already, done.unknown) == (5, len(found), 0, ())
     assert len(found) > 5
@@ -58,35 +58,35 @@ def test_results_are_cocos_with_classes_by_name(run, data, tmp_path):
 
 
 def test_an_interrupted_prediction_continues_to_the_same_results(run, data, tmp_path):
-    predict(run, data, tmp_path / "whole.json", batch=1)
+    predict_detections(run, data, tmp_path / "whole.json", batch=1)
     picture = data / "images" / "4.png"
     kept = picture.read_bytes()
     picture.write_bytes(kept[:50])
     output = tmp_path / "parts.json"
     with pytest.raises(DatasetError, match=r"4\.png: cannot be read as a picture"):
-        predict(run, data, output, batch=1)
+        predict_detections(run, data, output, batch=1)
     assert not output.exists()
     unfinished = tmp_path / f"parts.json{UNFINISHED_SUFFIX}"
     with unfinished.open("ab") as file:
         file.write(b'[4,[{"image_id":4')  # as after a crash of the machine
     picture.write_bytes(kept)
-    assert predict(run, data, output, batch=1).already == 3
+    assert predict_detections(run, data, output, batch=1).already == 3
     assert output.read_bytes() == (tmp_path / "whole.json").read_bytes()
     unfinished.write_text('"other weights"\n[1,[]]\n')
-    assert predict(run, data, output).already == 0
+    assert predict_detections(run, data, output).already == 0
 
 
 def test_a_class_that_the_dataset_lacks_gets_an_id_and_keeps_its_name(run, data, tmp_path):
     edit(data, lambda coco: coco.update(categories=[{"id": 1, "name": "tank"}]))
     output = tmp_path / "found.json"
-    assert predict(run, data, output).unknown == ("truck",)
+    assert predict_detections(run, data, output).unknown == ("truck",)
     assert read_predictions(output, read_labels(data)).class_names[:2] == ("tank", "truck")
 
 
 def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_path):
     edit(data, lambda coco: coco.update(categories=[{"id": 1, "name": "Tank"}]))
     with pytest.raises(HulldownError, match="it has Tank; the detector knows truck, tank"):
-        predict(run, data, tmp_path / "found.json")
+        predict_detections(run, data, tmp_path / "found.json")
     assert list(tmp_path.iterdir()) == [data]
 
 
@@ -137,7 +137,7 @@ def test_pictures_need_no_records(run, data, video, tmp_path, what):
     (data / "annotations.json").unlink()
     names = sorted((data / "images").iterdir())
     given = {"folder": data, "pattern": f"{data}/**/*.png", "one": names[0], "several": names[:2], "video": video}[what]
-    done = predict(run / "weights", given, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.1)
+    done = predict_detections(run / "weights", given, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.1)
     found = json.loads((tmp_path / "found.json").read_text())
     info = json.loads((tmp_path / "found.json.info.json").read_text())
     count = {"one": 1, "several": 2}.get(what, 5)
@@ -155,7 +155,7 @@ def test_pictures_need_no_records(run, data, video, tmp_path, what):
 def test_a_video_is_read_by_frame_and_drawn_as_a_video(run, video, tmp_path):
     frames = list(find_pictures([video]).read([0, 2, 4]))
     assert [round(float(frame.mean()), -1) for frame in frames] == [200, 120, 40]
-    predict(run, video, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.0)
+    predict_detections(run, video, tmp_path / "found.json", drawn=tmp_path / "drawn", threshold=0.0)
     drawn = list(find_pictures([tmp_path / "drawn" / "clip.mp4"]).read(range(5)))
     assert len(drawn) == 5
     assert all(picture.std() > 5 for picture in drawn)  # boxes on frames of one gray
@@ -188,7 +188,7 @@ def test_a_damaged_video_names_its_lost_frames_and_a_playlist_is_refused(video, 
 def test_a_file_without_weights_is_named_with_its_type(data, tmp_path, name, content, kind):
     (tmp_path / name).write_bytes(content)
     with pytest.raises(HulldownError, match=kind) as caught:
-        predict(tmp_path / name, data, tmp_path / "found.json")
+        predict_detections(tmp_path / name, data, tmp_path / "found.json")
     assert "weights_only" not in str(caught.value)
 
 
@@ -198,7 +198,7 @@ def test_files_that_are_not_pictures_are_refused(run, tmp_path, monkeypatch, giv
     (tmp_path / "text.txt").write_text("no picture")
     (tmp_path / "empty").mkdir()
     with pytest.raises(HulldownError, match="picture"):
-        predict(run, given, tmp_path / "found.json")
+        predict_detections(run, given, tmp_path / "found.json")
 
 
 def test_the_command_counts_and_draws_detections(run, data, tmp_path, capsys):

@@ -30,8 +30,8 @@ from hulldown.plan.plan_file import Plan
 from hulldown.render.cycles_masks import cycles_masks, verify_masks
 from hulldown.render.jobs import mask_job, readable
 from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
-from hulldown.render.supervisor import render_plan
-from hulldown.render.verify import verify
+from hulldown.render.supervisor import render_remaining
+from hulldown.render.verify import verify_dataset
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.blender_plans import draw, drawn, job, make_plan, pixels, run_python
@@ -62,7 +62,7 @@ def plan(own_worlds):
 
 @pytest.fixture(scope="module")
 def dataset(plan, library, own_worlds):
-    report = render_plan(plan.path, own_worlds / "dataset", library=library)
+    report = render_remaining(plan.path, own_worlds / "dataset", library=library)
     assert report.complete
     assert_shows_plan(own_worlds / "dataset", plan, library)
     return own_worlds / "dataset"
@@ -76,7 +76,7 @@ def test_killing_blender_and_then_the_run_loses_and_doubles_nothing(plan, datase
         psutil.Process(run.pid).children()[-1].kill()
         wait_for(run, killed, 4)
         run.kill()
-    assert render_plan(plan.path, killed).complete
+    assert render_remaining(plan.path, killed).complete
     assert digests(killed) == digests(dataset)
 
 
@@ -267,7 +267,7 @@ def test_an_idle_worker_with_one_core_sleeps(plan, library, tmp_path):
 
 
 def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, library):
-    assert [one for one in verify(dataset, plan.path, assets=lambda: library) if one.severity == "error"] == []
+    assert [one for one in verify_dataset(dataset, plan.path, assets=lambda: library) if one.severity == "error"] == []
     report = verify_masks(dataset, plan.path, count=5, library=library)
     assert len({row.file_name for row in report.rows}) == 5
     assert not [finding for finding in report.findings if finding.severity == "error"]

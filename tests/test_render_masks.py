@@ -9,7 +9,7 @@ import pytest
 from hulldown.annotate.masks import decode, encode
 from hulldown.dataset.images import Label
 from hulldown.render.cycles_masks import compared, verify_masks
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
 MASK = np.zeros((24, 32), dtype=bool)
@@ -79,7 +79,7 @@ def test_a_deleted_label_is_a_warning_and_others_keep_their_masks(rendered, dele
     expected = "warning: images/00000002.png: box 'cube' is planned and has no annotation"
     assert [str(finding) for finding in report.findings] == [expected]
     assert [row.mask_iou for row in report.rows] == [1.0, 1.0, 1.0]
-    assert expected in [str(finding) for finding in verify(path.parent, plan=plan)]
+    assert expected in [str(finding) for finding in verify_dataset(path.parent, plan=plan)]
 
 
 def label(**fields):

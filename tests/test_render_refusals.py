@@ -1,4 +1,4 @@
-"""Refusals by `render`, which leave the dataset unchanged; with a stand-in for Blender."""
+"""Refusals by `render_plan`, which leave the dataset unchanged; with a stand-in for Blender."""
 
 import os
 import signal

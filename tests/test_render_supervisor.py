@@ -18,7 +18,7 @@ from pycocotools.coco import COCO
 
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.join import join
+from hulldown.dataset.join import join_datasets
 from hulldown.dataset.provenance import read_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.reading.confinement.landlock import confinement
@@ -126,7 +126,7 @@ def test_shares_join_to_the_whole(tmp_path, render, limit, n):
     sizes = [report.images for report in reports]
     assert sum(sizes) == (limit or 8)
     assert max(sizes) - min(sizes) <= 1
-    assert join(parts, tmp_path / "joined").added == sum(sizes)
+    assert join_datasets(parts, tmp_path / "joined").added == sum(sizes)
     render(plan, tmp_path / "whole", library=library, part=Part(limit=limit))
     assert contents(tmp_path / "joined") == contents(tmp_path / "whole")
     for name in ("annotations.json", "provenance.json"):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hulldown.render.cycles_masks import cycles_masks, verify_masks
-from hulldown.render.supervisor import render_plan
+from hulldown.render.supervisor import render_remaining
 from hulldown.tests.blender_plans import make_plan
 from hulldown.tests.oracles.rendered import assert_shows_plan
 
@@ -24,7 +24,7 @@ def plan(own_worlds):
 
 
 def test_masks_and_visible_shares_in_a_wood_equal_those_of_cycles(plan, library, tmp_path):
-    assert render_plan(plan.path, tmp_path / "dataset", library=library).complete
+    assert render_remaining(plan.path, tmp_path / "dataset", library=library).complete
     assert_shows_plan(tmp_path / "dataset", plan, library)
     report = verify_masks(tmp_path / "dataset", plan.path, count=len(plan), library=library)
     assert not [finding for finding in report.findings if finding.severity == "error"]

@@ -12,7 +12,7 @@ from selenium.webdriver.support.ui import Select
 
 from hulldown.annotate.masks import encode
 from hulldown.base.errors import DatasetError, HulldownError
-from hulldown.dataset.reports.dataset_report import report
+from hulldown.dataset.reports.dataset_report import report_dataset
 from hulldown.dataset.reports.page import Tile, facet_counts
 from hulldown.dataset.table import Dataset
 from hulldown.tests.editing import write_dataset
@@ -53,7 +53,7 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def page(folder, tmp_path_factory):
     path = tmp_path_factory.mktemp("report") / "report.html"
-    report(folder, path)
+    report_dataset(folder, path)
     return path
 
 
@@ -124,31 +124,31 @@ def test_a_thumbnail_has_a_caption_and_its_boxes(shown, folder):
 
 def test_only_a_report_is_overwritten_and_the_same_dataset_gives_the_same(folder, page, tmp_path):
     before = page.read_bytes()
-    report(folder, page, images=2)
+    report_dataset(folder, page, images=2)
     assert page.read_text().count("<button class=tile") == 2
-    report(folder, page)
+    report_dataset(folder, page)
     assert page.read_bytes() == before
     (tmp_path / "mine.html").write_text("<p>mine</p>")
     with pytest.raises(HulldownError, match=r"mine\.html: exists and wasn't drawn by hulldown"):
-        report(folder, tmp_path / "mine.html")
+        report_dataset(folder, tmp_path / "mine.html")
     with pytest.raises(HulldownError, match="cannot be written"):
-        report(folder, tmp_path / "mine.html" / "report.html")
+        report_dataset(folder, tmp_path / "mine.html" / "report.html")
 
 
 def test_a_picture_that_is_missing_is_named(folder, tmp_path):
     (tmp_path / "annotations.json").write_text((folder / "annotations.json").read_text())
     with pytest.raises(DatasetError, match=r"0\.png: is missing"):
-        report(tmp_path, tmp_path / "report.html")
+        report_dataset(tmp_path, tmp_path / "report.html")
     assert not (tmp_path / "report.html").exists()
 
 
 def test_an_empty_dataset_is_reported(tmp_path):
     with pytest.raises(DatasetError, match="has no images yet"):
-        report(write_dataset(tmp_path, []), tmp_path / "report.html")
+        report_dataset(write_dataset(tmp_path, []), tmp_path / "report.html")
 
 
 def test_photographs_alone_have_a_report(tmp_path):
-    report(write_dataset(tmp_path, [{"file_name": "a.jpg"}], names=()), tmp_path / "report.html")
+    report_dataset(write_dataset(tmp_path, [{"file_name": "a.jpg"}], names=()), tmp_path / "report.html")
     assert (
         "images: 1, images without labels: 1, positions: 0, labels: 0, classes: 0."
         in (tmp_path / "report.html").read_text()

@@ -12,14 +12,14 @@ import pytest
 from PIL import Image
 
 from hulldown.base.errors import ConfigError, DatasetError, HulldownError
-from hulldown.dataset.exports.export import export
+from hulldown.dataset.exports.export import export_dataset
 from hulldown.tests.editing import edit
 from hulldown.tests.networks import tiny_weights
 from hulldown.tests.test_augment import TABLE, augmentation
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
 from hulldown.training.inputs.sources import check_pictures, read_sources
-from hulldown.training.train import train
+from hulldown.training.train import train_detector
 
 ROOT = Path(__file__).parents[1]
 
@@ -62,7 +62,7 @@ def test_a_parent_category_without_boxes_is_not_a_class(tmp_path):
 
     edit(dataset, group)
     assert read_sources({"real": dataset})[0] == ("square", "disc")
-    export(dataset, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
+    export_dataset(dataset, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
     assert '0: "square"' in (tmp_path / "yolo/data.yaml").read_text()  # and exports number the same classes
     edit(dataset, lambda coco: coco["annotations"][0].update(category_id=0))
     assert read_sources({"real": dataset})[0] == ("shapes", "square", "disc")
@@ -141,14 +141,16 @@ def test_a_wrong_picture_or_setting_is_named_before_anything_is_written(tmp_path
     else:
         mistake(dataset / "images/0002.png")
     with pytest.raises(HulldownError, match=message):
-        train({"real": dataset}, tmp_path / "run", settings=settings, device="cpu")
+        train_detector({"real": dataset}, tmp_path / "run", settings=settings, device="cpu")
     assert not (tmp_path / "run").exists()
 
 
 def test_a_folder_with_other_content_is_not_trained_in(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
     with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or empty folder"):
-        train({"real": dataset}, dataset, settings={"model": "small", "weights": "none", "budget": 4}, device="cpu")
+        train_detector(
+            {"real": dataset}, dataset, settings={"model": "small", "weights": "none", "budget": 4}, device="cpu"
+        )
 
 
 def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):
@@ -237,7 +239,7 @@ def test_run_json_describes_the_run(tmp_path):
     settings = {"model": "small", "weights": tiny_weights(), "resolution": 64, "budget": 9, "batch": 4}
     told = []
     keys = {"settings": settings, "valid": dataset, "workers": 0, "device": "cpu", "say": told.append}
-    run = train({"real": dataset, "made": dataset}, tmp_path / "run", **keys)
+    run = train_detector({"real": dataset, "made": dataset}, tmp_path / "run", **keys)
     assert msgspec.json.decode(msgspec.json.encode(run)) == json.loads((tmp_path / "run" / "run.json").read_text())
     assert (run.status, run.steps, run.effective_batch, run.resolution) == ("finished", 3, 4, (64, 64))
     assert run.sources["real"].drawn + run.sources["made"].drawn == 9
@@ -247,7 +249,7 @@ def test_run_json_describes_the_run(tmp_path):
     rows = [[float(n) for n in line.split(",")] for line in table[1:]]
     assert [row[0] for row in rows] == [1, 2, 3]
     assert rows[-1][3:] == pytest.approx([valid[key] for key in valid], abs=1e-5)
-    assert train({"real": dataset, "made": dataset}, tmp_path / "run", **keys) == run
+    assert train_detector({"real": dataset, "made": dataset}, tmp_path / "run", **keys) == run
     assert told[-1].endswith("is finished already")
 
 

@@ -6,7 +6,7 @@ from PIL import Image as Pictures
 
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import DONE_NAME, UNFINISHED_NAME
-from hulldown.dataset.exports.export import export
+from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.image_positions import group_of
 from hulldown.dataset.images import Image, Label
@@ -121,7 +121,7 @@ def test_equal_names_in_different_folders_stay_separate(tmp_path, names):
     sizes = range(4, 7)
     images = [{"file_name": name, "width": size, "height": 4} for name, size in zip(names, sizes, strict=True)]
     folder = write_dataset(tmp_path / "dataset", images)
-    export(folder, tmp_path / "out", fractions=(1.0, 0.0, 0.0))
+    export_dataset(folder, tmp_path / "out", fractions=(1.0, 0.0, 0.0))
     coco = json.loads((tmp_path / "out" / "train" / "_annotations.coco.json").read_text())
     assert len({image["file_name"] for image in coco["images"]}) == 3
     for image in coco["images"]:
@@ -137,13 +137,13 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
     out.mkdir()
     (out / "mine.txt").write_text("")
     with pytest.raises(DatasetError, match="isn't empty; name an empty"):
-        export(dataset, out)
+        export_dataset(dataset, out)
 
 
 def test_the_remains_of_a_killed_export_are_replaced(dataset, tmp_path):
     (tmp_path / "out" / ".unfinished" / "train").mkdir(parents=True)
     (tmp_path / "out" / ".unfinished" / "train" / "old.png").touch()
-    export(dataset, tmp_path / "out")
+    export_dataset(dataset, tmp_path / "out")
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted((DONE_NAME, *SPLITS))
     assert not (tmp_path / "out" / "train" / "old.png").exists()
 
@@ -152,19 +152,19 @@ def test_the_remains_of_a_killed_export_are_replaced(dataset, tmp_path):
 def test_an_export_that_was_killed_late_is_done(dataset, tmp_path, capsys, left):
     """`left` wasn't moved yet."""
     out = tmp_path / "out"
-    export(dataset, out)
+    export_dataset(dataset, out)
     whole = sorted(out.rglob("*"))
     for name in left:
         (out / UNFINISHED_NAME).mkdir(exist_ok=True)
         (out / name).rename(out / UNFINISHED_NAME / name)
-    assert sum(export(dataset, out).values()) > 0
+    assert sum(export_dataset(dataset, out).values()) > 0
     assert "is complete already" in capsys.readouterr().err
     assert sorted(out.rglob("*")) == whole
     with pytest.raises(DatasetError, match="isn't empty"):
-        export(dataset, out, fractions=(1.0, 0.0, 0.0))
+        export_dataset(dataset, out, fractions=(1.0, 0.0, 0.0))
 
 
 def test_an_unwritable_target_of_an_export_is_refused(dataset, tmp_path):
     (tmp_path / "file").touch()
     with pytest.raises(DatasetError, match=r"out: cannot be written \(Not a directory\)"):
-        export(dataset, tmp_path / "file" / "out")
+        export_dataset(dataset, tmp_path / "file" / "out")

@@ -8,7 +8,7 @@ from scipy import ndimage
 from hulldown.annotate.masks import encode, mask_box
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification.target_appearance import target_appearance
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import append
 
 SIZE = (180, 320)
@@ -32,7 +32,7 @@ def dataset(folder, pictures, masks, **fields):
             label = {"segmentation": encode(mask), "area": int(mask.sum()), "bbox": mask_box(mask).tolist()}
             labels = [{"category": "tank", **label}]
             append(target, f"images/{i}.png", Image.fromarray(picture), labels, hashed=not fields, **fields)
-    return list(verify(folder))
+    return list(verify_dataset(folder))
 
 
 def painted(picture, mask, level):

@@ -23,8 +23,8 @@ from hulldown.training.detectors.transformers_detector import starting_network
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import load_settings
-from hulldown.training.predict import load_detector, predict, validation_figures
-from hulldown.training.train import train
+from hulldown.training.predict import load_detector, predict_detections, validation_figures
+from hulldown.training.train import train_detector
 
 CONFIG = {"settings": {"budget": 47}, "classes": ["square"], "data": {}, "valid": None, "weights_sha256": None}
 
@@ -64,7 +64,9 @@ def train_and_die(data, out, settings, at=None, **more):
             os.kill(os.getpid(), signal.SIGKILL)
 
     return in_child(
-        lambda: train(data, out, settings=settings, device="cpu", checkpoint_every_s=0.0, progress=progress, **more)
+        lambda: train_detector(
+            data, out, settings=settings, device="cpu", checkpoint_every_s=0.0, progress=progress, **more
+        )
     )
 
 
@@ -104,7 +106,7 @@ def test_a_killed_run_continues_from_its_checkpoint(pictures, tmp_path, settings
     def progress(what, done, total):
         told.append((what, done, total))
 
-    run = train(data, out, settings=settings, device="cpu", progress=progress, **measured)
+    run = train_detector(data, out, settings=settings, device="cpu", progress=progress, **measured)
     resumed = [(done, total) for what, done, total in told if what == "training"]
     assert resumed == [(step, steps) for step in range(kills[-1], steps + 1)]
     assert (run.status, run.steps) == ("finished", steps)
@@ -124,7 +126,7 @@ def test_a_killed_run_continues_from_its_checkpoint(pictures, tmp_path, settings
         assert (found.xywh[:, :2] >= -1e-3).all()
         assert (corner <= np.array(image.shape[1::-1]) + 1e-3).all()
     with pytest.raises(HulldownError, match=r"the run in this folder has settings.seed = 0, not 1"):
-        train(data, out, settings=settings.model_copy(update={"seed": 1}), **measured)
+        train_detector(data, out, settings=settings.model_copy(update={"seed": 1}), **measured)
 
 
 def test_a_run_that_is_killed_after_its_last_step_keeps_its_averaged_weights(pictures, tmp_path, monkeypatch):
@@ -134,7 +136,7 @@ def test_a_run_that_is_killed_after_its_last_step_keeps_its_averaged_weights(pic
         assert train_and_die(data, out, settings, workers=0) == -signal.SIGKILL
     checkpoint = torch.load(out / "checkpoint.ckpt", weights_only=True)
     average = checkpoint["callbacks"]["RFDETREMACallback"]["average_model_state_dict"]
-    run = train(data, out, settings=settings, workers=0, device="cpu")
+    run = train_detector(data, out, settings=settings, workers=0, device="cpu")
     assert (run.status, run.figures.final_loss) == ("finished", None)
     same = {key: value for key, value in weights(out).items() if f"module.model.{key}" in average}  # others are renamed
     assert len(same) > 100
@@ -145,7 +147,7 @@ def test_a_run_that_is_killed_after_its_last_step_keeps_its_averaged_weights(pic
 @pytest.mark.parametrize("freeze", ["none", "encoder"])
 def test_small_starts_from_weights_and_its_backbone_can_be_frozen(pictures, tmp_path, freeze):
     settings = small(budget=8, freeze=freeze, learning_rate=1e-5)
-    train({"demo": pictures}, tmp_path / "run", settings=settings, workers=0, device="cpu")
+    train_detector({"demo": pictures}, tmp_path / "run", settings=settings, workers=0, device="cpu")
     given, made = load_file(Path(tiny_weights()) / "model.safetensors"), weights(tmp_path / "run")
     moved = {key for key in given if not torch.equal(given[key], made[key])}
     assert {key for key in moved if "encoder" in key}
@@ -157,7 +159,9 @@ def test_small_can_memorize_a_few_pictures(tmp_path):
     pictures = make_dataset(tmp_path / "set", 8)
     keys = {"resolution": 96, "budget": 1200, "batch": 8, "accumulate": 1, "learning_rate": 2e-3}
     settings = small(augmentation=augmentation(), **keys)
-    run = train({"demo": pictures}, tmp_path / "run", settings=settings, valid=pictures, workers=0, device="cpu")
+    run = train_detector(
+        {"demo": pictures}, tmp_path / "run", settings=settings, valid=pictures, workers=0, device="cpu"
+    )
     assert run.figures.valid["ap50"] > 0.5  # of random weights: 0.00
     losses = [row["train/loss"] for row in metrics(tmp_path / "run")]
     assert np.mean(losses[-5:]) < np.mean(losses[:5]) / 1.5
@@ -189,7 +193,7 @@ def test_another_detector_of_transformers_trains_too(pictures, tmp_path):
     DetrForObjectDetection(config).save_pretrained(tmp_path / "start")
     DetrImageProcessor().save_pretrained(tmp_path / "start")
     settings = small(weights=str(tmp_path / "start"), budget=8, queries=5, freeze="encoder")
-    run = train({"demo": pictures}, tmp_path / "run", settings=settings, workers=0, device="cpu")
+    run = train_detector({"demo": pictures}, tmp_path / "run", settings=settings, workers=0, device="cpu")
     assert 0.0 < run.figures.final_loss < 100.0
     detector = load_detector(tmp_path / "run", "cpu")
     (found,) = detector.detect([np.zeros((54, 96, 3), dtype=np.uint8)])
@@ -217,7 +221,7 @@ def test_a_hub_without_network_and_other_weights_are_one_line_errors(pictures, t
         (str(tmp_path / "half"), "half: cannot be loaded"),
     ):
         with pytest.raises(HulldownError, match=words) as error:
-            train({"demo": pictures}, tmp_path / "run", settings=small(weights=named), workers=0, device="cpu")
+            train_detector({"demo": pictures}, tmp_path / "run", settings=small(weights=named), workers=0, device="cpu")
         assert "\n" not in str(error.value)
     assert not (tmp_path / "run").exists()
 
@@ -227,14 +231,14 @@ def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
     valid = make_dataset(tmp_path / "valid", 6)
     torch.manual_seed(0)
     start = write_small_weights(tmp_path / "start", classes=("square", "disc"))
-    predict(start, valid, tmp_path / "found.json", device="cpu")
+    predict_detections(start, valid, tmp_path / "found.json", device="cpu")
     found = [one for one in json.loads((tmp_path / "found.json").read_text()) if one["score"] > 0.5]
     assert len(found) > 5
     labels = [one | {"id": k, "iscrowd": 0, "area": 1.0} for k, one in enumerate(found, 1)]
     edit(valid, lambda coco: coco.update(annotations=labels))
     keys = {"budget": 80, "accumulate": 1, "learning_rate": 0.03, "warmup": 0.9, "logger": "tensorboard"}
     settings = small(weights=str(start), keep="best", **keys)
-    run = train({"demo": pictures}, tmp_path / "run", settings=settings, valid=valid, workers=0, device="cpu")
+    run = train_detector({"demo": pictures}, tmp_path / "run", settings=settings, valid=valid, workers=0, device="cpu")
     curve = [row for row in metrics(tmp_path / "run") if "valid/ap50" in row]
     assert len(curve) == 10
     best = max(curve, key=lambda row: row["valid/ap50"])
@@ -246,7 +250,7 @@ def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
     assert len(logged.Scalars("train/loss")) == run.steps
     assert [event.step for event in logged.Scalars("valid/ap50")] == [int(row["step"]) for row in curve]
     with pytest.raises(HulldownError, match="--valid"):
-        train({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)
+        train_detector({"demo": pictures}, tmp_path / "other", settings=settings, workers=0)
 
 
 @pytest.mark.parametrize("settings", [small, nano], ids=["small", "RF-DETR"])
@@ -255,7 +259,9 @@ def test_a_training_that_diverges_names_the_learning_rate(pictures, tmp_path, se
     wild = settings(budget=95, learning_rate=1.0, weight_decay=100.0)
     for _ in range(2):  # and again, from its checkpoint
         with pytest.raises(HulldownError, match=r"diverged in step \d+; lower learning_rate \(1\)") as error:
-            train({"demo": pictures}, tmp_path / "run", settings=wild, workers=0, device="cpu", checkpoint_every_s=0.0)
+            train_detector(
+                {"demo": pictures}, tmp_path / "run", settings=wild, workers=0, device="cpu", checkpoint_every_s=0.0
+            )
         assert error.value.path == tmp_path / "run"
         assert not list((tmp_path / "run").glob("weights*"))
         assert json.loads((tmp_path / "run" / "run.json").read_text(), parse_constant=pytest.fail)["figures"] == {}
@@ -265,7 +271,7 @@ def test_a_frozen_encoder_does_not_change(pictures, tmp_path):
     start = {}
     for freeze in ("none", "encoder"):
         run = tmp_path / freeze
-        train({"demo": pictures}, run, settings=nano(budget=4, freeze=freeze), workers=0, device="cpu")
+        train_detector({"demo": pictures}, run, settings=nano(budget=4, freeze=freeze), workers=0, device="cpu")
         start[freeze] = {key: value for key, value in weights(run).items() if ".encoder." in key}
     pl.seed_everything(0, verbose=False)
     fresh = nano_module(nano(), ("square", "disc"), tmp_path).model.state_dict()

@@ -11,13 +11,13 @@ from hulldown.annotate.rectangles import mask_rectangle
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.cli import main
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.exports.export import export
-from hulldown.dataset.join import join
+from hulldown.dataset.exports.export import export_dataset
+from hulldown.dataset.join import join_datasets
 from hulldown.dataset.records import Finding
 from hulldown.dataset.verification import check_pictures
 from hulldown.reading.confinement.watch import GIB
 from hulldown.render.cycles_masks import MaskReport
-from hulldown.render.verify import verify
+from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import append, edit
 from hulldown.tests.plan_lines import IMAGE, POSE, VEHICLE, row, write_lines
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
@@ -62,11 +62,11 @@ def dataset(tmp_path):
 def damage(folder, change) -> list[Finding]:
     """Findings after `change` was applied to the COCO dictionary."""
     edit(folder, change)
-    return list(verify(folder))
+    return list(verify_dataset(folder))
 
 
 def test_a_sound_dataset_has_no_findings(dataset, capsys):
-    assert list(verify(dataset)) == []
+    assert list(verify_dataset(dataset)) == []
     # pycocotools' own output isn't shown
     assert capsys.readouterr().out == ""
 
@@ -135,7 +135,7 @@ def test_every_damage_is_found(dataset, change, severity, text):
 )
 def test_an_unusable_record_is_found_and_neither_exported_nor_joined(dataset, change, text):
     assert any(text in str(finding) and finding.severity == "error" for finding in damage(dataset, change))
-    for use in (partial(export, layout="yolo"), lambda folder, out: join([folder], out)):
+    for use in (partial(export_dataset, layout="yolo"), lambda folder, out: join_datasets([folder], out)):
         with pytest.raises(DatasetError, match=re.escape(text)):
             use(dataset, dataset / "out")
         assert not (dataset / "out").exists()
@@ -144,7 +144,7 @@ def test_an_unusable_record_is_found_and_neither_exported_nor_joined(dataset, ch
 def test_a_broken_picture_is_found(dataset):
     path = dataset / "images" / "1.png"
     path.write_bytes(path.read_bytes()[:60])
-    (finding,) = verify(dataset)
+    (finding,) = verify_dataset(dataset)
     assert str(finding).startswith("error: images/1.png: cannot be read as a picture")
 
 
@@ -152,12 +152,12 @@ def test_a_broken_picture_is_found(dataset):
 def test_pillows_size_limit_is_not_damage(dataset, monkeypatch, largest):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 32 * 24 // 3)
     monkeypatch.setattr(check_pictures, "LARGEST", largest)
-    assert list(verify(dataset)) == []
+    assert list(verify_dataset(dataset)) == []
 
 
 def test_equal_pictures_are_found(dataset):
     (dataset / "images" / "2.png").write_bytes((dataset / "images" / "0.png").read_bytes())
-    assert list(map(str, verify(dataset))) == ["warning: images/2.png: is the same picture as images/0.png"]
+    assert list(map(str, verify_dataset(dataset))) == ["warning: images/2.png: is the same picture as images/0.png"]
 
 
 def planned_row(i):
@@ -196,7 +196,7 @@ def planned(tmp_path):
 
 def test_a_dataset_that_follows_its_plan_has_no_findings(planned):
     folder, plan = planned
-    assert [one for one in verify(folder, plan=plan) if one.severity == "error"] == []
+    assert [one for one in verify_dataset(folder, plan=plan) if one.severity == "error"] == []
 
 
 def moved(pose):
@@ -231,7 +231,7 @@ def moved(pose):
 def test_every_difference_from_the_plan_is_found(planned, change, severity, text):
     folder, plan = planned
     edit(folder, lambda coco: change(coco["images"][3], coco["annotations"][3]))
-    findings = list(verify(folder, plan=plan))
+    findings = list(verify_dataset(folder, plan=plan))
     assert any(text in str(finding) and finding.severity == severity for finding in findings), findings
 
 
@@ -250,20 +250,20 @@ def test_masks_are_computed_anew_up_to_rays_on_edges(tmp_path, render, pixels, f
 
     edit(folder, change)
     for fast, keys in ((False, ["segmentation", "area", "segmentation_amodal", "obb"] if found else []), (True, [])):
-        problems = [one.problem for one in verify(folder, plan, fast=fast, assets=lambda: CUBES)]
+        problems = [one.problem for one in verify_dataset(folder, plan, fast=fast, assets=lambda: CUBES)]
         assert [problem.split()[2] for problem in problems if "planned is" in problem] == keys
 
 
 def test_an_annotation_with_another_ones_id_is_found(planned):
     folder, plan = planned
     edit(folder, lambda coco: (coco["images"].pop(), coco["annotations"][-1].update(image_id=7)))
-    assert "-2.png: annotation 8 has the id of one" in "".join(map(str, verify(folder, plan=plan)))
+    assert "-2.png: annotation 8 has the id of one" in "".join(map(str, verify_dataset(folder, plan=plan)))
 
 
 def test_a_plan_that_was_not_rendered_here_is_reported(planned):
     folder, plan = planned
     plan.write_text(plan.read_text().replace("0.75", "0.7"))
-    (finding,) = verify(folder, plan=plan)
+    (finding,) = verify_dataset(folder, plan=plan)
     assert str(finding) == "error: plan.jsonl: nothing here was rendered from this file, as it is now"
 
 
@@ -283,21 +283,21 @@ def test_a_plans_assets_are_read_once_within_the_users_limits(planned, monkeypat
 
 def test_a_missing_plan_and_a_missing_dataset_are_errors(dataset, tmp_path_factory):
     with pytest.raises(ConfigError, match="no such plan"):
-        list(verify(dataset, plan=dataset / "no.jsonl"))
+        list(verify_dataset(dataset, plan=dataset / "no.jsonl"))
     with pytest.raises(DatasetError, match=r"no annotations\.json"):
-        list(verify(tmp_path_factory.mktemp("empty")))
+        list(verify_dataset(tmp_path_factory.mktemp("empty")))
 
 
 def test_a_dataset_by_another_tool_has_no_run_to_finish(dataset):
     (dataset / "journal.jsonl").unlink()
     (dataset / "annotations.json").rename(dataset / "_annotations.coco.json")
-    assert not list(verify(dataset))
+    assert not list(verify_dataset(dataset))
 
 
 def test_an_interrupted_run_is_reported(dataset):
     (dataset / "annotations.json").unlink()
     with pytest.warns(UserWarning, match="is missing; it is made anew"):
-        findings = list(verify(dataset))
+        findings = list(verify_dataset(dataset))
     assert [str(f) for f in findings] == [
         "warning: annotations.json: is not there yet: the run has not been closed; render again to finish it"
     ]

@@ -61,7 +61,7 @@ Found = list[Result]  # of an image
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """The result of `predict`."""
+    """The result of `predict_detections`."""
 
     images: int  # images, detections: number of images and detections in the results
     detections: int
@@ -84,7 +84,7 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
     return load_checkpoint(path, device=chosen)
 
 
-def predict(
+def predict_detections(
     run: AnyPath,
     pictures: Sequence[AnyPath] | AnyPath,
     output: AnyPath,

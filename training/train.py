@@ -62,7 +62,7 @@ else:
     SettingsLike = SettingOptions | None  # for the command line
 
 
-def train(
+def train_detector(
     data: Sequence[NamedFolder] | Mapping[str, AnyPath],
     output: AnyPath,
     *,
@@ -132,7 +132,7 @@ def train(
 
     if progress is None and watched():
         with progress_bars() as bars:
-            return train(
+            return train_detector(
                 data, output, settings=settings, valid=valid, draws=draws, workers=workers, device=device,
                 checkpoint_every_s=checkpoint_every_s, progress=bars, say=say,
             )  # fmt: skip

@@ -61,7 +61,7 @@ def _passes(images: Mapping[str, int], output: AnyPath) -> Answer:
 VERBS = {
     "init": Verb("demo.project:create_project", _project, resumes=True),
     "inspect": Verb("planning.inputs.inspection:inspect_files", _inspection),
-    "plan": Verb("planning.write:plan", _plan, resumes=True),
+    "plan": Verb("planning.write:plan_dataset", _plan, resumes=True),
     "check": Verb("planning.check:check_plan", _differences),
     "preview": Verb("plan.pictures.preview:preview_sheet", _sheet),
     "passes": Verb("plan.pictures.passes:write_passes", _passes, resumes=True),

@@ -65,10 +65,10 @@ def _export(counts: Mapping[str, int], output: AnyPath) -> Answer:
 
 
 VERBS = {
-    "render": Verb("render.supervisor:render_plan", _rendered, resumes=True),
+    "render": Verb("render.supervisor:render_remaining", _rendered, resumes=True),
     "cluster": Verb("cluster.scheduler:run_cluster", _cluster),
-    "join": Verb("dataset.join:join", _joined, resumes=True),
-    "verify": Verb("render.verify:verify", _findings),
-    "report": Verb("dataset.reports.dataset_report:report", _page),
-    "export": Verb("dataset.exports.export:export", _export),
+    "join": Verb("dataset.join:join_datasets", _joined, resumes=True),
+    "verify": Verb("render.verify:verify_dataset", _findings),
+    "report": Verb("dataset.reports.dataset_report:report_dataset", _page),
+    "export": Verb("dataset.exports.export:export_dataset", _export),
 }

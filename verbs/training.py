@@ -81,10 +81,10 @@ def _study_report(found: StudyReport, study: AnyPath) -> Answer:
 VERBS = {
     "subset": Verb("training.subset:write_subsets", _subsets),
     "augment": Verb("training.sheet:augmentation_sheet", _sheet),
-    "train": Verb("training.train:train", _run, resumes=True),
-    "predict": Verb("training.predict:predict", _predictions, resumes=True),
+    "train": Verb("training.train:train_detector", _run, resumes=True),
+    "predict": Verb("training.predict:predict_detections", _predictions, resumes=True),
     "export_model": Verb("training.onnx_model:export_model", _model),
-    "evaluate": Verb("training.evaluation.evaluation_report:evaluate", _evaluation),
+    "evaluate": Verb("training.evaluation.evaluation_report:evaluate_detections", _evaluation),
     "study init": Verb("training.study.config:write_study", _study_config),
     "study run": Verb("training.study.train_study:train_study", _study, resumes=True),
     "study report": Verb("training.study.study_report:write_report", _study_report),

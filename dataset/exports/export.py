@@ -50,7 +50,7 @@ def _three_shares(text: str) -> tuple[float, float, float]:
 SPLIT = parsed("three shares that add up to 1, such as 0.7,0.2,0.1", _three_shares, metavar="A,B,C")
 
 
-def export(
+def export_dataset(
     dataset: AnyPath,
     output: AnyPath,
     *,

@@ -38,7 +38,7 @@ JPEG_QUALITY = 65
 PAGE_MARK = b'content="hulldown"'  # of a page by hulldown
 
 
-def report(
+def report_dataset(
     source: AnyPath,
     output: HtmlFile,
     *,

@@ -36,7 +36,7 @@ def find_problems(
     assets: Callable[[], Library],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
-    """Find what is wrong with a dataset; parameters as of `render.verify.verify`."""
+    """Find what is wrong with a dataset; parameters as of `render.verify.verify_dataset`."""
     folder = Path(dataset)
     coco = read_coco(folder)
     sound = sound_images(coco)

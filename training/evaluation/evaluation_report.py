@@ -35,7 +35,7 @@ from hulldown.training.evaluation.predictions import Predictions, read_predictio
 COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
 
 
-def evaluate(
+def evaluate_detections(
     dataset: AnyPath,
     predictions: Sequence[AnyPath] | AnyPath,
     output: AnyPath,

@@ -29,20 +29,20 @@ def run_one(study: Path, name: str, options: RunOptions, progress: Progress) -> 
 
     An interrupted run continues. `progress` is called with (title, steps done, all).
     """
-    from hulldown.training.predict import predict
-    from hulldown.training.train import train
+    from hulldown.training.predict import predict_detections
+    from hulldown.training.train import train_detector
 
     manifest = read_manifest(study)
     run = manifest.run(name)
     folder = study / RUNS_NAME / run.folder
-    train(
+    train_detector(
         {source: manifest.datasets[source].folder for source in run.sources}, folder, settings=run.settings,
         draws=manifest.draws(run), workers=options.workers, device=options.device, progress=progress,
     )  # fmt: skip
     for which, found in predictions_paths(study, manifest, run).items():
         if not found.exists():
             looking = partial(progress, f"looking at {which}")
-            predict(folder, manifest.datasets[which].folder, found, device=options.device, progress=looking)
+            predict_detections(folder, manifest.datasets[which].folder, found, device=options.device, progress=looking)
 
 
 def _run(study: str, name: str, device: str, *workers: str) -> int:
