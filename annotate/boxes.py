@@ -54,12 +54,12 @@ from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.arrays import checked
 
-POSES = 4096  # poses whose matrices are in memory at a time
-FAR = 1e9  # pixels: limit of a lens's polynomial far off its axis, for numbers that plans can store
-CLEAR = 1e-6  # pixels outside the image beyond which rounding can't move a point into it
+MAX_BATCH_POSES = 4096  # poses whose matrices are in memory at a time
+MAX_COORDINATE_PX = 1e9  # pixels: limit of a lens's polynomial far off its axis, for numbers that plans can store
+CLEAR_MARGIN_PX = 1e-6  # pixels outside the image beyond which rounding can't move a point into it
 BLOCK = 1 << 15  # points moved at a time, which stay in the second-level cache
 
 
@@ -88,7 +88,7 @@ def surface_box(
     camera
         The camera.
     frame
-        Whether only the surface inside the image counts, or all of it in front of the near plane (`NEAR` meters).
+        Whether only the surface inside the image counts, or all of it in front of the near plane (`NEAR_M` meters).
 
     Returns
     -------
@@ -205,8 +205,8 @@ class VehicleBoxes:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
         angles = turned if isinstance(turned, np.ndarray) else self.shape.angles(turned)
         xywh, amodal = np.full((n, 4), np.nan), np.full((n, 4), np.nan)
-        for start in range(0, n, POSES):
-            rows = slice(start, min(start + POSES, n))
+        for start in range(0, n, MAX_BATCH_POSES):
+            rows = slice(start, min(start + MAX_BATCH_POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
             if intrinsics.distorted:
                 for i, pose in enumerate(camera_from_parts, start=start):
@@ -215,12 +215,12 @@ class VehicleBoxes:
             hull, nearest, farthest = self._hull(camera_from_parts, intrinsics.rows(rows))
             low, high = hull[:, 0], hull[:, 1]
             boxes = np.concatenate([low, high - low], axis=1)
-            in_front = nearest >= NEAR  # wholly; so are the others
+            in_front = nearest >= NEAR_M  # wholly; so are the others
             framed = in_front & (low >= 0.0).all(axis=1) & (high <= size).all(axis=1)
-            out_of_frame = in_front & ((high < -CLEAR) | (low > size + CLEAR)).any(axis=1)
+            out_of_frame = in_front & ((high < -CLEAR_MARGIN_PX) | (low > size + CLEAR_MARGIN_PX)).any(axis=1)
             xywh[rows][framed], amodal[rows][in_front] = boxes[framed], boxes[in_front]
             for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
-                for i in np.flatnonzero(~known & (farthest >= NEAR)).tolist():
+                for i in np.flatnonzero(~known & (farthest >= NEAR_M)).tolist():
                     frustum = Frustum(intrinsics.rows(np.array(start + i)), frame=frame)
                     points = self._points(camera_from_parts[i])
                     out[start + i] = _xywh(extremes_of_mesh(points, self._parts.faces, frustum))
@@ -284,7 +284,9 @@ def _curved_box(
     points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], intrinsics: Intrinsics, *, frame: bool
 ) -> Float[np.ndarray, "4"]:
     """Return the box of a mesh in the camera's frame through a distorting lens; nan if nothing counts."""
-    return _xywh(np.clip(extremes_of_curved(points, faces, CurvedView(intrinsics, frame)), -FAR, FAR))
+    return _xywh(
+        np.clip(extremes_of_curved(points, faces, CurvedView(intrinsics, frame)), -MAX_COORDINATE_PX, MAX_COORDINATE_PX)
+    )
 
 
 def _known(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:

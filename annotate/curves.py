@@ -19,12 +19,12 @@ from hulldown.annotate.clipping import clipped, extremes_of_points, next_corner,
 from hulldown.camera.distortion import bend, distorted
 from hulldown.camera.frustum import NEAR_PLANE
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR
+from hulldown.camera.projection import NEAR_M
 from hulldown.geometry.portable import sin_cos
 
-CLOSE = 1e-7  # pixels that edges may still widen a box by when halving ends
-ROUNDS = 60  # of halving; crossings of the image's sides take about 30
-AROUND = 64  # places on the circle of the fold that are compared at a time
+BOX_TOLERANCE_PX = 1e-7  # pixels that edges may still widen a box by when halving ends
+MAX_HALVINGS = 60  # of halving; crossings of the image's sides take about 30
+FOLD_SAMPLES = 64  # places on the circle of the fold that are compared at a time
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,7 +77,7 @@ def extremes_of_curved(
     points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: CurvedView
 ) -> Float[np.ndarray, "4"]:
     """Return least and greatest u and v of a mesh in the camera's frame; every point is a corner of a triangle."""
-    ahead = points[2] >= NEAR
+    ahead = points[2] >= NEAR_M
     unit = points[:2] / np.where(ahead, points[2], 1.0)
     radius = view.radius
     known = ahead & (_square(unit) <= radius * radius)
@@ -122,16 +122,16 @@ def _may_widen(
 
 def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: CurvedView) -> Float[np.ndarray, "4"]:
     """Return the box with the images of straight lines at unit depth in it: starts, ends, and the pixels of both."""
-    for _ in range(ROUNDS):
+    for _ in range(MAX_HALVINGS):
         start, end, first, last = lines
         for pixels in (first, last):
             best = union(best, extremes_of_points(pixels.compress(view.inside(pixels), axis=1)))
         farthest = np.sqrt(np.maximum(_square(start), _square(end)))
         gain, low, high = view.gain(best, (first, last), _square(end - start), farthest)
-        nearly = (gain > 0.0) & (gain <= CLOSE)
+        nearly = (gain > 0.0) & (gain <= BOX_TOLERANCE_PX)
         some = low[:, nearly].min(axis=1, initial=np.inf), high[:, nearly].max(axis=1, initial=-np.inf)
         best = union(best, np.concatenate(some))
-        left = gain > CLOSE
+        left = gain > BOX_TOLERANCE_PX
         if not left.any():
             break
         start, end, first, last = (each.compress(left, axis=1) for each in lines)
@@ -183,12 +183,12 @@ def _special(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"],
         return view.intrinsics.at_unit_depth(corners), corners
     found = []
     for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
-        middle, step = 0.0, 2.0 * math.pi / AROUND
+        middle, step = 0.0, 2.0 * math.pi / FOLD_SAMPLES
         for _ in range(8):
-            sine, cosine = sin_cos(middle + step * np.arange(-AROUND / 2, AROUND / 2 + 1))
+            sine, cosine = sin_cos(middle + step * np.arange(-FOLD_SAMPLES / 2, FOLD_SAMPLES / 2 + 1))
             circle = radius * np.stack([cosine, sine])
             best = int((sign * view.pixels(circle)[axis]).argmax())
-            middle, step = middle + step * (best - AROUND / 2), 4.0 * step / AROUND
+            middle, step = middle + step * (best - FOLD_SAMPLES / 2), 4.0 * step / FOLD_SAMPLES
         found.append(circle[:, best])
     spots = np.array(found)
     return spots, view.pixels(spots.T).T
@@ -203,4 +203,4 @@ def _covers(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"])
     on = (turns >= 0.0).all(axis=0) | (turns <= 0.0).all(axis=0)
     turns, depth = turns.compress(on, axis=1)[following], triangles[2].compress(on, axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):
-        return bool(((turns * depth).sum(axis=0) / turns.sum(axis=0) >= NEAR).any())
+        return bool(((turns * depth).sum(axis=0) / turns.sum(axis=0) >= NEAR_M).any())

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.transforms import apply
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
 UNSEEN, HIDDEN, SEEN = 0.0, 1.0, 2.0  # COCO's v
-SLACK = 0.01  # meters that a keypoint may be below the surface that it is on
+SURFACE_SLACK_M = 0.01  # meters that a keypoint may be below the surface that it is on
 
 
 def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: Scene) -> Float[np.ndarray, "k 3"]:
@@ -21,13 +21,13 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: Scene) -> F
     pixels, depth = camera.project(points)
     size = (camera.intrinsics.width, camera.intrinsics.height)
     with np.errstate(invalid="ignore"):
-        framed = np.flatnonzero((depth >= NEAR) & (pixels >= 0.0).all(axis=1) & (pixels < size).all(axis=1))
+        framed = np.flatnonzero((depth >= NEAR_M) & (pixels >= 0.0).all(axis=1) & (pixels < size).all(axis=1))
     keypoints = np.zeros((len(points), 3))
     keypoints[framed] = np.column_stack([pixels[framed], np.full(len(framed), SEEN)])
     along = points[framed] - camera.position
     distance = np.linalg.norm(along, axis=1)
-    first = NEAR * distance / depth[framed]  # to the near plane
-    reach = distance - first - SLACK
+    first = NEAR_M * distance / depth[framed]  # to the near plane
+    reach = distance - first - SURFACE_SLACK_M
     asked = np.flatnonzero(reach > 0.0)
     unit = along[asked] / distance[asked, None]
     hidden = world.occluded(camera.position + first[asked, None] * unit, unit, max_distance=reach[asked])

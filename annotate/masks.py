@@ -13,7 +13,7 @@ from hulldown.geometry.arrays import checked
 
 LONGEST_NUMBER = 7  # characters of a run length: 35 bits
 MOST_PIXELS = 2**32 - 1  # of an image with polygons: pycocotools counts in 32 bits
-FARTHEST = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
+MAX_CORNER_PX = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 
 
 def encode(mask: ArrayLike) -> dict[str, object]:
@@ -110,7 +110,7 @@ def _is_ring(value: object) -> bool:
         isinstance(value, list)
         and len(value) >= 6
         and len(value) % 2 == 0
-        and all(isinstance(n, int | float) and abs(n) <= FARTHEST for n in value)
+        and all(isinstance(n, int | float) and abs(n) <= MAX_CORNER_PX for n in value)
     )
 
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from hulldown.annotate.masks import runs
 from hulldown.geometry.arrays import checked
 
-ROUNDED = 1e-5  # pixels: more than sides and angles are rounded by
+ROUNDING_PX = 1e-5  # pixels: more than sides and angles are rounded by
 _UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
@@ -45,12 +45,14 @@ def fits(rectangle: ArrayLike, segmentation: object, width: int, height: int) ->
     """
     given = checked(rectangle, "rectangle", (5,))
     smallest = mask_rectangle(segmentation, width, height)
-    if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > ROUNDED * (1.0 + smallest[2:4].sum()):
+    if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > ROUNDING_PX * (
+        1.0 + smallest[2:4].sum()
+    ):
         return False
     along = np.array([np.cos(given[4]), np.sin(given[4])])
     off = _pixel_corners(segmentation, width, height) - given[:2]
     reach = [np.abs(off @ axis).max() for axis in (along, np.array([-along[1], along[0]]))]
-    return bool((reach <= given[2:4] / 2 + ROUNDED).all())
+    return bool((reach <= given[2:4] / 2 + ROUNDING_PX).all())
 
 
 def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.ndarray, "n 2"]:

@@ -9,13 +9,13 @@ from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, Camera, directions
+from hulldown.camera.projection import NEAR_M, Camera, directions
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.indices import numbered
 from hulldown.geometry.transforms import rotate
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
-from hulldown.scene.visibility import TOUCHING
+from hulldown.scene.visibility import TOUCHING_M
 
 FIRST_LOOK = 256  # pixels that are tested first
 MOST_RAYS = 1 << 18  # cast together
@@ -37,12 +37,12 @@ def vehicle_masks(
     if not len(rows):
         return whole, mask
     along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
-    origins = camera.position + NEAR * along
+    origins = camera.position + NEAR_M * along
     distance = vehicle.cast(origins, along).distance
     seen = np.flatnonzero(np.isfinite(distance))
     whole[rows[seen], columns[seen]] = True
     if world is not None:
-        seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING)]
+        seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING_M)]
     mask[rows[seen], columns[seen]] = True
     return whole, mask
 
@@ -70,12 +70,12 @@ def show_pixels(
         uv = np.stack([pixel % width[camera], pixel // width[camera]], axis=1) + first[camera] + 0.5
         poses = world_from_camera[camera]
         along = rotate(poses[:, :3, :3], directions(intrinsics.rows(camera), uv[:, None]))[:, 0]
-        start, distance = poses[:, :3, 3] + NEAR * along, np.full(len(row), np.inf)
+        start, distance = poses[:, :3, 3] + NEAR_M * along, np.full(len(row), np.inf)
         for subject in subjects:
             met = subject.rows(cameras).cast(start, along, row=row)
             distance = np.minimum(distance, met.distance)
         seen = np.flatnonzero(np.isfinite(distance))
-        reach = distance[seen] - TOUCHING
+        reach = distance[seen] - TOUCHING_M
         hidden = world.rows(cameras).occluded(start[seen], along[seen], row=row[seen], max_distance=reach)
         shown[camera[seen[~hidden]]] = True
 

@@ -22,7 +22,7 @@ from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular, replacing
 from hulldown.base.outside import converted
 
-FORMAT = 12  # also raised when undersides, surfaces, or extreme vertices are computed in another way
+BUNDLE_FORMAT = 12  # also raised when undersides, surfaces, or extreme vertices are computed in another way
 KINDS = {VehicleShape: "vehicle", Scenery: "scenery"}
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
 _DAMAGE = (
@@ -52,7 +52,13 @@ def save(path: Path | str, asset: VehicleShape | Scenery) -> None:
     arrays = {kind: np.concatenate(parts) for kind, parts in stored.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
     with replacing(path) as file:
-        np.savez(file, hulldown_bundle=np.int64(FORMAT), kind=np.str_(KINDS[type(asset)]), tree=np.str_(tree), **arrays)
+        np.savez(
+            file,
+            hulldown_bundle=np.int64(BUNDLE_FORMAT),
+            kind=np.str_(KINDS[type(asset)]),
+            tree=np.str_(tree),
+            **arrays,
+        )
 
 
 def load_vehicle(path: Path | str) -> VehicleShape:
@@ -74,8 +80,8 @@ def _load(path: Path, wanted: type[Asset]) -> Asset:
                 raise ValueError("it is compressed, which bundles never are")
             if "hulldown_bundle" not in file or "kind" not in file:
                 raise AssetError("isn't a hulldown bundle", path=path, remedy=REMEDY)
-            if (version := int(file["hulldown_bundle"])) != FORMAT:
-                raise AssetError(f"is a bundle of format {version}, this is {FORMAT}", path=path, remedy=REMEDY)
+            if (version := int(file["hulldown_bundle"])) != BUNDLE_FORMAT:
+                raise AssetError(f"is a bundle of format {version}, this is {BUNDLE_FORMAT}", path=path, remedy=REMEDY)
             if str(file["kind"]) != KINDS[wanted]:
                 raise AssetError(f"is a bundle of a {file['kind']}, expected a {KINDS[wanted]}", path=path)
             tree, arrays = json.loads(str(file["tree"])), dict(file)

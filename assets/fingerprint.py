@@ -18,7 +18,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 
 GOLDEN = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
-TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a coordinate that changes by 0.02 mm changes it more
+SHAPE_TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a coordinate that changes by 0.02 mm changes it more
 
 
 class Fingerprint(msgspec.Struct, frozen=True):
@@ -29,7 +29,7 @@ class Fingerprint(msgspec.Struct, frozen=True):
 
     def agrees(self, other: Fingerprint) -> bool:
         """Return whether another fingerprint is of the same geometry."""
-        return self.topology == other.topology and abs(self.shape - other.shape) <= TOLERANCE
+        return self.topology == other.topology and abs(self.shape - other.shape) <= SHAPE_TOLERANCE
 
 
 def fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:

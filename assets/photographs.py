@@ -19,7 +19,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, json_of, read_file, typed
 
 NAMES = ("annotations.json", "_annotations.coco.json")
-EDGE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
+EDGE_SHARE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -110,7 +110,7 @@ def read_photographs(path: Path) -> Photographs:
     image = np.array([index[box.image_id] for box in boxes], dtype=np.int64)
     xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4) / np.tile(size[image], 2)
     low, high = np.clip(xywh[:, :2], 0.0, 1.0), np.clip(xywh[:, :2] + xywh[:, 2:], 0.0, 1.0)
-    edge = np.maximum(EDGE, 1.0 / size[image])
+    edge = np.maximum(EDGE_SHARE, 1.0 / size[image])
     whole = np.array([box.truncated_fraction == 0.0 for box in boxes], dtype=bool)
     cut = np.concatenate([low <= edge, high >= 1.0 - edge], axis=1) & ~whole[:, None]
     rows = np.argsort(image, kind="stable")

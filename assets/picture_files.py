@@ -14,11 +14,11 @@ from PIL.ExifTags import Base
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, MISSING, read_file
 
-DECODERS = 4  # threads that decode pictures
+DECODER_THREADS = 4  # threads that decode pictures
 MOST_PIXELS = 1 << 28  # of a picture that is decoded, which takes 1.9 GB
 # Of Pillow's formats, those of pictures that need no other program, as EPS does.
 FORMATS = ("BMP", "GIF", "JPEG2000", "PPM", "TGA", "TIFF", "WEBP")
-UPRIGHT = 1  # EXIF's orientation for a picture stored as displayed
+UPRIGHT_ORIENTATION = 1  # EXIF's orientation for a picture stored as displayed
 _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 
 
@@ -58,7 +58,7 @@ def _read_picture(path: Path, largest: int | None) -> PictureFile:
             if largest is not None and width * height > largest:
                 # Looking for EXIF data after the pixels of a PNG would decode them.
                 late = picture.format == "PNG" and "exif" not in picture.info
-                orientation = UPRIGHT if late else _orientation(picture)
+                orientation = UPRIGHT_ORIENTATION if late else _orientation(picture)
                 picture.verify()
                 stored = orientation < 5 or picture.format == "TIFF"  # whose size Pillow has already turned
                 size = (width, height) if stored else (height, width)
@@ -82,7 +82,11 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.nda
 
 def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
     """Say how a picture's size differs from the size in its record."""
-    turned = "" if picture.orientation == UPRIGHT else f" when displayed (EXIF orientation {picture.orientation})"
+    turned = (
+        ""
+        if picture.orientation == UPRIGHT_ORIENTATION
+        else f" when displayed (EXIF orientation {picture.orientation})"
+    )
     width, height = picture.size
     return f"is {width} x {height} pixels{turned}, its record has {stated[0]} x {stated[1]}"
 
@@ -116,8 +120,8 @@ def _gray(values: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
 
 
 def _orientation(picture: Image.Image) -> int:
-    orientation = picture.getexif().get(Base.Orientation, UPRIGHT)
-    return orientation if isinstance(orientation, int) and 1 <= orientation <= 8 else UPRIGHT
+    orientation = picture.getexif().get(Base.Orientation, UPRIGHT_ORIENTATION)
+    return orientation if isinstance(orientation, int) and 1 <= orientation <= 8 else UPRIGHT_ORIENTATION
 
 
 def _opened(content: bytes) -> ImageFile.ImageFile:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-LONGEST = 1000  # characters of a problem or a path in a message
+MAX_MESSAGE_CHARACTERS = 1000  # characters of a problem or a path in a message
 
 
 class HulldownError(Exception):
@@ -44,7 +44,7 @@ class HulldownError(Exception):
             raise cls(f"{problem} ({error.strerror})", path=path, remedy=remedy) from error
 
 
-def shortened(text: str, longest: int = LONGEST) -> str:
+def shortened(text: str, longest: int = MAX_MESSAGE_CHARACTERS) -> str:
     """Return text as one line of limited length: names in files may contain line breaks, or a megabyte."""
     text = " ".join(text.splitlines())
     return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 2 :]}"

@@ -26,10 +26,10 @@ from hulldown.base.files import open_regular
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
 TEXT, DOCUMENT, DATA = 1 << 20, 1 << 28, 1 << 32
 MISSING = "no such file"
-NESTED = 64  # lists and objects in each other
+MAX_NESTING_DEPTH = 64  # lists and objects in each other
 LONGEST_NUMBER = 300  # characters: float64 ends at 308
 LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
-DOTS = 500  # of a line of TOML: its parser takes quadratic time for keys of many parts
+MAX_LINE_DOTS = 500  # of a line of TOML: its parser takes quadratic time for keys of many parts
 T = TypeVar("T")
 _ONE_THREAD = threading.RLock()
 Refuse: TypeAlias = Callable[[str], Exception]  # makes an error of a problem, such as partial(ConfigError, path=path)
@@ -120,7 +120,7 @@ def typed(value: object, kind: type[T], *, strict: bool = True) -> T:
     except msgspec.ValidationError as error:
         raise ValueError(str(error)) from None
     level: list[object] = [found]
-    for _ in range(NESTED):
+    for _ in range(MAX_NESTING_DEPTH):
         inner = (each.values() if isinstance(each, dict) else each for each in level if isinstance(each, dict | list))
         level = [value for values in inner for value in values if isinstance(value, dict | list)]
         if not level:
@@ -130,7 +130,7 @@ def typed(value: object, kind: type[T], *, strict: bool = True) -> T:
 
 def toml_of(text: str) -> dict[str, Any]:
     """Return a TOML document; ValueError as of `json_of`."""
-    if any(line.count(".") > DOTS for line in text.splitlines()):
+    if any(line.count(".") > MAX_LINE_DOTS for line in text.splitlines()):
         raise ValueError("a line has hundreds of points")
     try:
         return typed(tomllib.loads(text), dict[str, Any])
@@ -147,7 +147,7 @@ class _Loader(yaml.SafeLoader):
         if self.check_event(yaml.AliasEvent):  # some hundred bytes of aliases fill any memory
             raise ValueError("it has an alias; write the value out")
         self.depth += 1
-        if self.depth > NESTED:
+        if self.depth > MAX_NESTING_DEPTH:
             raise ValueError("it is nested too deeply")
         node = super().compose_node(parent, index)
         self.depth -= 1
@@ -178,7 +178,7 @@ def xml_of(content: bytes) -> Element:
     def start(name: str, attributes: dict[str, str]) -> None:
         nonlocal depth
         depth += 1
-        if depth > NESTED:
+        if depth > MAX_NESTING_DEPTH:
             raise ValueError("it is nested too deeply")
         tree.start(name, attributes)
 

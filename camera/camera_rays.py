@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.camera.projection import NEAR
+from hulldown.camera.projection import NEAR_M
 from hulldown.geometry.transforms import rotate
 
 
@@ -52,7 +52,7 @@ class CameraRays:
             out += turned[:, 2, axis, None] * v
             out += turned[:, 0, axis, None]
         along = np.ascontiguousarray(every.reshape(3, -1)[:, which - begin * r].T)
-        return frames[view - begin, :3, 3] + NEAR * along, along
+        return frames[view - begin, :3, 3] + NEAR_M * along, along
 
     def edges(self, frame_from_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 3"]:
         """Directions of unit depth along the four edges of each camera's rays, in order around it."""
@@ -85,7 +85,7 @@ def box_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.nda
     """Return corners of a box around the projected points; infinite if a point is nearer than the near plane."""
     # Points first: NumPy takes extremes over a short last axis many times slower.
     x, y, depth = np.ascontiguousarray(points_camera.transpose(2, 1, 0))
-    beyond = depth.min(axis=0) > NEAR
+    beyond = depth.min(axis=0) > NEAR_M
     depth = np.where(beyond, depth, 1.0)
     x, y = x / depth, y / depth
     low, high = (np.stack([take(x, axis=0), take(y, axis=0)], 1) for take in (np.min, np.max))

@@ -25,10 +25,10 @@ from functools import lru_cache
 import numpy as np
 
 NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
-SEEN = 0.999  # share of the radius of the fold that is seen: at the fold itself, a pixel's ray isn't defined
-ROUNDS = 60  # of Newton's method, which takes 4 to 8 but beside the fold
-RESIDUAL = 1e-13  # relative: what an inverse may miss its point by
-SIDE = 64  # places along each side of an image at which its bounds at unit depth are measured
+SEEN_FOLD_SHARE = 0.999  # share of the radius of the fold that is seen: at the fold itself, a pixel's ray isn't defined
+MAX_NEWTON_STEPS = 60  # of Newton's method, which takes 4 to 8 but beside the fold
+MAX_INVERSE_RESIDUAL = 1e-13  # relative: what an inverse may miss its point by
+SIDE_SAMPLES = 64  # places along each side of an image at which its bounds at unit depth are measured
 
 Coefficients = tuple[float, float, float, float, float]
 
@@ -78,10 +78,10 @@ def undistorted(points: np.ndarray, distortion: Coefficients, radius: float) -> 
     at = _within(target, radius)
     off = distorted(at, distortion) - target
     miss = _length(off)
-    close = RESIDUAL * (1.0 + _length(target))
+    close = MAX_INVERSE_RESIDUAL * (1.0 + _length(target))
     share = np.ones(len(target))
     active = np.flatnonzero(np.isfinite(miss) & (miss > 0.0))
-    for _ in range(ROUNDS):
+    for _ in range(MAX_NEWTON_STEPS):
         if not len(active):
             break
         xx, xy, yy = jacobian(at[active], distortion)
@@ -114,7 +114,7 @@ def seen_radius(distortion: Coefficients) -> float:
         # A double root, which rounding may have moved off the real axis, is a fold too.
         if root.real > 0.0 and abs(root.imag) <= 1e-6 * root.real
     ]
-    return SEEN * min(folds, default=math.inf)
+    return SEEN_FOLD_SHARE * min(folds, default=math.inf)
 
 
 @lru_cache(maxsize=256)
@@ -123,14 +123,14 @@ def frame_bounds(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return corners of the smallest rectangle at unit depth around everything that an image shows."""
     fx, fy, cx, cy = pinhole
-    pixels = (along_sides(SIDE) * [width, height] - [cx, cy]) / [fx, fy]
+    pixels = (along_sides(SIDE_SAMPLES) * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):
         return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
     unit = undistorted(pixels, distortion, seen_radius(distortion))
     if not np.isfinite(unit).all():
         raise ValueError(
             f"distortion: expected a lens that doesn't fold inside the image, got {distortion!r}, which folds at "
-            f"{seen_radius(distortion) / SEEN:.3g} times the focal length"
+            f"{seen_radius(distortion) / SEEN_FOLD_SHARE:.3g} times the focal length"
         )
     # Between two places a side bulges by no more than an eighth of the second difference.
     bulge = np.abs(np.diff(unit, n=2, axis=1)).max(axis=(0, 1))

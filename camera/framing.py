@@ -18,7 +18,7 @@ from hulldown.geometry.transforms import rotate, rotation_z, tilt_to
 from hulldown.geometry.uniform import UniformNumbers
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
-ROUNDS = 20
+MAX_FRAMING_ROUNDS = 20
 PLACED_PX = 1e-3
 LEVEL_ROUNDS = 12  # of Broyden's method, which takes 3 to 8
 LEAST_CHANGE = 0.1  # of the expected change of the box's place that must be seen: see `_Search.by_secants`
@@ -221,7 +221,7 @@ class _Search:
         # Finished cameras stay as they are, so a result doesn't depend on the other cameras.
         todo = np.flatnonzero(np.isfinite(box).all(axis=(1, 2)))
         pixel = best_pixel[todo]
-        for _ in range(ROUNDS):
+        for _ in range(MAX_FRAMING_ROUNDS):
             if not len(todo):
                 break
             pose, step = self.turned(todo, pixel)
@@ -250,7 +250,7 @@ class _Search:
         """
         best, best_miss = first.copy(), np.full(len(self.poses), np.inf)
         todo = np.flatnonzero(np.isfinite(box).all(axis=(1, 2)))
-        for keep_level, rounds in ((True, LEVEL_ROUNDS), (False, ROUNDS)):
+        for keep_level, rounds in ((True, LEVEL_ROUNDS), (False, MAX_FRAMING_ROUNDS)):
             pixel = np.tile(self.lens.center, (len(todo), 1))
             last, last_step = pixel, np.zeros_like(pixel)
             turn = np.tile(np.eye(2), (len(todo), 1, 1))  # change of the pixel per change of the box's place

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR
+from hulldown.camera.projection import NEAR_M
 
-NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR]])
+NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR_M]])
 
 
 @dataclass(frozen=True, eq=False)

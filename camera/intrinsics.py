@@ -18,7 +18,7 @@ from hulldown.camera.distortion import NONE, along_sides, distorted, frame_bound
 from hulldown.geometry.portable import arctan2, hypot, tan
 
 WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
-ALONG = 8  # parts of a window's side at whose ends its image is measured
+WINDOW_SIDE_PARTS = 8  # parts of a window's side at whose ends its image is measured
 
 
 @dataclass(frozen=True)
@@ -253,7 +253,7 @@ class Intrinsics:
 
         It's the whole image if the lens doesn't see the whole window.
         """
-        sides = along_sides(ALONG)
+        sides = along_sides(WINDOW_SIDE_PARTS)
         pixels = self.pixels(low[:, None] + (high - low)[:, None] * sides.reshape(-1, 2)).reshape(-1, *sides.shape)
         # Between two places a side bulges by about an eighth of the second difference.
         bulge = np.abs(np.diff(pixels, n=2, axis=2)).max(axis=(1, 2))

@@ -13,7 +13,7 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.transforms import apply, invert_rigid, rotate
 
-NEAR = 0.1  # meters along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
+NEAR_M = 0.1  # meters along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
 
 
 class Projected(NamedTuple):

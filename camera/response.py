@@ -15,8 +15,8 @@ import numpy as np
 
 from hulldown.geometry.color import LUMINANCE, srgb_from_linear
 
-ALBEDO = 0.18  # of the gray card
-CARD = 117.64  # of 255: level of a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels
+CARD_ALBEDO = 0.18  # of the gray card
+CARD_LEVEL = 117.64  # of 255: level of a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels
 NEUTRAL_K = 6500.0  # the light that Blender's white balance leaves white
 COOLEST, WARMEST = -2500.0, 13500.0  # offsets in kelvin that the daylight locus reaches
 FARTHEST_EV = 32.0  # what Blender's view settings allow
@@ -28,8 +28,8 @@ _IN = np.array([[0.48953, 0.25038, 0.07277], [0.08819, 0.63193, 0.0971], [0.0734
 _OUT = np.array([[27.72894, -9.143, -2.25037], [-2.71474, 19.84961, -0.85207], [-2.60696, -3.90831, 22.83187]])
 _CURVE = (-8.86642, 39.66201, -61.55681, 36.89593, -1.72526, -6.12759, 2.24129, -0.22737)
 _LOWEST, _STOPS = -12.47393, 16.5
-_POWER = 2.2
-_HALVINGS = 48  # of the range of exposures that is searched: to 1e-13 EV
+_LEVEL_POWER = 2.2
+_EXPOSURE_HALVINGS = 48  # of the range of exposures that is searched: to 1e-13 EV
 _XYZ = np.array([[0.41239, 0.35758, 0.18048], [0.21264, 0.71517, 0.07219], [0.01933, 0.11919, 0.95053]])
 _BLACK_BODY = ((0.5267, 0.4133), (0.4770, 0.4137), (0.4369, 0.4041))  # xy at 2000, 2500, and 3000 K
 _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ
@@ -46,7 +46,7 @@ def displayed(radiance: np.ndarray) -> np.ndarray:
     """
     stops = (np.log2(np.maximum(radiance @ _IN.T, 1e-10)) - _LOWEST) / _STOPS
     curved = np.polyval(_CURVE, np.clip(stops, 0.0, 1.0))
-    linear = np.clip(np.sign(curved) * np.abs(curved) ** _POWER @ _OUT.T, 0.0, 1.0)
+    linear = np.clip(np.sign(curved) * np.abs(curved) ** _LEVEL_POWER @ _OUT.T, 0.0, 1.0)
     return 255.0 * srgb_from_linear(linear)
 
 
@@ -108,14 +108,14 @@ def _uv(xyz: np.ndarray) -> np.ndarray:
 
 
 def metered(radiance: np.ndarray) -> np.ndarray:
-    """Exposures in EV at which these colors have the luminance `CARD` in a picture; the maximum for black.
+    """Exposures in EV at which these colors have the luminance `CARD_LEVEL` in a picture; the maximum for black.
 
     `radiance`: linear Rec. 709 of gray cards.
     """
     low, high = (np.full(len(radiance), end) for end in (-FARTHEST_EV, FARTHEST_EV))
-    for _ in range(_HALVINGS):
+    for _ in range(_EXPOSURE_HALVINGS):
         middle = (low + high) / 2.0
-        dark = displayed(radiance * np.exp2(middle)[:, None]) @ LUMINANCE < CARD
+        dark = displayed(radiance * np.exp2(middle)[:, None]) @ LUMINANCE < CARD_LEVEL
         low, high = np.where(dark, middle, low), np.where(dark, high, middle)
     return (low + high) / 2.0
 
@@ -126,4 +126,4 @@ def card_radiance(irradiance: np.ndarray, strength: float | np.ndarray) -> np.nd
     In linear Rec. 709. It doesn't depend on the sky's rotation and the weather: in renders, fog doesn't dim the light
     on the ground near the camera (docs/benchmarks.md).
     """
-    return np.asarray(irradiance * (ALBEDO / math.pi * strength))
+    return np.asarray(irradiance * (CARD_ALBEDO / math.pi * strength))

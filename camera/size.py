@@ -18,9 +18,9 @@ from hulldown.geometry.transforms import rotate
 Measure = Literal["height", "width", "diagonal", "area"]
 
 # Newton's method on 1 / size, nearly linear in distance, takes 3 to 6 rounds; the others are for bisection.
-ROUNDS = 80
-RELATIVE = 4e-15
-SECANTS = 12  # of a distorting lens: 4 to 6
+MAX_SIZE_ROUNDS = 80
+SIZE_TOLERANCE = 4e-15
+MAX_SECANT_STEPS = 12  # of a distorting lens: 4 to 6
 
 
 def solve_distance(
@@ -90,14 +90,14 @@ def refine_distance(
     before = solution[rows]
     off_before = wanted[rows] / size(before, rows) - 1.0
     at = before / (1.0 + off_before)
-    for _ in range(SECANTS):
+    for _ in range(MAX_SECANT_STEPS):
         if not len(rows):
             break
         off = wanted[rows] / size(at, rows) - 1.0
         solution[rows] = at
         with np.errstate(divide="ignore", invalid="ignore"):
             step = np.clip(off * (at - before) / (off - off_before), -0.5 * at, 0.5 * at)
-        moving = np.abs(step) > RELATIVE * at
+        moving = np.abs(step) > SIZE_TOLERANCE * at
         solution[rows[np.isnan(off)]] = np.nan
         rows, before, off_before, at = rows[moving], at[moving], off[moving], (at - step)[moving]
     return solution
@@ -121,7 +121,7 @@ def _solve(
     possible = (at_low >= target) & (widest > 0.0) & (low < high)
     active = possible
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        for _ in range(ROUNDS):
+        for _ in range(MAX_SIZE_ROUNDS):
             size, slope = _size_and_slope(aside, depth, x, measure)
             large = size >= target
             low, high = np.where(active & large, x, low), np.where(active & ~large, x, high)
@@ -130,7 +130,7 @@ def _solve(
             # Closed bounds: at the root the step stays where it is, which is one of them.
             inside = (step >= low) & (step <= high)
             following = np.where(inside, step, 0.5 * (low + high))
-            moved = np.abs(following - x) > RELATIVE * np.maximum(np.abs(x), scale)
+            moved = np.abs(following - x) > SIZE_TOLERANCE * np.maximum(np.abs(x), scale)
             x = np.where(active, following, x)
             active = active & moved & (size != target)
             if not active.any():

@@ -26,9 +26,9 @@ from hulldown.cluster.scheduler import Scheduler
 GONE_S = 15.0  # longest time without a scheduler
 LOOK_S = 1.0  # interval of the client's checks for workers
 POLL_S = 0.05
-RETRIES = 2  # of a task that raises an error that nobody foresaw
-LOSSES = 3  # times that all workers of a task are lost before it's tried alone
-STRIKES = 3  # tasks that only this worker fails at, before it's excluded
+TASK_RETRIES = 2  # of a task that raises an error that nobody foresaw
+MAX_LOSSES = 3  # times that all workers of a task are lost before it's tried alone
+MAX_STRIKES = 3  # tasks that only this worker fails at, before it's excluded
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -101,7 +101,7 @@ class Cluster:
                 while is_connected and waiting and self._has_room(waiting[0], len(running)):
                     task = waiting.popleft()
                     task.workers = self._fit - task.failed.keys() or self._fit
-                    future = self._submit(_do, call(task.job), workers=task.workers, retries=RETRIES)
+                    future = self._submit(_do, call(task.job), workers=task.workers, retries=TASK_RETRIES)
                     running[future] = task
                     ended.add(future)
                 # Dask would wait for lost workers.
@@ -110,7 +110,7 @@ class Cluster:
                     task = running.pop(future)
                     if results := self._results(task, result, lost):
                         yield task.job, results
-                    elif task.failed or task.losses == LOSSES:
+                    elif task.failed or task.losses == MAX_LOSSES:
                         waiting.append(task)
                     else:
                         waiting.appendleft(task)
@@ -121,7 +121,7 @@ class Cluster:
 
     def _has_room(self, task: _Task[Job, Result], running: int) -> bool:
         """Return whether the workers can take another task; one that may crash them is tried alone."""
-        return running < self._at_once * self.working and not (running and task.losses == LOSSES)
+        return running < self._at_once * self.working and not (running and task.losses == MAX_LOSSES)
 
     def _submit(
         self, function: Callable[..., object], *given: object, workers: Iterable[str], retries: int = 0
@@ -134,8 +134,8 @@ class Cluster:
         """Return all results of a task that has ended; empty if it must be tried again."""
         error = result[1] if isinstance(result, tuple) else result  # of a failed task: type, error, and traceback
         if isinstance(error, CancelledError | KilledWorker):
-            is_last = task.losses == LOSSES
-            task.losses = LOSSES if isinstance(error, KilledWorker) else min(task.losses + 1, LOSSES)
+            is_last = task.losses == MAX_LOSSES
+            task.losses = MAX_LOSSES if isinstance(error, KilledWorker) else min(task.losses + 1, MAX_LOSSES)
             return [*task.failed.values(), lost] if is_last else []
         if isinstance(error, BaseException):
             raise error
@@ -151,8 +151,8 @@ class Cluster:
             return results if len(task.failed) > 1 or self._fit <= task.failed.keys() else []
         self._strikes.update(task.failed.keys())
         for failed in task.failed:
-            if self._strikes[failed] == STRIKES:
-                self._refuse(failed, f"has failed at {STRIKES} tasks that others could do")
+            if self._strikes[failed] == MAX_STRIKES:
+                self._refuse(failed, f"has failed at {MAX_STRIKES} tasks that others could do")
         return results
 
     def _look(self) -> bool:

@@ -20,7 +20,7 @@ from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
 from hulldown.base.outside import typed
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.extinction import GHOST
+from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.dataset.images import Category, Image, Label, LabeledImages
 from hulldown.dataset.labels.types import LABEL_CHECKS
 from hulldown.dataset.store.declared import (
@@ -36,11 +36,11 @@ from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.journal import read_journal
 from hulldown.dataset.store.reservations import reservations_of
-from hulldown.dataset.usable_labels import ROUNDED, beyond
+from hulldown.dataset.usable_labels import ROUNDING_PX, beyond
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
 GAP, GAP_SHARE = 2.0, 0.25
-LISTED = 20  # findings of a kind that are printed
+MAX_LISTED_FINDINGS = 20  # findings of a kind that are printed
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,15 +61,17 @@ class Finding:
 
 
 def listed(findings: Iterable[Finding]) -> list[str]:
-    """Return findings as lines, at most `LISTED` of each kind, and the number of further ones."""
+    """Return findings as lines, at most `MAX_LISTED_FINDINGS` of each kind, and the number of further ones."""
     kinds: Counter[tuple[str, str]] = Counter()
     lines = []
     for finding in findings:
         kind = (finding.severity, re.sub(r"'[^']*'|[-+.\d]+", "", finding.problem))
         kinds[kind] += 1
-        if kinds[kind] <= LISTED:
+        if kinds[kind] <= MAX_LISTED_FINDINGS:
             lines.append(str(finding))
-    more = [(severity, kind, n - LISTED) for (severity, kind), n in kinds.items() if n > LISTED]
+    more = [
+        (severity, kind, n - MAX_LISTED_FINDINGS) for (severity, kind), n in kinds.items() if n > MAX_LISTED_FINDINGS
+    ]
     return lines + [f"{severity}: and {n} more like: {' '.join(kind.split())}" for severity, kind, n in more]
 
 
@@ -188,13 +190,13 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
 
 def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
     """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
-    if (by := beyond(label.bbox, *image.size)) > ROUNDED:
+    if (by := beyond(label.bbox, *image.size)) > ROUNDING_PX:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
     if (gap := _gap(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
         yield Finding("warning", where, problem, gap)
     left = label.fields.air_contrast
-    if left is not None and left < GHOST and not label.crowd:
+    if left is not None and left < MIN_LABEL_CONTRAST and not label.crowd:
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
         yield Finding("warning", where, problem, left)
 

@@ -15,16 +15,16 @@ from hulldown.base.arguments import AtLeastZero, Share
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.images import Image, Label
 
-ROUNDED = 1e-6  # pixels: rounding error of decimal text
-SLIGHT = 1.0  # pixels that a box may leave its image by without being refused
-LISTED = 10  # boxes that an error names
+ROUNDING_PX = 1e-6  # pixels: rounding error of decimal text
+MAX_OVERHANG_PX = 1.0  # pixels that a box may leave its image by without being refused
+MAX_LISTED_BOXES = 10  # boxes that an error names
 
 
 def clipped(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]:
     """Return images with labels whose boxes lie inside.
 
     `clip`: clip every box and leave out those that are outside altogether; else only boxes that leave their image by
-    up to `SLIGHT` pixels are clipped.
+    up to `MAX_OVERHANG_PX` pixels are clipped.
     """
     found: list[Image] = []
     wrong: list[str] = []
@@ -37,9 +37,9 @@ def clipped(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]
             by = beyond(label.bbox, *image.size)
             if w <= 0 or h <= 0:
                 wrong.append(f"{where} has no area")
-            elif by <= ROUNDED:
+            elif by <= ROUNDING_PX:
                 kept.append(label)
-            elif not clip and by > SLIGHT:
+            elif not clip and by > MAX_OVERHANG_PX:
                 further = True
                 wrong.append(f"{where} leaves its image by {by:.4g} px")
             else:
@@ -56,12 +56,18 @@ def clipped(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]
 
 
 def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
-    """Raise one error that lists all problems, up to `LISTED`, if there are any."""
+    """Raise one error that lists all problems, up to `MAX_LISTED_BOXES`, if there are any."""
     if wrong:
-        more = f", and {len(wrong) - LISTED} more; `hulldown verify` lists all" if len(wrong) > LISTED else ""
+        more = (
+            f", and {len(wrong) - MAX_LISTED_BOXES} more; `hulldown verify` lists all"
+            if len(wrong) > MAX_LISTED_BOXES
+            else ""
+        )
         several = {"box": "boxes"}.get(what, f"{what}s")
         counted = f"1 {what}" if len(wrong) == 1 else f"{len(wrong)} {several}"
-        raise DatasetError(f"{counted} cannot be used: {', '.join(wrong[:LISTED])}{more}", path=folder, remedy=remedy)
+        raise DatasetError(
+            f"{counted} cannot be used: {', '.join(wrong[:MAX_LISTED_BOXES])}{more}", path=folder, remedy=remedy
+        )
 
 
 def beyond(bbox: Float[np.ndarray, "4"], width: int, height: int) -> float:

@@ -9,9 +9,9 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-HIDES = 0.5  # opacity from which a point is a hit, for masks and nearest hits
-NEGLIGIBLE = 1e-3  # faces this close to opaque or clear need no lookups
-ROUNDING = 1e-3  # texels by which rounding may move a lookup beyond a face's edge
+HIT_OPACITY = 0.5  # opacity from which a point is a hit, for masks and nearest hits
+OPACITY_TOLERANCE = 1e-3  # faces this close to opaque or clear need no lookups
+LOOKUP_ROUNDING_TEXELS = 1e-3  # texels by which rounding may move a lookup beyond a face's edge
 GRADES = np.linspace(0.0, 1.0, 16 * 255 + 1, dtype=np.float32)  # texel values at which curves are sampled
 
 
@@ -138,7 +138,7 @@ class TexelCounts:
         """Count marked and all texels that lookups from `low` to `high` may take; coordinates as of `opacity`."""
         height, width = self._alpha.texels.shape
         size = np.array([width, height], dtype=np.float64)
-        room = 0.5 + ROUNDING if self._alpha.smooth else ROUNDING
+        room = 0.5 + LOOKUP_ROUNDING_TEXELS if self._alpha.smooth else LOOKUP_ROUNDING_TEXELS
         first = np.floor(low * size - room)
         end = np.floor(high * size + room) + 1
         total = (end - first).prod(axis=1)
@@ -193,8 +193,8 @@ class Cutouts:
             if not len(map_faces):
                 continue
             for cut, marks in (
-                (Cut.OPAQUE, lambda opacity: opacity >= 1.0 - NEGLIGIBLE),
-                (Cut.CLEAR, lambda opacity: opacity <= NEGLIGIBLE),
+                (Cut.OPAQUE, lambda opacity: opacity >= 1.0 - OPACITY_TOLERANCE),
+                (Cut.CLEAR, lambda opacity: opacity <= OPACITY_TOLERANCE),
             ):
                 marked, total = TexelCounts(alpha, marks).count(low[map_faces], high[map_faces])
                 cuts[map_faces[marked == total]] = cut

@@ -15,11 +15,11 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.indices import numbered
 
-FANOUT = 8
-SLACK = 1e-14  # relative rounding error of a ray through a box's edge
-PARALLEL = 1e-200  # below this, a direction's coordinate counts as 0
-PACKET = 16  # rays that are tested together
-SPREAD = 0.1  # largest difference of their directions' coordinates
+TREE_FANOUT = 8
+EDGE_SLACK_SHARE = 1e-14  # relative rounding error of a ray through a box's edge
+MIN_DIRECTION_COORDINATE = 1e-200  # below this, a direction's coordinate counts as 0
+PACKET_RAYS = 16  # rays that are tested together
+MAX_PACKET_SPREAD = 0.1  # largest difference of their directions' coordinates
 VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
 
 
@@ -36,10 +36,10 @@ class BoxTree:
         d = bounds.shape[2]
         boxes = bounds[self._order].reshape(-1, 2 * d)
         while len(boxes):
-            groups = -(-len(boxes) // FANOUT)
-            padded = np.repeat([[np.inf] * d + [-np.inf] * d], groups * FANOUT, axis=0)  # touched by nothing
+            groups = -(-len(boxes) // TREE_FANOUT)
+            padded = np.repeat([[np.inf] * d + [-np.inf] * d], groups * TREE_FANOUT, axis=0)  # touched by nothing
             padded[: len(boxes)] = boxes
-            grouped = padded.reshape(groups, FANOUT, 2 * d)
+            grouped = padded.reshape(groups, TREE_FANOUT, 2 * d)
             self._levels.insert(0, np.ascontiguousarray(grouped.transpose(0, 2, 1)))
             if groups == 1:
                 break
@@ -66,20 +66,20 @@ class BoxTree:
         ]
 
         def touch(query: np.ndarray, boxes: np.ndarray) -> np.ndarray:
-            enter = np.zeros((len(query), FANOUT))
-            leave = np.repeat(reach[query][:, None], FANOUT, axis=1)
+            enter = np.zeros((len(query), TREE_FANOUT))
+            leave = np.repeat(reach[query][:, None], TREE_FANOUT, axis=1)
             for (start, along), box, toward in zip(sides, (boxes[:, 3:], boxes[:, :3]), (1.0, -1.0), strict=True):
                 for axis in range(3):
                     # Low sides of the packet must not be above the box, nor high sides below it.
                     speed = along[query, axis][:, None] * toward
                     room = (box[:, axis] - start[query, axis][:, None]) * toward
-                    still = np.abs(speed) < PARALLEL
+                    still = np.abs(speed) < MIN_DIRECTION_COORDINATE
                     at = room / np.where(still, 1.0, speed)
                     at = np.where(still, np.where(room >= 0.0, np.inf, -np.inf), at)
-                    away = speed < -PARALLEL
+                    away = speed < -MIN_DIRECTION_COORDINATE
                     np.maximum(enter, np.where(away, at, -np.inf), out=enter)
                     np.minimum(leave, np.where(away, np.inf, at), out=leave)
-            return (enter <= leave * (1 + SLACK)) & (enter < np.inf)
+            return (enter <= leave * (1 + EDGE_SLACK_SHARE)) & (enter < np.inf)
 
         packet, place = self._descend(len(first), touch)
         blocks = []
@@ -87,7 +87,9 @@ class BoxTree:
             some = packet[i : i + VISITS]
             pair, number = numbered(count[some])
             ray, places = first[some][pair] + number, place[i : i + VISITS][pair]
-            bounds = self._levels[-1][places // FANOUT, :, places % FANOUT] if self._levels else np.zeros((0, 6))
+            bounds = (
+                self._levels[-1][places // TREE_FANOUT, :, places % TREE_FANOUT] if self._levels else np.zeros((0, 6))
+            )
             crossed, entry = _entries(bounds, origins[ray], directions[ray], max_distance[ray])
             blocks.append((ray[crossed], self._order[places[crossed]], entry))
         rays, boxes, entry = (np.concatenate(part) for part in zip(*blocks, strict=True))
@@ -97,15 +99,15 @@ class BoxTree:
         self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Int[np.ndarray, " p"]:
         """Return the first ray of each packet: rays side by side that go much the same way, or one ray alone."""
-        block = np.arange(0, len(origins), PACKET)
+        block = np.arange(0, len(origins), PACKET_RAYS)
         alone = np.ones(len(block), dtype=bool)
         if len(block) and len(self._size):
             wide, turned = (
                 np.maximum.reduceat(rays, block) - np.minimum.reduceat(rays, block) for rays in (origins, directions)
             )
-            alone = (wide > self._size).any(axis=1) | (turned > SPREAD).any(axis=1)
+            alone = (wide > self._size).any(axis=1) | (turned > MAX_PACKET_SPREAD).any(axis=1)
         ray = np.arange(len(origins))
-        return ray[alone[ray // PACKET] | (ray % PACKET == 0)]
+        return ray[alone[ray // PACKET_RAYS] | (ray % PACKET_RAYS == 0)]
 
     def overlapping(
         self, low: Float[np.ndarray, "n d"], high: Float[np.ndarray, "n d"]
@@ -132,7 +134,7 @@ class BoxTree:
                 waiting += [(level, query[i : i + VISITS], node[i : i + VISITS]) for i in range(0, len(query), VISITS)]
                 continue
             row, slot = np.nonzero(touch(query, self._levels[level][node]))
-            child = node[row] * FANOUT + slot
+            child = node[row] * TREE_FANOUT + slot
             if level + 1 < len(self._levels):
                 waiting.append((level + 1, query[row], child))
             else:
@@ -152,7 +154,7 @@ def _entries(
     for axis in range(3):
         speed = along[:, axis]
         low, high = bounds[:, axis] - start[:, axis], bounds[:, 3 + axis] - start[:, axis]
-        parallel = np.abs(speed) < PARALLEL
+        parallel = np.abs(speed) < MIN_DIRECTION_COORDINATE
         inverse = 1.0 / np.where(parallel, 1.0, speed)
         a, b = low * inverse, high * inverse
         near, far = np.minimum(a, b), np.maximum(a, b)
@@ -161,7 +163,7 @@ def _entries(
             near[parallel] = -np.inf
             far[parallel] = np.where((low <= 0.0) & (high >= 0.0), np.inf, -np.inf)[parallel]
         entry, leave = np.maximum(entry, near), np.minimum(leave, far)
-    crossed = np.flatnonzero((entry <= leave * (1 + SLACK)) & (entry < np.inf))
+    crossed = np.flatnonzero((entry <= leave * (1 + EDGE_SLACK_SHARE)) & (entry < np.inf))
     return crossed, entry[crossed]
 
 

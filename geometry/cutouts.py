@@ -11,13 +11,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.alpha import HIDES, Cut, TexelCounts
+from hulldown.geometry.alpha import HIT_OPACITY, Cut, TexelCounts
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 
-BEYOND = 4  # units in the last place from a hit to the next start
-GRAZING = 1e-3  # cosine to a face's normal below which the step no longer grows
-PASSED = 1e-3  # share of light below which a ray counts as blocked
+STEP_ULPS = 4  # units in the last place from a hit to the next start
+MIN_STEP_COSINE = 1e-3  # cosine to a face's normal below which the step no longer grows
+MIN_TRANSMITTANCE = 1e-3  # share of light below which a ray counts as blocked
 ON_PLANE = 1e-4  # cosine from which on a hit is where the ray meets the face's plane in float64
 
 
@@ -32,7 +32,7 @@ def caster_of(mesh: Mesh) -> RayCaster:
 class CutoutCaster(RayCaster):
     """Casts rays against one mesh with holes. Built once, never changes.
 
-    A point at least `HIDES` opaque is hit, for `cast` and `occluded`; `transmittance` multiplies what each face lets
+    A point at least `HIT_OPACITY` opaque is hit, for `cast` and `occluded`; `transmittance` multiplies what faces let
     through, as Cycles does. The topmost face under a point is that of the mesh without holes.
     """
 
@@ -50,7 +50,7 @@ class CutoutCaster(RayCaster):
             self._mixed, self._texture = RayCaster(mixed), _Textured(mixed)
             low, high = mixed.bounds
             # As RayCaster centers it, which gives the size of what float32 cannot tell apart.
-            self._step = BEYOND * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
+            self._step = STEP_ULPS * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
         """Return the first face along each ray that hides where it is met; arguments as for `RayCaster.cast`."""
@@ -111,10 +111,10 @@ class CutoutCaster(RayCaster):
             again = face == last[rays]
             opacity, step = self._opacity(face, start[rays], along[rays], at)
             if hard:
-                opacity = (opacity >= HIDES).astype(np.float64)
+                opacity = (opacity >= HIT_OPACITY).astype(np.float64)
             opacity[again] = 0.0
             share = left[rays] * (1.0 - opacity)
-            share[share < PASSED] = 0.0
+            share[share < MIN_TRANSMITTANCE] = 0.0
             left[rays], distance[rays], hit[rays] = share, at, face
             more[rays] = np.where(again, 2.0 * more[rays], 1.0)
             from_start[rays], last[rays] = at + more[rays] * step, face
@@ -144,7 +144,7 @@ class CutoutCaster(RayCaster):
             for number in np.unique(which):
                 of_map = which == number
                 opacity[of_map] = maps[number].opacity(uv[of_map])
-        return opacity, self._step / np.maximum(np.abs(facing), GRAZING)
+        return opacity, self._step / np.maximum(np.abs(facing), MIN_STEP_COSINE)
 
 
 class _Textured:
@@ -183,7 +183,7 @@ class Solidity:
         self._place = np.full(len(mesh.faces), -1)
         self._place[cutouts.face] = np.arange(len(cutouts.face))
         self._texture = _Textured(mesh.of_faces(cutouts.face))
-        self._hiding = [TexelCounts(alpha, lambda opacity: opacity >= HIDES) for alpha in cutouts.maps]
+        self._hiding = [TexelCounts(alpha, lambda opacity: opacity >= HIT_OPACITY) for alpha in cutouts.maps]
 
     def solid(
         self,
@@ -191,7 +191,7 @@ class Solidity:
         middle: Float[np.ndarray, "p 3"],
         half_sides: Float[np.ndarray, "p 3 3"],
     ) -> Bool[np.ndarray, " p"]:
-        """Tell whether a face may be at least `HIDES` opaque somewhere in a box; true for faces without a texture.
+        """Tell whether a face may reach `HIT_OPACITY` somewhere in a box; true for faces without a texture.
 
         `middle`, `half_sides`: middles and (p, 3, 3) halves of the three sides, as columns, of the boxes, in the
         mesh's frame.

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
-STRAIGHT = 1e-12  # of points whose coordinates are about 1
+COLLINEAR_TOLERANCE = 1e-12  # of points whose coordinates are about 1
 
 
 def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:
@@ -61,7 +61,7 @@ def hulls_of_groups(
 ) -> tuple[Float[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
     """Return the corners of each group's convex hull, counterclockwise, and their groups, ascending.
 
-    Groups without an area have none. Corners within `STRAIGHT` of a straight line are left out.
+    Groups without an area have none. Corners within `COLLINEAR_TOLERANCE` of a straight line are left out.
 
     References
     ----------
@@ -97,7 +97,7 @@ def _chain(
         before, here, after = chain[:-2], chain[1:-1], chain[2:]
         one, other = points[here] - points[before], points[after] - points[here]
         turn = side * (one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0])
-        straight = turn <= STRAIGHT * np.linalg.norm(points[after] - points[before], axis=1)
+        straight = turn <= COLLINEAR_TOLERANCE * np.linalg.norm(points[after] - points[before], axis=1)
         removed = straight & (group[before] == group[here]) & (group[after] == group[here])
         if not removed.any():
             break

@@ -24,9 +24,9 @@ from hulldown.geometry.transforms import apply, invert_affine
 
 RAYS = 1 << 16  # rays whose crossings are in memory at a time
 # Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.
-FLATTEST = 1e-6
+MIN_DETERMINANT_SHARE = 1e-6
 # With so many instances and rays, or more, Embree first finds the rays that cross any box.
-MANY = 16
+PRETEST_INSTANCES = 16
 FEW_RAYS = 1024
 
 
@@ -63,7 +63,7 @@ class InstancedScene:
         self.bounds = _bounds(meshes, which, poses)
         every, self.instance_mesh, self.world_from_instance = list(meshes), which.copy(), poses.copy()
         stretch = np.linalg.svd(poses[:, :3, :3], compute_uv=False)
-        for i in np.flatnonzero(stretch[:, 2] <= FLATTEST * stretch[:, 0]):
+        for i in np.flatnonzero(stretch[:, 2] <= MIN_DETERMINANT_SHARE * stretch[:, 0]):
             mesh = meshes[which[i]]
             self.instance_mesh[i] = len(every)
             every.append(mesh.at(apply(poses[i], mesh.vertices)))
@@ -73,7 +73,7 @@ class InstancedScene:
         self._casters = {i: caster_of(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
         self._tree = BoxTree(_padded(self.bounds))
         roomy = _roomy(self.bounds)
-        self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= MANY else None
+        self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= PRETEST_INSTANCES else None
         self._widest = float(np.linalg.norm(np.ptp(roomy, axis=1), axis=1).max(initial=0.0))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> InstanceHits:

@@ -20,7 +20,7 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import BOX_CORNERS, apply, compose, invert_rigid, rotate
 
-ROOM = 100.0  # meters; a sky dome is farther away
+ENCLOSURE_REACH_M = 100.0  # meters; a sky dome is farther away
 PAIRS = 1 << 14  # pairs of box and triangle tested at a time
 
 
@@ -39,7 +39,7 @@ def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
 
 
 SKYWARD = _skyward(48)
-OPEN = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
+MIN_FREE_RAYS = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
 
 
 def boxes_touch(
@@ -111,7 +111,7 @@ class Obstacles:
 
     `solid`: which instances count; by default all. Grass gives way.
     `extent`: lowest and highest (x, y) of the ground. An instance around all of it, such as a sky dome, lets light in
-    unless it's nearer than `ROOM`; one around a part of it, such as a hollow hill, doesn't. None: all are around.
+    unless it's nearer than `ENCLOSURE_REACH_M`; one around a part of it, such as a hollow hill, doesn't. None: all do.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class Obstacles:
         A triangle with a cutout texture is touched where the texture is opaque.
 
         A box wholly inside a house or a boulder touches none of its triangles. It's shut in if rays from its center
-        along its four horizontal directions and upwards all meet the same instance within `ROOM` meters, whatever the
+        along its four horizontal directions and upwards all meet one instance within `ENCLOSURE_REACH_M`, whatever the
         winding.
         """
         center = world_from_box[:, :3, 3]
@@ -157,7 +157,7 @@ class Obstacles:
         return touched
 
     def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return whether light reaches each point: the ray upwards, or `OPEN` others, meet no obstacle.
+        """Return whether light reaches each point: the ray upwards, or `MIN_FREE_RAYS` others, meet no obstacle.
 
         `point`: world. No ray leaves a closed house, a boulder, or a hall.
         """
@@ -170,15 +170,15 @@ class Obstacles:
             blocked = self._scene.occluded(origins, directions)
             rows = np.flatnonzero(blocked)
             met = self._scene.cast(origins[rows], directions[rows])
-            blocked[rows] = (met.distance <= ROOM) | ~self._around[met.instance]
+            blocked[rows] = (met.distance <= ENCLOSURE_REACH_M) | ~self._around[met.instance]
             free[left] += (~blocked).reshape(len(left), end - begin).sum(axis=1)
-            is_open |= free >= (1 if begin == 0 else OPEN)
+            is_open |= free >= (1 if begin == 0 else MIN_FREE_RAYS)
         return is_open
 
     def below(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether the first thing below each point is an obstacle, and no dome around the ground."""
         met = self._scene.cast(point, np.tile([0.0, 0.0, -1.0], (len(point), 1)))
-        near, hit = met.distance <= ROOM, np.flatnonzero(met.instance >= 0)
+        near, hit = met.distance <= ENCLOSURE_REACH_M, np.flatnonzero(met.instance >= 0)
         near[hit] |= ~self._around[met.instance[hit]]
         return near
 
@@ -229,7 +229,7 @@ class Obstacles:
         # Upward first, since most boxes in the open have nothing above them.
         for axis in ([0.0, 0, 1], [1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]):
             directions = rotate(world_from_box[left, :3, :3], np.array([axis]))[:, 0]
-            met = self._scene.cast(world_from_box[left, :3, 3], directions, max_distance=ROOM).instance
+            met = self._scene.cast(world_from_box[left, :3, 3], directions, max_distance=ENCLOSURE_REACH_M).instance
             kept = (met >= 0) & self._solid[met] & ((around[left] < 0) | (met == around[left]))
             left = left[kept]
             around[left] = met[kept]

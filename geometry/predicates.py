@@ -31,7 +31,7 @@ from jaxtyping import Bool, Float, Int8, Shaped
 EPS = 2.0**-53  # half an ulp of 1: the relative error of one rounding
 ORIENT_BOUND = (3.0 + 16.0 * EPS) * EPS
 # Below this a product may have lost bits to underflow, and no bound that is relative to it holds.
-TINY = 1e-250
+MIN_EXACT_PRODUCT = 1e-250
 
 
 def orient(
@@ -52,7 +52,7 @@ def orient(
     size = np.abs(left) + np.abs(right)
     # A float64 difference is zero, or has a sign, just as the true one.
     left_sign, right_sign = np.sign(apx) * np.sign(bpy), np.sign(apy) * np.sign(bpx)
-    certain = np.abs(area) > ORIENT_BOUND * size + TINY
+    certain = np.abs(area) > ORIENT_BOUND * size + MIN_EXACT_PRODUCT
     sign = np.where(certain, np.sign(area), left_sign - right_sign).clip(-1, 1).astype(np.int8)
     open_ = np.flatnonzero(~certain & (left_sign == right_sign) & (left_sign != 0))
     if len(open_):
@@ -73,7 +73,7 @@ def _orient_closely(
     right, right_tail = _two_product(factors[2], factors[3])
     # Rounding is monotone: unequal rounded products are ordered as the exact ones; equal ones, as their tails.
     sign = np.where(left != right, np.sign(left - right), np.sign(left_tail - right_tail)).astype(np.int8)
-    exact = (np.abs(left) > TINY) & (np.abs(right) > TINY)
+    exact = (np.abs(left) > MIN_EXACT_PRODUCT) & (np.abs(right) > MIN_EXACT_PRODUCT)
     for a, b, difference in ((ax, px, factors[0]), (by, py, factors[1]), (ay, py, factors[2]), (bx, px, factors[3])):
         exact &= _difference_is_exact(a, b, difference)
     open_ = np.flatnonzero(~exact)

@@ -35,7 +35,7 @@ R = TypeVar("R")
 _FAR = np.float32(1e37)  # embreex's value for no limit
 BLOCK = 1 << 16  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
 _WORTH_SORTING = 4096
-_LARGEST = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centered
+_MAX_COORDINATE = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centered
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -189,7 +189,7 @@ def checked_rays(
 def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
     """Return the mesh's bounds; a ValueError if its coordinates are too large to compute with."""
     bounds = mesh.bounds
-    if np.abs(bounds).max() > _LARGEST:
+    if np.abs(bounds).max() > _MAX_COORDINATE:
         raise ValueError(f"mesh {mesh.name!r}: expected coordinates within 1e30 m, got bounds {bounds.tolist()}")
     return bounds
 

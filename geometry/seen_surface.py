@@ -7,25 +7,25 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.alpha import HIDES, AlphaMap, Cut, Cutouts
+from hulldown.geometry.alpha import HIT_OPACITY, AlphaMap, Cut, Cutouts
 from hulldown.geometry.hulls import hulls_of_groups
 from hulldown.geometry.indices import numbered
 from hulldown.geometry.meshes import Mesh
 
-FLAT = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles
-FINE = 8  # steps per texel at which a texture is looked up
+FLAT_HEIGHT_ULPS = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles
+STEPS_PER_TEXEL = 8  # steps per texel at which a texture is looked up
 LEAST, MOST = 16, 512  # steps along a face's sides
 LOOKUPS = 1 << 23  # in all faces of a mesh
-TILES = 8  # along a face's sides, at most: what is seen in each becomes one convex piece
-TILE = 32  # steps along a tile's side, at least
+MAX_SIDE_TILES = 8  # along a face's sides, at most: what is seen in each becomes one convex piece
+MIN_TILE_STEPS = 32  # steps along a tile's side, at least
 CHUNK = 1 << 16  # faces measured together
 LATTICES = 1 << 18  # points of lattices in memory together
-HALVINGS = 12  # of a step, to find where a texture's edge crosses it
+EDGE_HALVINGS = 12  # of a step, to find where a texture's edge crosses it
 
 
 def faces_with_area(mesh: Mesh) -> Int[np.ndarray, " k"]:
     """Return the ascending faces that have an area as Cycles sees them, in float32."""
-    finest = FLAT * float(np.spacing(np.float32(np.abs(mesh.bounds).max())))
+    finest = FLAT_HEIGHT_ULPS * float(np.spacing(np.float32(np.abs(mesh.bounds).max())))
     drawn = np.empty(len(mesh.faces), dtype=bool)
     for start in range(0, len(drawn), CHUNK):
         a, b, c = np.moveaxis(mesh.vertices[mesh.faces[start : start + CHUNK]], 1, 0)
@@ -36,9 +36,9 @@ def faces_with_area(mesh: Mesh) -> Int[np.ndarray, " k"]:
 
 
 def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
-    """Return what hides of a mesh (`HIDES`), without cut-outs, and the face of the mesh that each face is part of.
+    """Return what hides of a mesh (`HIT_OPACITY`), without cut-outs, and the mesh's face that each face is part of.
 
-    A cut-out face becomes up to `TILES` x `TILES` / 2 convex pieces. A piece reaches to the edge of what hides in its
+    A cut-out face becomes up to `MAX_SIDE_TILES` squared / 2 convex pieces. A piece reaches to the edge in its
     tile, within an eighth of a texel, or a 512th of the face where that is more. Holes inside a piece stay closed:
     they matter only to a box that is cut off inside that piece, by less than the tile's size.
     """
@@ -58,12 +58,12 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
         ring, face = _rings(alpha, cutouts.uv[some].astype(np.float64), steps)
         if not len(ring):
             continue
-        vertices.append((_weights(ring)[:, None] @ corners[face // TILES**2])[:, 0])
+        vertices.append((_weights(ring)[:, None] @ corners[face // MAX_SIDE_TILES**2])[:, 0])
         size = np.unique(face, return_counts=True)[1]
         piece, number = numbered(size - 2)
         first = count + (np.cumsum(size) - size)[piece]
         faces.append(np.stack([first, first + number + 1, first + number + 2], axis=1))
-        origin.append(cutouts.face[some[face[first - count] // TILES**2]])
+        origin.append(cutouts.face[some[face[first - count] // MAX_SIDE_TILES**2]])
         count += len(ring)
     triangles = np.concatenate(faces)
     if not len(triangles):
@@ -87,7 +87,7 @@ def _steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " 
     """Return steps along the sides of each mixed face, so that lookups stay within `LOOKUPS`."""
     sizes = np.array([alpha.texels.shape[::-1] for alpha in cutouts.maps])[cutouts.face_map[mixed]]
     texels = (np.ptp(cutouts.uv[mixed], axis=1) * sizes).max(axis=1)
-    steps = np.clip(np.ceil(FINE * texels), LEAST, MOST)
+    steps = np.clip(np.ceil(STEPS_PER_TEXEL * texels), LEAST, MOST)
     few = np.sqrt(min(1.0, 2.0 * LOOKUPS / max((steps * steps).sum(), 1.0)))
     return np.maximum(steps * few, 2).astype(np.int64)
 
@@ -97,19 +97,19 @@ def _rings(
 ) -> tuple[Float[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
     """Return rings around what hides in each tile of faces, as weights of first and second corners.
 
-    The second array has the ring of each point, ascending: a number of a tile plus `TILES` squared for each face.
+    The second array has the ring of each point, ascending: a tile's number plus `MAX_SIDE_TILES` squared for each face.
     """
 
     def hides(face: Int[np.ndarray, " n"], at: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        return alpha.opacity((_weights(at)[:, None] @ uv[face])[:, 0]) >= HIDES
+        return alpha.opacity((_weights(at)[:, None] @ uv[face])[:, 0]) >= HIT_OPACITY
 
     i, j = np.mgrid[: steps + 1, : steps + 1].reshape(2, -1)
     inside = i + j <= steps
     grid = np.stack([i, j], axis=1)
     hiding = np.zeros((len(uv), len(grid)), dtype=bool)
     lattice = _weights(grid[inside] / steps) @ uv
-    hiding[:, inside] = (alpha.opacity(lattice.reshape(-1, 2)) >= HIDES).reshape(len(uv), -1)
-    tiles = min(TILES, max(1, steps // TILE))
+    hiding[:, inside] = (alpha.opacity(lattice.reshape(-1, 2)) >= HIT_OPACITY).reshape(len(uv), -1)
+    tiles = min(MAX_SIDE_TILES, max(1, steps // MIN_TILE_STEPS))
     one, other, line = _edges(steps)
     face, edge = np.nonzero(hiding[:, one] != hiding[:, other])
     whole, point = np.nonzero(hiding)
@@ -122,7 +122,7 @@ def _rings(
     one, other = one[edge], other[edge]
     one, other = np.where(hiding[face, one], one, other), np.where(hiding[face, one], other, one)
     low, high = grid[one] / steps, grid[other] / steps  # hides at low, not at high
-    for _ in range(HALVINGS):
+    for _ in range(EDGE_HALVINGS):
         middle = (low + high) / 2.0
         there = hides(face, middle)[:, None]
         low, high = np.where(there, middle, low), np.where(there, high, middle)
@@ -133,7 +133,7 @@ def _rings(
         low, high = ends[[a, b]], ends[[a + 1, b + 1]]
         here = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
         in_tiles.append(points[here])
-        ring.append(face[here] * TILES**2 + a * TILES + b)
+        ring.append(face[here] * MAX_SIDE_TILES**2 + a * MAX_SIDE_TILES + b)
     return hulls_of_groups(np.concatenate(in_tiles), np.concatenate(ring))
 
 

@@ -12,7 +12,7 @@ from hulldown.base.files import make_room, open_regular, replacing
 
 SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
 _MARK = b"tEXtSoftware\0hulldown"
-_START = 4096  # bytes before the pixels that contain the mark
+_MARK_BYTES = 4096  # bytes before the pixels that contain the mark
 
 
 def save_picture(picture: Image.Image, path: Path) -> None:
@@ -29,7 +29,7 @@ def refuse_foreign(path: Path, mark: bytes = _MARK) -> None:
     """Refuse to replace a file without our mark, by default a picture's; also called before the work."""
     try:
         with open_regular(path) as file:
-            ours = mark in file.read(_START)
+            ours = mark in file.read(_MARK_BYTES)
     except FileNotFoundError:
         return
     except OSError:

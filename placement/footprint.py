@@ -16,11 +16,11 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.portable import hypot
 from hulldown.geometry.rays import RayCaster
 
-RASTER = 128  # cells a side of an underside: 3 to 7 cm under a tank
-LEAN = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md
-BAND = 0.05  # share of a mesh's height that counts as touching the ground
-LEAST = 0.2  # least footprint, as a share of the mesh's length and width
-FOOT = 0.01  # of the footprint's longer side: a foot is no higher than this above the lowest spot
+RASTER_CELLS = 128  # cells a side of an underside: 3 to 7 cm under a tank
+MAX_LEAN_SLOPE = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md
+LOWEST_BAND_SHARE = 0.05  # share of a mesh's height that counts as touching the ground
+MIN_FOOTPRINT_SHARE = 0.2  # least footprint, as a share of the mesh's length and width
+MAX_FOOT_HEIGHT_SHARE = 0.01  # of the footprint's longer side: a foot is no higher than this above the lowest spot
 
 
 def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
@@ -35,11 +35,11 @@ def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
     if not len(points):
         raise ValueError("vertices: expected at least one vertex, got none")
     low, high = points.min(axis=0), points.max(axis=0)
-    band = BAND
+    band = LOWEST_BAND_SHARE
     while True:
         touching = points[points[:, 2] <= low[2] + band * (high[2] - low[2]), :2]
         box = np.stack([touching.min(axis=0), touching.max(axis=0)])
-        if band >= 1 or (box[1] - box[0] >= LEAST * (high - low)[:2]).all():
+        if band >= 1 or (box[1] - box[0] >= MIN_FOOTPRINT_SHARE * (high - low)[:2]).all():
             return box
         band = min(2 * band, 1.0)
 
@@ -69,14 +69,14 @@ def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> U
         raise ValueError(f"mesh: expected a length and a width, got {mesh.name!r} with the footprint {box.tolist()}")
     if known is not None and known.size:
         return Underside(box, known)
-    step = (box[1] - box[0]) / RASTER
-    x, y = (box[0, i] + (np.arange(RASTER) + 0.5) * step[i] for i in range(2))
+    step = (box[1] - box[0]) / RASTER_CELLS
+    x, y = (box[0, i] + (np.arange(RASTER_CELLS) + 0.5) * step[i] for i in range(2))
     heights = _lowest_faces(mesh, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
     points = np.concatenate([used, _along_edges(mesh, step)])
     points = points[((points[:, :2] >= box[0]) & (points[:, :2] <= box[1])).all(axis=1)]
-    cell = np.minimum(((points[:, :2] - box[0]) / step).astype(np.int64), RASTER - 1)
-    np.minimum.at(heights, cell @ [RASTER, 1], points[:, 2])
-    return Underside(box, heights.reshape(RASTER, RASTER))
+    cell = np.minimum(((points[:, :2] - box[0]) / step).astype(np.int64), RASTER_CELLS - 1)
+    np.minimum.at(heights, cell @ [RASTER_CELLS, 1], points[:, 2])
+    return Underside(box, heights.reshape(RASTER_CELLS, RASTER_CELLS))
 
 
 def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
@@ -172,9 +172,9 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
             away.append((np.clip(at, cell, cell + 1) - at) * step[axis])
             near.append(cell)
         heights = footprint.heights[np.ix_(*near)]
-        a, b = np.unravel_index(np.argmin(heights + LEAN * hypot(away[0][:, None], away[1])), heights.shape)
+        a, b = np.unravel_index(np.argmin(heights + MAX_LEAN_SLOPE * hypot(away[0][:, None], away[1])), heights.shape)
         height[k] = heights[a, b]
         if np.isfinite(height[k]):
             xy[k] += [away[0][a], away[1][b]]
-    foot = height <= height.min(initial=np.inf) + FOOT * np.ptp(footprint.box, axis=0).max()
+    foot = height <= height.min(initial=np.inf) + MAX_FOOT_HEIGHT_SHARE * np.ptp(footprint.box, axis=0).max()
     return Samples(xy, height, foot, inner_point(xy[np.isfinite(height)], regular.center))

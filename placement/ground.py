@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.predicates import EPS, ORIENT_BOUND, TINY, orient
+from hulldown.geometry.predicates import EPS, MIN_EXACT_PRODUCT, ORIENT_BOUND, orient
 
 # Guaranteed on a well-conditioned face: heights within this many ulp of the largest |z| on the ground, ...
 HEIGHT_ULPS = 8
@@ -18,7 +18,7 @@ _CHUNK = 1 << 16  # faces prepared together, so that intermediate arrays stay in
 # Areas that lost more than this factor to cancellation have no relative error to speak of.
 _MOST_CANCELLED = 2.0**40
 # Heights below this would lose digits to underflow.
-_SMALLEST = 1e-120
+_MIN_EXACT_PRODUCT = 1e-120
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -67,7 +67,7 @@ class Ground:
             )
             corners[0, part] = a
             corners[1, part], corners[2, part] = np.where(turn[part] < 0, (c, b), (b, c))
-        if largest and largest < _SMALLEST:
+        if largest and largest < _MIN_EXACT_PRODUCT:
             well_conditioned[:], bound[:] = False, np.inf
         kept = np.flatnonzero(turn).astype(np.int32)
         if len(kept) < n:
@@ -178,7 +178,7 @@ def _prepare(
     area = products[0] - products[1]
     p, q, r, s, t, u = (np.abs(v) for v in products)
     turn = np.sign(area).astype(np.int8)
-    unsure = np.flatnonzero(np.abs(area) <= ORIENT_BOUND * (p + q) + TINY)
+    unsure = np.flatnonzero(np.abs(area) <= ORIENT_BOUND * (p + q) + MIN_EXACT_PRODUCT)
     if len(unsure):
         a, b, c = a[unsure], b[unsure], c[unsure]
         turn[unsure] = orient(x[a], y[a], x[b], y[b], x[c], y[c])
@@ -195,5 +195,5 @@ def _prepare(
         bound[~((kappa <= _MOST_CANCELLED) & (size > 1e-150) & (bound < np.inf))] = np.inf
         well_conditioned = bound <= error
         well_conditioned &= 10.0 * EPS * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
-        bound += EPS * _SMALLEST  # underflow of a slope's numerator
+        bound += EPS * _MIN_EXACT_PRODUCT  # underflow of a slope's numerator
     return turn, slope_x, slope_y, well_conditioned, bound

@@ -53,7 +53,7 @@ from scipy import ndimage
 from hulldown.geometry.indices import numbered
 from hulldown.geometry.meshes import first_equal
 
-UNKNOWN = 255
+UNKNOWN_COUNT = 255
 MOST_SHEETS = 16  # that are worth tracing one after the other
 _LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22
 _MOST_PIECES = 1 << 21
@@ -107,7 +107,7 @@ class SheetMap:
 
     def _sheets(self, touched: Bool[np.ndarray, "r c"], count: Count) -> UInt8[np.ndarray, "r c"]:
         regions, n = ndimage.label(~touched)
-        counts = np.full(n + 1, UNKNOWN, dtype=np.uint8)
+        counts = np.full(n + 1, UNKNOWN_COUNT, dtype=np.uint8)
         if n:
             size = np.bincount(regions.ravel(), minlength=n + 1)
             size[0] = 0
@@ -117,7 +117,7 @@ class SheetMap:
             first = np.cumsum(size) - size
             # The counting point must lie on no edge: try a few.
             for share in (0.5, 0.31, 0.83):
-                open_ = largest[counts[largest] == UNKNOWN]
+                open_ = largest[counts[largest] == UNKNOWN_COUNT]
                 if not len(open_):
                     break
                 row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)

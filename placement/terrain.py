@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.predicates import ORIENT_BOUND, TINY
+from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
 from hulldown.geometry.rays import BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward
@@ -211,6 +211,6 @@ def _strictly_inside(dx: list[Float[np.ndarray, " k"]], dy: list[Float[np.ndarra
         np.abs(right, out=right)
         left += right
         left *= ORIENT_BOUND
-        left += TINY
+        left += MIN_EXACT_PRODUCT
         inside &= area > left
     return inside

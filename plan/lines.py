@@ -25,7 +25,7 @@ from hulldown.base.outside import json_of
 from hulldown.placement.rejection import BY_KEY
 from hulldown.plan.misfit import misfit
 from hulldown.plan.picture_names import picture_name
-from hulldown.plan.row import FORMAT, Header, Row, decode_header, decode_row, encode
+from hulldown.plan.row import PLAN_FORMAT, Header, Row, decode_header, decode_row, encode
 
 _CHUNK = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'
@@ -53,8 +53,8 @@ class PlanFile(os.PathLike[str]):
             version = json_of(line, dict[str, object])["hulldown_plan"]
         except (ValueError, KeyError):
             raise _damaged(path, 1, "isn't the header of a plan") from None
-        if version != FORMAT:
-            raise _damaged(path, 1, f"has plan format {version!r:.60}, this is format {FORMAT}")
+        if version != PLAN_FORMAT:
+            raise _damaged(path, 1, f"has plan format {version!r:.60}, this is format {PLAN_FORMAT}")
         try:
             plan = cls(path, decode_header(line))
         except (msgspec.DecodeError, ValueError) as error:

@@ -21,10 +21,10 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.coats import Coat
-from hulldown.plan.given_poses import FARTHEST, GivenPoses
+from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses
 from hulldown.plan.picture_names import PICTURE_NAME
 
-FORMAT = 4
+PLAN_FORMAT = 4
 
 
 def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
@@ -333,7 +333,7 @@ def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..
     return rounding(values)
 
 
-_RIGID = 1e-6  # tolerance of rotations in a plan that was edited by hand
+_ROTATION_TOLERANCE = 1e-6  # tolerance of rotations in a plan that was edited by hand
 _Matrix = tuple[tuple[float, float, float, float], ...]
 
 
@@ -344,15 +344,15 @@ def decoded_pose(_: type, value: object) -> np.ndarray:
     except (msgspec.ValidationError, ValueError, SystemError):  # SystemError: an integer beyond the largest float
         raise ValueError("no 4x4 matrix") from None
     if not (
-        abs(a * a + b * b + c * c - 1.0) <= _RIGID
-        and abs(d * d + e * e + f * f - 1.0) <= _RIGID
-        and abs(g * g + h * h + i * i - 1.0) <= _RIGID
-        and abs(a * d + b * e + c * f) <= _RIGID
-        and abs(a * g + b * h + c * i) <= _RIGID
-        and abs(d * g + e * h + f * i) <= _RIGID
+        abs(a * a + b * b + c * c - 1.0) <= _ROTATION_TOLERANCE
+        and abs(d * d + e * e + f * f - 1.0) <= _ROTATION_TOLERANCE
+        and abs(g * g + h * h + i * i - 1.0) <= _ROTATION_TOLERANCE
+        and abs(a * d + b * e + c * f) <= _ROTATION_TOLERANCE
+        and abs(a * g + b * h + c * i) <= _ROTATION_TOLERANCE
+        and abs(d * g + e * h + f * i) <= _ROTATION_TOLERANCE
         and a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g) > 0.0
         and last == (0.0, 0.0, 0.0, 1.0)
-        and max(abs(x), abs(y), abs(z)) <= FARTHEST
+        and max(abs(x), abs(y), abs(z)) <= MAX_COORDINATE_M
     ):
         raise ValueError("not rigid")
     return np.array([[a, b, c, x], [d, e, f, y], [g, h, i, z], last])

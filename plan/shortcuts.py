@@ -12,9 +12,9 @@ from scipy.special import chdtrc
 from hulldown.plan.config.asset_sections import OWN
 from hulldown.plan.row import Row
 
-RARE = 5.0  # expected images of a class below which values are merged
-CHANCE = 1e-4  # false positive rate for one variable
-WEAK = 0.1  # Cramér's V below which a dependency doesn't help a detector
+MIN_EXPECTED_IMAGES = 5.0  # expected images of a class below which values are merged
+FALSE_POSITIVE_RATE = 1e-4  # false positive rate for one variable
+MIN_CRAMERS_V = 0.1  # Cramér's V below which a dependency doesn't help a detector
 REMEDIES = {
     "box height": 'camera.size_measure = "height" gives all classes the same',
     "scenery": "let all classes be planned on all sceneries",
@@ -59,7 +59,7 @@ def _dependency(by_class: Mapping[str, Counter[str]]) -> str:
     """Describe the value and class that deviate most from independence; empty if chance explains them."""
     classes, total = list(by_class), sum(by_class.values(), Counter[str]())
     smallest, n = min(counts.total() for counts in by_class.values()), total.total()
-    common = {value for value, count in total.items() if count * smallest / n >= RARE}
+    common = {value for value, count in total.items() if count * smallest / n >= MIN_EXPECTED_IMAGES}
     merged: defaultdict[str, Counter[str]] = defaultdict(Counter)
     for category, counts in by_class.items():
         for value, count in counts.items():
@@ -72,7 +72,7 @@ def _dependency(by_class: Mapping[str, Counter[str]]) -> str:
     statistic = float(((table - expected) ** 2 / expected).sum())
     likelihood = chdtrc(math.prod(side - 1 for side in table.shape), statistic)
     strength = math.sqrt(statistic / n / (min(table.shape) - 1))
-    if likelihood >= CHANCE or strength < WEAK:
+    if likelihood >= FALSE_POSITIVE_RATE or strength < MIN_CRAMERS_V:
         return ""
     row, column = np.unravel_index(((table - expected) / np.sqrt(expected)).argmax(), table.shape)
     share, others = table[row, column] / table[row].sum(), np.delete(table, row, 0)

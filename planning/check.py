@@ -21,16 +21,16 @@ from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
 from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, of_views
-from hulldown.planning.planner import BLOCK, Planner
+from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.placing import sees_sky
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.views import no_views, views_of_others
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
-ROUNDING = 1e-6  # tolerance of numbers from other processors: meters, degrees, pixels, shares
+NUMBER_TOLERANCE = 1e-6  # tolerance of numbers from other processors: meters, degrees, pixels, shares
 MOST_FINDINGS = 1000  # listed findings
-LONGEST = 80  # characters of a value in a finding
+MAX_VALUE_CHARACTERS = 80  # characters of a value in a finding
 
 
 def check_plan(
@@ -73,7 +73,7 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
         findings.append("the header's left_out differs from what its config gives")
     rows, start, done = iter(plan), 0, 0
     while block := list(islice(rows, 1)):
-        stop = min(start + BLOCK, budget.n_positions)
+        stop = min(start + BLOCK_POSITIONS, budget.n_positions)
         wanted = planner.rows(start, stop) if start < stop else []
         block += islice(rows, max(len(wanted), 1) - 1)
         for row, planned in zip(block, wanted, strict=False):
@@ -124,7 +124,7 @@ def _differing(
 def _equal(first: object, second: object) -> bool:
     """Return whether two JSON values are equal up to rounding."""
     if isinstance(first, float) and isinstance(second, float):
-        return math.isclose(first, second, rel_tol=0.0, abs_tol=ROUNDING)
+        return math.isclose(first, second, rel_tol=0.0, abs_tol=NUMBER_TOLERANCE)
     if isinstance(first, list) and isinstance(second, list):
         return len(first) == len(second) and all(map(_equal, first, second))
     if isinstance(first, dict) and isinstance(second, dict):
@@ -134,7 +134,7 @@ def _equal(first: object, second: object) -> bool:
 
 def _shown(value: object) -> str:
     text = msgspec.json.encode(value).decode()
-    return text if len(text) <= LONGEST else text[:LONGEST] + "..."
+    return text if len(text) <= MAX_VALUE_CHARACTERS else text[:MAX_VALUE_CHARACTERS] + "..."
 
 
 def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:

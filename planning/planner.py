@@ -30,7 +30,7 @@ from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
 from hulldown.planning.search.stage import make_stage
 
-BLOCK = 2048  # positions planned together: large batches for each vehicle and scenery
+BLOCK_POSITIONS = 2048  # positions planned together: large batches for each vehicle and scenery
 
 
 class Planner:

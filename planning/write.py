@@ -32,16 +32,16 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.given_poses import GivenPoses
 from hulldown.plan.lines import PlanWriter
 from hulldown.plan.plan_file import Plan, read_plan
-from hulldown.plan.row import FORMAT, Header, ModelSource, ScenerySource
+from hulldown.plan.row import PLAN_FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.inputs.poses import read_poses
-from hulldown.planning.planner import BLOCK, Planner
+from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.doubt import Doubt, warnings_of
 
 Progress = Callable[[int, int], None]
 PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
-_AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
+_BLOCKS_AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
 _SMALLEST_BLOCK = 64
 
 
@@ -167,7 +167,7 @@ def write_plan(
         start = _resume(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
-        size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), BLOCK)
+        size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), BLOCK_POSITIONS)
         blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
         workers = min(workers, max(len(blocks), 1))
         for lines, rows in _planned(planner, blocks, workers):
@@ -187,7 +187,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
 
     photographs = assets.photographs
     return Header(
-        hulldown_plan=FORMAT,
+        hulldown_plan=PLAN_FORMAT,
         images=planner.budget.n_images,
         seed=config.seed,
         root=os.path.relpath(config.folder, Path(path).parent),
@@ -243,7 +243,7 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
     try:
         for block in blocks:
             running.append(pool.submit(_lines, *block))
-            if len(running) >= _AHEAD * workers:
+            if len(running) >= _BLOCKS_AHEAD * workers:
                 yield running.popleft().result()
         while running:
             yield running.popleft().result()

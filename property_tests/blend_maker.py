@@ -135,7 +135,7 @@ def main():
             answers.flush()
             job_file = Path(job["folder"], "job.json")
             job_file.write_text(json.dumps(job), encoding="utf-8")
-            duplicates.FEWEST = message["make"]["fewest"]
+            duplicates.MIN_OBJECTS = message["make"]["fewest"]
             reader.main(str(job_file))
             answer = Path(job["folder"], "answer.json").read_text(encoding="utf-8")
         except Exception:

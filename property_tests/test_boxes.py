@@ -14,13 +14,13 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hulldown.annotate.boxes import FAR, VehicleBoxes, surface_box
+from hulldown.annotate.boxes import MAX_COORDINATE_PX, VehicleBoxes, surface_box
 from hulldown.annotate.masks import mask_box
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_about
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
@@ -132,7 +132,7 @@ def exact_box(
         points.append([sum(a * b for a, b in zip(axis, apart, strict=True)) for axis in axes])
     f = Fraction(camera.intrinsics.f_px)
     cx, cy = Fraction(camera.intrinsics.width, 2), Fraction(camera.intrinsics.height, 2)
-    planes = [(0, 0, 1, Fraction(slack) - Fraction(NEAR))]
+    planes = [(0, 0, 1, Fraction(slack) - Fraction(NEAR_M))]
     if frame:
         for normal in ((f, 0, cx), (-f, 0, cx), (0, f, cy), (0, -f, cy)):
             planes.append((*normal, Fraction(slack) * max(abs(n) for n in normal)))
@@ -208,7 +208,7 @@ def test_the_fast_box_equals_clipping(
         found = boxes.box(pose, lens, articulation, frame=frame)
         expected = surface_box(vertices_world, shape.mesh.faces, lens, frame=frame)
         # Coordinates of 1e4 m have rounding errors of 1e-12 m, which a long lens nearby magnifies to pixels.
-        far = 1e-15 * np.abs(vertices_world).max() * lens.intrinsics.f_px / NEAR
+        far = 1e-15 * np.abs(vertices_world).max() * lens.intrinsics.f_px / NEAR_M
         assert (expected is None) == (found is None)
         if expected is not None and found is not None:
             tolerance = (PIXEL_ERROR + far) * max(1.0, np.abs(expected).max()) ** 0.5
@@ -302,7 +302,7 @@ def test_curved_boxes_are_within_a_hundredth_of_a_pixel(
             assert box is None, box
             assert wanted is None, wanted
             continue
-        wanted = np.clip(wanted, -FAR, FAR)
+        wanted = np.clip(wanted, -MAX_COORDINATE_PX, MAX_COORDINATE_PX)
         # Next to the near plane, pixels are millions apart.
         tolerance = 0.01 if frame else 0.01 + 1e-4 * np.abs(wanted).max()
         assert np.abs(np.append(box[:2], box[:2] + box[2:]) - wanted).max() <= tolerance

@@ -338,5 +338,5 @@ def test_lines_and_failures_never_depend_on_how_the_work_is_cut(config, tries, c
     # The first of several failures is reported, which depends on the order.
     order = data.draw(st.permutations(range(len(cuts) + 1))) if isinstance(whole, list) else None
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hulldown.planning.search.positions.CANDIDATES", candidates)
+        patch.setattr("hulldown.planning.search.positions.MAX_BATCH_PLACES", candidates)
         assert outcome(config, cuts, order) == whole

@@ -20,7 +20,7 @@ from hulldown.reading.pieces.asset_report import PartRow, Thing, xyz
 from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
-from hulldown.reading.scenery.scenery_roles import NARROWEST, unmatched
+from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.marked_keypoints import marked_points
 from hulldown.reading.vehicle.nose import forward_text
@@ -31,7 +31,7 @@ from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_uprig
 from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
-KILOMETER = 1000.0
+KILOMETER_M = 1000.0
 NAMES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
@@ -180,7 +180,7 @@ def build_scenery(
         raise AssetError("nothing in it is rendered as ground or obstacle", remedy="check what is hidden from render")
     extent = np.array([pieces[i].bounds for i in ground or obstacles])
     middle = (extent[:, 0].min(axis=0) + extent[:, 1].max(axis=0)) / 2
-    origin = np.round(middle / KILOMETER) * KILOMETER + 0.0
+    origin = np.round(middle / KILOMETER_M) * KILOMETER_M + 0.0
     shift = np.eye(4)
     shift[:3, 3] = -origin
     scenery_from_file = shift @ meters
@@ -221,7 +221,7 @@ def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "
     part, meters_from_mesh = _part_of(piece.mesh, drawn, wet=True), meters @ piece.pose
     bounds = part.at(apply(meters_from_mesh, part.vertices)).bounds
     level, _ = level_share(part, meters_from_mesh)
-    return is_wide_and_level(replace(piece, bounds=bounds, level=level), least=NARROWEST)
+    return is_wide_and_level(replace(piece, bounds=bounds, level=level), least=MIN_WATER_WIDTH_M)
 
 
 def _part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:

@@ -22,7 +22,7 @@ from typing import TypeVar
 import msgspec
 from filelock import FileLock
 
-from hulldown.assets.bundle import FORMAT
+from hulldown.assets.bundle import BUNDLE_FORMAT
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular, replacing
 from hulldown.base.outside import converted, json_of, read_file, sha256_of
@@ -33,7 +33,7 @@ from hulldown.reading.pieces.formats import format_of
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export, export_in
 
-EXPORTER = 36
+EXPORTER_VERSION = 36
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32
@@ -79,7 +79,7 @@ def cached(
     format_of(path)  # before it is hashed: a folder or nothing at all has no content
     digest = sha256_of(path)
     entries = {
-        each: cache / entry_name(EXPORTER, FORMAT, each, asdict(options), digest)
+        each: cache / entry_name(EXPORTER_VERSION, BUNDLE_FORMAT, each, asdict(options), digest)
         for each in ([kind] if kind else ["vehicle", "scenery"])
     }
     make_cache(cache)

@@ -13,13 +13,13 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
 from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quoted
 from hulldown.reading.scenery.scenery_roles import is_water_name
-from hulldown.reading.scenery.shape import LEVEL, PUDDLE, canopies, enclosing, sheets_between
+from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, MIN_PUDDLE_WIDTH_M, canopies, enclosing, sheets_between
 
 LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
 SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
-EDGE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
+MAX_UPRIGHT_GROUND_SHARE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
 LIKELY_LENGTHS = (2.0, 20.0)
 Used = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
@@ -106,7 +106,7 @@ def _role_doubts(
 def _shape_doubts(used: Used) -> Iterator[Doubt]:
     """Yield doubts about steep ground, sheets above it, and what is around everything."""
     grounds = [piece for piece, role in used if role.use == "ground"]
-    if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < LEVEL:
+    if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < MIN_LEVEL_SHARE:
         steep = f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep"
         text = "if buildings are part of it, vehicles are placed on their roofs; make them objects of their own"
         yield Doubt(DoubtKind.STEEP_GROUND, f"{steep}: {text} in Blender")
@@ -133,7 +133,7 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     if height > across:
         text = f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side'
         yield Doubt(DoubtKind.UP, text)
-    elif min(sides) < EDGE * min(across, height):
+    elif min(sides) < MAX_UPRIGHT_GROUND_SHARE * min(across, height):
         seen = " x ".join(map(length_said, sides))
         text = f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"'
         yield Doubt(DoubtKind.UP, text)
@@ -149,7 +149,9 @@ def _perhaps_water(used: Used, wet: Sequence[str]) -> Iterator[Doubt]:
         )
         yield Doubt(DoubtKind.WATER, f"{text}Blender and name it in water")
     open_ = [i for i, (_, role) in enumerate(used) if role.use == "obstacle" and role.by is By.DEFAULT]
-    found = sheets_between([piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=PUDDLE)
+    found = sheets_between(
+        [piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=MIN_PUDDLE_WIDTH_M
+    )
     if found:
         names = quoted(used[i][0].name for i in found)
         text = f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water"
@@ -161,7 +163,7 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     able = [piece for piece in among if not (piece.hair or piece.scattered)]
     if not able:
         return "name what is to be ground in this scenery's `ground`"
-    widest = max(able, key=lambda piece: (piece.level >= LEVEL, piece.area))
+    widest = max(able, key=lambda piece: (piece.level >= MIN_LEVEL_SHARE, piece.area))
     families: dict[str, list[Piece]] = {}
     for piece in able:
         families.setdefault(re.split(r"\d", piece.name, maxsplit=1)[0].rstrip("_- .") or piece.name, []).append(piece)

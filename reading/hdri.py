@@ -22,15 +22,17 @@ from hulldown.reading.reader_process import Job, ask_reader, found_by
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME = "mended.exr"
-CHECKED = 8  # raised when the checks or repairs of a file change
-BRIGHTEST = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
-FEW = 1e-3  # of the pixels may be infinite: suns and their glare
+CHECKS_VERSION = 8  # raised when the checks or repairs of a file change
+MAX_RADIANCE = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
+MAX_INFINITE_SHARE = 1e-3  # of the pixels may be infinite: suns and their glare
 FEW_PIXELS = 4  # of a small picture
-NEGATIVE = 0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
+MAX_NEGATIVE_SHARE = (
+    0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
+)
 MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
-TINTED = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
+MAX_TINT_UV = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
 REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
-BATCH = 16  # pictures that one process reads, one after the other
+BATCH_PICTURES = 16  # pictures that one process reads, one after the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +68,7 @@ class Hdri:
     def doubts(self) -> tuple[Doubt, ...]:
         """A doubt about light far from daylight's color."""
         light = np.array(self.light.irradiance)
-        if not light.any() or off_daylight(light) <= TINTED:
+        if not light.any() or off_daylight(light) <= MAX_TINT_UV:
             return ()
         red, green, blue = (light / light.max()).tolist()
         card = f"a gray card in it is ({red:.2f}, {green:.2f}, {blue:.2f})"
@@ -85,16 +87,16 @@ def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"]
     if unsaid := int(np.isnan(pixels).any(axis=2).sum()):
         raise AssetError(f"has {unsaid} pixels that are NaN", remedy="paint over them, or leave it out")
     notes = []
-    endless = pixels > BRIGHTEST
+    endless = pixels > MAX_RADIANCE
     if suns := int(endless.any(axis=2).sum()):
-        if suns > max(FEW_PIXELS, FEW * height * width):
-            raise AssetError(f"has {suns} of {height * width} pixels without end, above {BRIGHTEST:g}")
+        if suns > max(FEW_PIXELS, MAX_INFINITE_SHARE * height * width):
+            raise AssetError(f"has {suns} of {height * width} pixels without end, above {MAX_RADIANCE:g}")
         largest = float(pixels[~endless].max(initial=0.0))
         pixels = np.where(endless, np.float32(largest), pixels)
         notes.append(f"{suns} pixels without end are as bright as its brightest finite one, {largest:g}")
     light, taken = float(pixels.clip(min=0).sum(dtype=np.float64)), -float(pixels.clip(max=0).sum(dtype=np.float64))
     if taken > 0.0:
-        if not taken <= NEGATIVE * light:
+        if not taken <= MAX_NEGATIVE_SHARE * light:
             raise AssetError(f"is negative: {-taken:g} in all beside {light:g} of light")
         count, percent = int((pixels < 0).any(axis=2).sum()), 100.0 * taken / light
         notes.append(f"{count} pixels that are negative are black: they took {percent:.1f} % of all light")
@@ -130,8 +132,8 @@ def read_hdris(
     digests = [sha256_of(path) for path in paths]
     named = dict(zip(digests, paths, strict=True))
     todo = [(digest, path) for digest, path in named.items() if _entry(path, digest, cache) is None]
-    for start in range(0, len(todo), BATCH):
-        batch = todo[start : start + BATCH]
+    for start in range(0, len(todo), BATCH_PICTURES):
+        batch = todo[start : start + BATCH_PICTURES]
         with new_folder(cache) as folder:
             jobs = [Job(str(path), str(Path(folder, digest)), "hdri") for digest, path in batch]
             for job in jobs:
@@ -140,7 +142,7 @@ def read_hdris(
                 Path(job.folder).mkdir()
             ask_reader(jobs, limits=limits)
             for (digest, _), job in zip(batch, jobs, strict=True):
-                seal(Path(job.folder), cache / entry_name("hdri", CHECKED, digest), found_by(job, FoundSky))
+                seal(Path(job.folder), cache / entry_name("hdri", CHECKS_VERSION, digest), found_by(job, FoundSky))
     read = []
     for path, digest in zip(paths, digests, strict=True):
         hdri = _entry(path, digest, cache)
@@ -156,7 +158,7 @@ def refuse_no_hdri(path: Path) -> None:
 
 
 def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
-    entry = cache / entry_name("hdri", CHECKED, digest)
+    entry = cache / entry_name("hdri", CHECKS_VERSION, digest)
     found = unseal(entry, FoundSky)
     if found is None:
         return None

@@ -14,19 +14,19 @@ from hulldown.assets.picture_files import read_pixels
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.camera.response import ALBEDO, metered
+from hulldown.camera.response import CARD_ALBEDO, metered
 from hulldown.pictures.drawing import contact_sheet, lettering
 from hulldown.pictures.own_files import save_picture
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
-from hulldown.reading.vehicle.seen_colors import PAPER
+from hulldown.reading.vehicle.seen_colors import BACKGROUND_LEVEL
 from hulldown.scene.posed_scene import Kind, Scene, SceneHits
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE = np.array([150.0, 150.0, 150.0])
-PAGE = 12  # assets in one picture: three in a row
+PAGE_ASSETS = 12  # assets in one picture: three in a row
 FRONT_LEFT = "from the front left"
 # Name, direction of sight, direction that is up in the picture.
 VIEWS = (
@@ -49,7 +49,7 @@ class Inspected:
 def sky_report(path: Path, hdri: Hdri) -> SkyReport:
     """Return the report about the HDRI in a file."""
     light = hdri.light
-    ev = float(metered(np.array([light.irradiance]) * (ALBEDO / np.pi))[0])
+    ev = float(metered(np.array([light.irradiance]) * (CARD_ALBEDO / np.pi))[0])
     doubts = (*hdri.misfits, *hdri.doubts)
     return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
 
@@ -62,7 +62,7 @@ def pages(path: Path, assets: int) -> list[Path]:
     >>> [page.name for page in pages(Path("all.png"), 25)]
     ['all.png', 'all-2.png', 'all-3.png']
     """
-    count = max(1, -(-assets // PAGE))
+    count = max(1, -(-assets // PAGE_ASSETS))
     return [path, *(path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(2, count + 1))]
 
 
@@ -71,7 +71,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
     written = pages(path, len(drawn))
     for number, page in enumerate(written):
-        on_it = drawn[number * PAGE : (number + 1) * PAGE]
+        on_it = drawn[number * PAGE_ASSETS : (number + 1) * PAGE_ASSETS]
         sheet = on_it[0][1]
         if len(drawn) > 1:
             names, pictures = zip(*on_it, strict=True)
@@ -100,7 +100,7 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
         ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
         colors = {ground: COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE}
 
-    sheet = Image.new("RGB", (2 * size, 2 * size), (int(PAPER),) * 3)
+    sheet = Image.new("RGB", (2 * size, 2 * size), (int(BACKGROUND_LEVEL),) * 3)
     for i, (title, sight, up) in enumerate(VIEWS):
         at = (i % 2 * size, i // 2 * size)
         if title == FRONT_LEFT and picture is not None:
@@ -112,7 +112,7 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
         hits, light = view.look(world)
         number = hits.part if isinstance(asset, VehicleShape) else (hits.kind == Kind.OBSTACLE).astype(int)
         shaded = np.array(list(colors.values()))[number] * light[:, None]
-        image = np.where(hits.hit[:, None], shaded, PAPER)
+        image = np.where(hits.hit[:, None], shaded, BACKGROUND_LEVEL)
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))
         if isinstance(asset, VehicleShape):
             _mark_pivots(tile, view, asset)

@@ -10,31 +10,33 @@ from jaxtyping import Float
 
 from hulldown.geometry.color import LUMINANCE
 
-ROWS = 128  # rows of the analyzed map: 1.4 degrees each
-FEWEST = 32  # least rows for a judgment
+MAP_ROWS = 128  # rows of the analyzed map: 1.4 degrees each
+MIN_JUDGED_ROWS = 32  # least rows for a judgment
 # Darker than this share of the sky so many degrees above it means surroundings; an overcast sky's horizon has a
 # third of its zenith.
 DARK = {(1.0, 25.0): 0.5, (25.0, 50.0): 0.3}
-GAP = 3  # rows of a street lamp's light, or of sky between two branches, that may be brighter
+MAX_BRIGHT_GAP_ROWS = 3  # rows of a street lamp's light, or of sky between two branches, that may be brighter
 TOP_DEG = 60.0  # higher things are overhead
 NEAR_DEG = 15.0  # things that reach higher, in a twentieth of all directions, are a street's or a wood's
-WARMEST = 1.0  # red over blue of what is overhead; the reddest sky had 0.9, rooms from 1.0 to 2.9
+MAX_SKY_WARMTH = 1.0  # red over blue of what is overhead; the reddest sky had 0.9, rooms from 1.0 to 2.9
 BUSY, STEP = 0.3, 0.25  # share of neighbors overhead whose logarithms differ by that much; broken cloud had 0.23
 
-PLAIN = 0.2  # standard deviation over mean of what is below the horizon: 0 in painted skies, from 0.7 in photographs
+MAX_PLAIN_VARIATION = (
+    0.2  # standard deviation over mean of what is below the horizon: 0 in painted skies, from 0.7 in photographs
+)
 
 
 def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
     """Return whether an HDRI shows more than one plain color below its horizon; parameters as of `backdrop`."""
     elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
     below = (sky @ LUMINANCE)[(elevation < -3.0) & (elevation > -30.0)]
-    return bool(below.size and below.std() > PLAIN * below.mean())
+    return bool(below.size and below.std() > MAX_PLAIN_VARIATION * below.mean())
 
 
 def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
-    """Means over squares of an equirectangular picture, about `ROWS` high; the zenith is in the first row."""
+    """Means over squares of an equirectangular picture, about `MAP_ROWS` high; the zenith is in the first row."""
     height, width = pixels.shape[:2]
-    step = max(1, height // ROWS)
+    step = max(1, height // MAP_ROWS)
     cut = pixels[::-1][: height // step * step, : width // step * step]
     return np.asarray(cut.reshape(height // step, step, width // step, step, 3).mean(axis=(1, 3), dtype=np.float64))
 
@@ -45,7 +47,7 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     `sky`: radiance in linear Rec. 709, the zenith in the first row; see `small_map`.
     """
     height = len(sky)
-    if height < FEWEST:  # too coarse to tell
+    if height < MIN_JUDGED_ROWS:  # too coarse to tell
         return round(min(90.0 / height, TOP_DEG), 3), ()
     elevation = 90.0 - (np.arange(height) + 0.5) / height * 180.0
     gray = sky @ LUMINANCE
@@ -60,7 +62,7 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     if (busy := float((steps[overhead] > STEP).mean())) > BUSY:
         misfits.append(f"{100 * busy:.0f} % of the sky overhead has edges, as roofs and treetops have")
     red, _, blue = np.median(sky[elevation > 45.0].reshape(-1, 3), axis=0).tolist()
-    if red > WARMEST * blue:
+    if red > MAX_SKY_WARMTH * blue:
         misfits.append("overhead, it is as warm as a ceiling")
     return round(max(float(tops.max()), 90.0 / height), 3), tuple(misfits)
 
@@ -74,7 +76,7 @@ def _tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) ->
         for (low, high), share in DARK.items():
             above = (elevation > elevation[row] + low) & (elevation < elevation[row] + high)
             dark |= gray[row] < share * np.median(gray[above], axis=0)
-        dark &= bright <= GAP
+        dark &= bright <= MAX_BRIGHT_GAP_ROWS
         tops[dark] = elevation[row] + 90.0 / len(gray)
         bright = np.where(dark, 0, bright + 1)
     return tops

@@ -10,7 +10,7 @@ from hulldown.base.errors import AssetError
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import VEHICLE, first_match
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.roles import FLAT, Piece, vehicle_roles
+from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.scenery.shape import is_open_land
 
@@ -28,7 +28,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     if not _ground(pieces, options):
         length, width, height = _extent(pieces)
         across = max(length, width)
-        sheet = height <= FLAT * across or (len(pieces) == 1 and is_open_land(pieces[0]))
+        sheet = height <= MAX_SHEET_THICKNESS_SHARE * across or (len(pieces) == 1 and is_open_land(pieces[0]))
         return "scenery" if across > BIGGEST_VEHICLE and sheet else "vehicle"
     kept = _vehicle(pieces)
     if 2 * sum(bool(first_match(p.name, VEHICLE)) for p in kept) > len(kept):

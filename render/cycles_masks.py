@@ -33,7 +33,7 @@ from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
 
 ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers
-SAME = 0.99  # least IoU of masks that are equal up to float32 at their edges
+MIN_EQUAL_IOU = 0.99  # least IoU of masks that are equal up to float32 at their edges
 FEW_PIXELS = 2  # largest difference of masks so small that one pixel exceeds the IoU's limit
 
 
@@ -145,7 +145,7 @@ def _judged(row: MaskRow, annotated: float) -> Finding | None:
     if row.outside > ONE_PIXEL:
         return Finding("error", where, f"reaches {row.outside:.1f} px out of its box in Cycles' mask")
     for overlap, what in ((row.mask_iou, "mask"), (row.amodal_iou, "amodal mask")):
-        if overlap < SAME and (1 - overlap) * max(annotated, row.pixels) > FEW_PIXELS:
+        if overlap < MIN_EQUAL_IOU and (1 - overlap) * max(annotated, row.pixels) > FEW_PIXELS:
             return Finding("error", where, f"annotated and rendered {what} overlap by {overlap:.3f} only")
     if row.box_error > ONE_PIXEL:
         return Finding(

@@ -11,7 +11,7 @@ from typing import TypeVar
 from msgspec import structs
 
 from hulldown.base.errors import ConfigError
-from hulldown.camera.projection import NEAR
+from hulldown.camera.projection import NEAR_M
 from hulldown.geometry.color import linear_color
 from hulldown.plan.coats import Coat, color_of_material
 from hulldown.plan.library import Library
@@ -72,7 +72,7 @@ def _camera(row: Row) -> CameraInput:
     return CameraInput(
         world_from_camera=row.world_from_camera.tolist(),
         intrinsics=row.intrinsics,
-        near=NEAR,
+        near=NEAR_M,
         exposure=row.exposure_ev,
         white_balance=row.white_balance_k,
     )

@@ -39,7 +39,7 @@ ENVIRONMENT = {
     "OCIO_DISABLE_PROCESSOR_CACHES": "1",
 }
 POLL_S = 0.2  # interval of checks of time and memory
-NEARLY = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
+REPLACE_MEMORY_SHARE = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
 GIB = 2**30
 CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
@@ -63,7 +63,7 @@ class Limits:
     memory_bytes: Annotated[int | None, Parameter(parse=False)] = None
 
 
-ATTEMPTS = 3  # at a job, or at a start
+MAX_ATTEMPTS = 3  # at a job, or at a start
 START_S = 300.0  # time limit of a start
 FIRST_JOBS = 5  # jobs that set the time limit of the others
 FIRST_JOBS_S = 3600.0  # their own time limit
@@ -171,7 +171,7 @@ class Blender:
         self._stopping, self._restarts = stopping, 0
         reasons: list[str] = []
         try:
-            while len(reasons) < ATTEMPTS:
+            while len(reasons) < MAX_ATTEMPTS:
                 self.start()
                 try:
                     reply, content = self._attempt(job)
@@ -195,7 +195,7 @@ class Blender:
             raise AttemptFailed(reply.failed)
         content = _written(job)
         assert self._child is not None
-        if self._child.memory > NEARLY * self._allowance.memory:
+        if self._child.memory > REPLACE_MEMORY_SHARE * self._allowance.memory:
             self._say("has grown near its memory limit and is replaced")
             self._child.close_stdin()
             self._child.wait(STOP_S)
@@ -206,14 +206,14 @@ class Blender:
         """Start it if necessary, and choose the device."""
         if self._child is not None:
             return
-        for attempt in range(1, ATTEMPTS + 1):
+        for attempt in range(1, MAX_ATTEMPTS + 1):
             try:
                 self._launch()
                 version = self._hear(START_S).ready
                 reply = self._ask(StartJob(self._device, self._number, self._allowance.threads), START_S)
             except Lost as lost:
                 self._lose(lost)
-                if attempt < ATTEMPTS:
+                if attempt < MAX_ATTEMPTS:
                     continue
                 problem = f"Blender has not started {attempt} times running: {lost}"
                 raise HulldownError(problem, path=self._log, remedy=self._remedy) from None

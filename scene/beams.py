@@ -8,14 +8,14 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
-from hulldown.camera.projection import NEAR
-from hulldown.geometry.cutouts import PASSED
+from hulldown.camera.projection import NEAR_M
+from hulldown.geometry.cutouts import MIN_TRANSMITTANCE
 from hulldown.geometry.indices import rounds
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.transforms import BOX_CORNERS, apply, invert_rigid
 
 # Parts of a beam along its length: their boxes enclose less empty space than one box.
-LENGTHS = 8
+BEAM_LENGTHS = 8
 RAYS = 1 << 18  # pairs of ray and instance in memory at a time
 
 
@@ -39,7 +39,7 @@ def passed_in_beams(
         passed[rays] *= scene.transmittance_by(
             origins[rays], along[rays], index, instance=instance, max_distance=reach[rays]
         )
-        blocked = rays[passed[rays] < PASSED]
+        blocked = rays[passed[rays] < MIN_TRANSMITTANCE]
         passed[blocked], far[blocked] = 0.0, -np.inf
     return passed
 
@@ -87,13 +87,14 @@ def _pairs(
     end = np.linalg.norm(np.maximum(np.abs(apex - low), np.abs(apex - high)), axis=1)
     length = np.clip(far.max(axis=1), 0.0, end) + np.linalg.norm(edges, axis=2).max(axis=1)
     rims = (
-        apex[:, None, None] + edges[:, None] * (length[:, None] * np.linspace(0.0, 1.0, LENGTHS + 1))[..., None, None]
+        apex[:, None, None]
+        + edges[:, None] * (length[:, None] * np.linspace(0.0, 1.0, BEAM_LENGTHS + 1))[..., None, None]
     )
     low, high = rims.min(axis=2), rims.max(axis=2)
     low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])
     part, instance = scene.overlapping(low.reshape(-1, 3), high.reshape(-1, 3))
     k = len(scene.bounds)
-    view, instance = np.divmod(np.unique(part // LENGTHS * k + instance), k)
+    view, instance = np.divmod(np.unique(part // BEAM_LENGTHS * k + instance), k)
     local = apply(invert_rigid(world_from_camera)[view], _corners(scene, instance))
     box, nearest = box_at_unit_depth(local), local[..., 2].min(axis=1)
     order, size = np.lexsort((nearest, view)), max(1, RAYS // camera_rays.count)
@@ -102,5 +103,5 @@ def _pairs(
             pair, ray = camera_rays.through(box[block], view[block])
             pair = block[pair]
             # From the near plane to a box it's at least the box's depth less the plane's; once more, for rounding.
-            ahead = far[view[pair], ray] > nearest[pair] - 2.0 * NEAR
+            ahead = far[view[pair], ray] > nearest[pair] - 2.0 * NEAR_M
             yield view[pair[ahead]] * camera_rays.count + ray[ahead], instance[pair[ahead]]

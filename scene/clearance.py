@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.camera.projection import NEAR
+from hulldown.camera.projection import NEAR_M
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import apply, invert_rigid
@@ -57,7 +57,7 @@ class CameraRoom:
         if self.water is not None:
             water = self.water.top_hits(place[:, :2])
             with np.errstate(invalid="ignore"):
-                wet = place[:, 2] - water.z < max(ground_clearance, 2.0 * NEAR)
+                wet = place[:, 2] - water.z < max(ground_clearance, 2.0 * NEAR_M)
             rejection[wet] = Rejection.CAMERA_WATER
         ground = self.terrain.top_hits(place[:, :2])
         with np.errstate(invalid="ignore"):

@@ -13,15 +13,15 @@ from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.camera_rays import CameraRays
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.columns import put
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.rays import RayCaster, RayHits, in_threads
 from hulldown.scene.beams import nearest_in_beams, passed_in_beams
-from hulldown.scene.posed_vehicle import BATCH, PosedVehicle
+from hulldown.scene.posed_vehicle import BATCH_RAYS, PosedVehicle
 
-TILE = 64  # pixels, each way, that are traced together
+TILE_PX = 64  # pixels, each way, that are traced together
 
 
 class Kind(IntEnum):
@@ -140,17 +140,19 @@ class Scene:
         width, height = camera.intrinsics.width, camera.intrinsics.height
         hits = SceneHits.missed(width * height)
         # Beyond the picture's last row and column, tiles repeat them.
-        rows, columns = (np.arange(-(-n // TILE) * TILE).clip(max=n - 1).reshape(-1, TILE) for n in (height, width))
+        rows, columns = (
+            np.arange(-(-n // TILE_PX) * TILE_PX).clip(max=n - 1).reshape(-1, TILE_PX) for n in (height, width)
+        )
 
         def trace(band: Int[np.ndarray, " t"]) -> None:
-            pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE * TILE)
+            pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE_PX * TILE_PX)
             at = camera.intrinsics.at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
             u, v = np.ascontiguousarray(np.moveaxis(at, -1, 0))  # NumPy takes extremes along it many times faster
             low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)
             extent = np.maximum(np.stack([u.max(axis=1), v.max(axis=1)], axis=1) - low, 1e-300)
             rays = CameraRays(low, extent, (at - low[:, None]) / extent[:, None])
             put(hits, pixel.ravel(), self._seen(rays, np.tile(camera.world_from_camera, (len(low), 1, 1))))
-            hits.distance[pixel] += NEAR * np.sqrt(1.0 + u * u + v * v)
+            hits.distance[pixel] += NEAR_M * np.sqrt(1.0 + u * u + v * v)
 
         in_threads(trace, rows, threads=threads)
         return hits
@@ -232,7 +234,7 @@ class Scene:
         """
         passed, cast = np.ones(len(reach)), np.flatnonzero(reach > -np.inf)
         if self.ground is not None:
-            for some in (cast[i : i + BATCH] for i in range(0, len(cast), BATCH)):
+            for some in (cast[i : i + BATCH_RAYS] for i in range(0, len(cast), BATCH_RAYS)):
                 rays = camera_rays.rays(world_from_camera, some)
                 passed[some] = self.ground.transmittance(*rays, max_distance=reach[some])
         left = np.where(passed > 0.0, reach, -np.inf)

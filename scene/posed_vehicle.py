@@ -22,8 +22,8 @@ from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
 
 # Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
 # stay in cache.
-BATCH = 4095
-FEW = 64  # hull vertices up to which the hull isn't simplified
+BATCH_RAYS = 4095
+MAX_HULL_VERTICES = 64  # hull vertices up to which the hull isn't simplified
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -167,8 +167,8 @@ class PosedVehicle:
             pose, ray = camera_rays.through(box_at_unit_depth(apply(camera_from_part, part.around)), camera)
             part_from_camera = invert_rigid(camera_from_part)
             kept = np.flatnonzero(asked[camera[pose] * camera_rays.count + ray])
-            for i in range(0, len(kept), BATCH):
-                some = pose[kept[i : i + BATCH]], ray[kept[i : i + BATCH]]
+            for i in range(0, len(kept), BATCH_RAYS):
+                some = pose[kept[i : i + BATCH_RAYS]], ray[kept[i : i + BATCH_RAYS]]
                 rays = camera_rays.rays(part_from_camera, some[0] * camera_rays.count + some[1], camera)
                 yield part, camera[some[0]] * camera_rays.count + some[1], rays
 
@@ -222,7 +222,7 @@ def _into(
 
 def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:
     """Few points whose convex hull holds the vertices: their own hull, or the corners of a 26-sided one around it."""
-    if len(vertices) <= FEW:
+    if len(vertices) <= MAX_HULL_VERTICES:
         return vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     if not (high > low).all():

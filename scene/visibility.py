@@ -19,7 +19,7 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
 # Surfaces this close to the subject don't hide it; float32 rays of a few hundred meters err by a tenth of this.
-TOUCHING = 1e-3
+TOUCHING_M = 1e-3
 # Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
 BLOCK = 1 << 18
 NOTHING = Scene()
@@ -104,7 +104,7 @@ def _count(
     for subject in subjects:
         distance = np.minimum(distance, subject.first_hits(camera_rays, world_from_camera, asked).distance)
     met = np.flatnonzero(np.isfinite(distance))
-    reach = np.where(np.isfinite(distance), distance - TOUCHING, -np.inf)
+    reach = np.where(np.isfinite(distance), distance - TOUCHING_M, -np.inf)
     passed = world.passed(camera_rays, world_from_camera, reach=reach)[met]
     return np.bincount(met // r, minlength=n), np.bincount(met // r, weights=passed, minlength=n), area
 

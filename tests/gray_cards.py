@@ -5,14 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hulldown.camera.response import ALBEDO
+from hulldown.camera.response import CARD_ALBEDO
 from hulldown.reading.blender.hdri_picture import _write
 from hulldown.tests.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.render_worlds import diffuse
 
 FOLDER = Path(sys.argv[1])
 fresh()
-cuboid("card", (2.0, 2.0, 1.0), (0.0, 0.0, -0.5), diffuse("card", (ALBEDO,) * 3))
+cuboid("card", (2.0, 2.0, 1.0), (0.0, 0.0, -0.5), diffuse("card", (CARD_ALBEDO,) * 3))
 gather()
 save(FOLDER / "card.blend")
 for sky in FOLDER.glob("*.npy"):

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 
 from hulldown.assets.library import Assets
 from hulldown.plan.config.schema import Config
-from hulldown.planning.planner import BLOCK, Planner
+from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.tests.planning_assets import bare, hills, small_assets, small_config
 
 ROOT = Path(__file__).parents[1]
@@ -80,8 +80,8 @@ def main() -> int:
     if arguments.child:
         for config, assets in pickle.loads(arguments.child.read_bytes()):
             planner = Planner(config, assets)
-            for start in range(0, planner.budget.n_positions, BLOCK):
-                lines, _ = planner.lines(start, min(start + BLOCK, planner.budget.n_positions))
+            for start in range(0, planner.budget.n_positions, BLOCK_POSITIONS):
+                lines, _ = planner.lines(start, min(start + BLOCK_POSITIONS, planner.budget.n_positions))
                 sys.stdout.buffer.write(lines)
         return 0
     with TemporaryDirectory() as folder:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hulldown.assets.bundle import FORMAT, load_scenery, load_vehicle, save
+from hulldown.assets.bundle import BUNDLE_FORMAT, load_scenery, load_vehicle, save
 from hulldown.assets.fingerprint import fingerprint
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
@@ -144,7 +144,7 @@ def test_a_file_that_is_not_a_bundle_is_a_one_line_error(path: Path, tmp_path: P
     whole = path.read_bytes()
     np.savez(tmp_path / "other.npz", a=np.zeros(3))
     np.savez(tmp_path / "future.npz", hulldown_bundle=np.int64(99), kind=np.str_("vehicle"))
-    np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(FORMAT), kind=np.str_("vehicle"))
+    np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(BUNDLE_FORMAT), kind=np.str_("vehicle"))
     np.save(tmp_path / "single.npy", np.zeros(3))
     save(tmp_path / "scenery.npz", scenery())
     np.savez(tmp_path / "pickled.npz", hulldown_bundle=np.array([{}], dtype=object), kind=np.str_("vehicle"))
@@ -153,7 +153,7 @@ def test_a_file_that_is_not_a_bundle_is_a_one_line_error(path: Path, tmp_path: P
         ("empty.npz", b"", "cannot be read as a bundle"),
         ("missing.npz", None, "does not exist"),
         ("other.npz", None, "isn't a hulldown bundle"),
-        ("future.npz", None, f"is a bundle of format 99, this is {FORMAT}"),
+        ("future.npz", None, f"is a bundle of format 99, this is {BUNDLE_FORMAT}"),
         ("partial.npz", None, "cannot be read as a bundle ('tree is not a file in the archive')"),
         ("scenery.npz", None, "is a bundle of a scenery, expected a vehicle"),
         ("single.npy", None, "cannot be read as a bundle"),
@@ -173,7 +173,7 @@ BEYOND = '{"name": "t", "mesh": {"name": "m", "vertices": ["float64", 0, 9, 3], 
 @pytest.mark.parametrize("tree", ["{", "{}", "[1]", BEYOND])
 def test_a_bundle_that_lacks_fields_or_arrays_is_a_one_line_error(tmp_path: Path, tree: str) -> None:
     path, arrays = tmp_path / "v.npz", {"float64": np.zeros(3), "int64": np.zeros(3, int)}
-    np.savez(path, hulldown_bundle=np.int64(FORMAT), kind=np.str_("vehicle"), tree=np.str_(tree), **arrays)
+    np.savez(path, hulldown_bundle=np.int64(BUNDLE_FORMAT), kind=np.str_("vehicle"), tree=np.str_(tree), **arrays)
     with pytest.raises(AssetError, match=r"v\.npz: cannot be read as a bundle .*delete the file"):
         load_vehicle(path)
 

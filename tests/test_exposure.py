@@ -5,7 +5,7 @@ import pytest
 
 from hulldown.assets.library import Assets
 from hulldown.assets.skylight import SkyLight
-from hulldown.camera.response import CARD, displayed
+from hulldown.camera.response import CARD_LEVEL, displayed
 from hulldown.geometry.color import LUMINANCE
 from hulldown.planning.appearance.light import card
 from hulldown.tests.planning_assets import plan, small_assets, small_config
@@ -29,7 +29,7 @@ def test_a_gray_card_is_mid_gray_for_each_hdri_and_strength():
         level = (
             displayed(card(np.array(lit().sky(row.hdri).irradiance), row.strength) * 2.0**row.exposure_ev) @ LUMINANCE
         )
-        assert level == pytest.approx(CARD, abs=0.01)
+        assert level == pytest.approx(CARD_LEVEL, abs=0.01)
 
 
 def test_exposure_errors_are_within_their_bounds_and_vary():

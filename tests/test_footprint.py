@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.meshes import Mesh, merge
-from hulldown.placement.footprint import LEAN, Underside, contact_footprint, underside, underside_samples
+from hulldown.placement.footprint import MAX_LEAN_SLOPE, Underside, contact_footprint, underside, underside_samples
 from hulldown.tests.shapes import box, plane_mesh, surface
 
 
@@ -100,4 +100,4 @@ def test_a_spot_is_as_low_as_the_geometry_around_its_point(n):
     nearest = np.rint(share * (n - 1)).astype(int)
     spread = np.hypot(7.0, 3.5) / max(n - 1, 1)
     height = at.height.reshape(n, n)[nearest[:, None], nearest]
-    assert (height <= seen.heights + LEAN * spread).all()
+    assert (height <= seen.heights + MAX_LEAN_SLOPE * spread).all()

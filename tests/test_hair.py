@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from hulldown.reading.scenery import hair
-from hulldown.reading.scenery.hair import BEND, hair_mesh
+from hulldown.reading.scenery.hair import MAX_AXIS_RADII, hair_mesh
 
 
 def strand(*points, radius=0.1, straight=True):
@@ -96,7 +96,7 @@ def test_a_bent_strand_follows_the_spline_through_its_points():
     bent, chords = (strand(*points, radius=0.005, straight=straight) for straight in (False, True))
     off = [np.abs(np.linalg.norm(axis_points(mesh), axis=1) - 1.0) for mesh in (bent, chords)]
     inner = np.abs(np.arctan2(*axis_points(bent)[:, 1::-1].T) - np.pi / 4) < np.pi / 2
-    assert off[0][inner].max() < 0.0017 + BEND * 0.005
+    assert off[0][inner].max() < 0.0017 + MAX_AXIS_RADII * 0.005
     assert off[1].max() > 0.03
 
 

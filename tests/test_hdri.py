@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.hdri import BRIGHTEST, mean_luminance, mend, read_hdris
+from hulldown.reading.hdri import MAX_RADIANCE, mean_luminance, mend, read_hdris
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.surroundings import backdrop, small_map
 
@@ -25,7 +25,7 @@ def with_pixels(value: float, count: int = 1) -> np.ndarray:
     return pixels
 
 
-@pytest.mark.parametrize("value", [np.inf, 2 * BRIGHTEST])
+@pytest.mark.parametrize("value", [np.inf, 2 * MAX_RADIANCE])
 @pytest.mark.parametrize("count", [0, 1, 4])
 def test_infinite_suns_get_the_brightness_of_the_brightest_finite_one(value: float, count: int) -> None:
     pixels = with_pixels(value, count)

@@ -15,7 +15,7 @@ from hulldown import cli
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
-from hulldown.reading.inspect import COLORS, PAGE, Inspected, draw, write_pictures
+from hulldown.reading.inspect import COLORS, PAGE_ASSETS, Inspected, draw, write_pictures
 from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, ObjectRow
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
@@ -136,7 +136,7 @@ def test_a_file_is_inspected(project: Path) -> None:
 def test_many_pictures_are_split_into_pages(tmp_path: Path) -> None:
     # One sheet with all of the demo's assets had 3,000 x 8,000 pixels.
     report = FileReport("vehicle", "a.blend", (1.0, 1.0, 1.0), 12, 1.0, "z")
-    many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(PAGE + 1)]
+    many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(PAGE_ASSETS + 1)]
     (tmp_path / "all-2.png").write_bytes(b"of somebody else")
     with pytest.raises(HulldownError, match=r"all-2\.png: exists and wasn't drawn by hulldown"):
         write_pictures(many, tmp_path / "all.png")
@@ -144,7 +144,7 @@ def test_many_pictures_are_split_into_pages(tmp_path: Path) -> None:
     assert [page.name for page in write_pictures(many, tmp_path / "all.png")] == ["all.png", "all-2.png"]
     with Image.open(tmp_path / "all.png") as full, Image.open(tmp_path / "all-2.png") as last:
         assert full.height > 4 * 96 > 2 * 96 > last.height
-    assert [page.name for page in write_pictures(many[:PAGE], tmp_path / "few.png")] == ["few.png"]
+    assert [page.name for page in write_pictures(many[:PAGE_ASSETS], tmp_path / "few.png")] == ["few.png"]
 
 
 @pytest.mark.blender

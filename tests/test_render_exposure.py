@@ -6,7 +6,7 @@ import pytest
 
 from hulldown.assets.skylight import level_irradiance
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.response import ALBEDO, CARD, displayed, metered, white_balance
+from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, displayed, metered, white_balance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
@@ -66,8 +66,8 @@ def rendered(folder, jobs, *, samples=4096, watch=lambda pid: None):
 def error_ev(level):
     """EV by which a card is brighter in a picture than requested."""
     ev = np.linspace(-4.0, 4.0, 801)
-    ramp = displayed(ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE
-    return float(np.interp(np.dot(level, LUMINANCE), ramp, ev) - np.interp(CARD, ramp, ev))
+    ramp = displayed(CARD_ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE
+    return float(np.interp(np.dot(level, LUMINANCE), ramp, ev) - np.interp(CARD_LEVEL, ramp, ev))
 
 
 def test_a_gray_card_has_the_requested_brightness(tmp_path):
@@ -78,7 +78,7 @@ def test_a_gray_card_has_the_requested_brightness(tmp_path):
             names.append(f"{kind}{power}")
             np.save(tmp_path / f"{names[-1]}.npy", pixels)
             irradiance.append(level_irradiance(pixels))
-    radiance = ALBEDO / np.pi * np.array(irradiance)
+    radiance = CARD_ALBEDO / np.pi * np.array(irradiance)
     exact = metered(radiance).tolist()
     jobs = [(name, 1.0, None, ev, 0.0, None) for name, ev in zip(names, exact, strict=True)]
     first, ev, n = names[0], exact[0], len(names)

@@ -5,7 +5,7 @@ import numpy as np
 from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid
@@ -47,10 +47,10 @@ def test_objects_in_front_hide_and_objects_behind_do_not():
 
 
 def test_nothing_before_the_near_plane_is_visible():
-    close = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -1.0 - NEAR / 2.0, 0.0]))
+    close = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -1.0 - NEAR_M / 2.0, 0.0]))
     # The near face is cut away, so the walls behind it fill the image.
     assert visible(HERE, close).all()
-    away = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, 1.0 - NEAR / 2.0, 0.0]))
+    away = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, 1.0 - NEAR_M / 2.0, 0.0]))
     assert not visible(HERE, away).any()
 
 

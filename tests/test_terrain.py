@@ -4,7 +4,7 @@ import pytest
 from hulldown.geometry.meshes import Mesh, merge
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import Ground
-from hulldown.placement.sheet_map import UNKNOWN, SheetMap
+from hulldown.placement.sheet_map import UNKNOWN_COUNT, SheetMap
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.oracles.top_hits import exact_tops
 from hulldown.tests.shapes import sheet, surface
@@ -43,7 +43,7 @@ def test_clean_ground_is_certified_as_one_sheet_and_holes_as_empty():
     assert (counts(ground, xy) == 1).all()
     assert (counts(holed, xy[np.abs(xy - 10).max(axis=1) > 6]) == 1).all()
     at = [[10, 10], [0, 10], [-9, 10], [40, 1e9]]  # in the hole, on the border, and outside
-    assert counts(holed, at).tolist() == [0, UNKNOWN, 0, 0]
+    assert counts(holed, at).tolist() == [0, UNKNOWN_COUNT, 0, 0]
 
 
 def test_sheets_over_each_other_are_counted():

@@ -8,7 +8,7 @@ from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.benchmarks.visibility import error_bound
 from hulldown.camera.framing import turned as aimed_off
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.instances import InstancedScene
@@ -41,7 +41,7 @@ def scene_of(*meshes: Mesh) -> InstancedScene:
 
 def test_objects_behind_the_target_or_the_camera_hide_nothing() -> None:
     everywhere = ((-50.0, 50.0), (-50.0, 50.0))
-    scene = scene_of(wall(*everywhere, x=-3.1), wall(*everywhere, x=30.1), wall(*everywhere, x=30 - NEAR / 2))
+    scene = scene_of(wall(*everywhere, x=-3.1), wall(*everywhere, x=30.1), wall(*everywhere, x=30 - NEAR_M / 2))
     assert visible_fraction([CRATE], FRONT, intrinsics=VGA, world=Scene(obstacles=scene)).fraction[0] == 1
 
 
@@ -134,7 +134,7 @@ def test_targets_outside_the_frame_have_no_fraction() -> None:
 
 def test_cameras_inside_the_vehicle_or_with_the_vehicle_across_the_near_plane() -> None:
     inside = camera_pose([0, 0, 1.0], 0.5, 0.3, 0.1)
-    across = camera_pose([3.0, 0, 1.0], NEAR / 2, 0.0, 0.0)
+    across = camera_pose([3.0, 0, 1.0], NEAR_M / 2, 0.0, 0.0)
     seen = visible_fraction([CRATE], np.stack([inside, across]), intrinsics=VGA)
     np.testing.assert_array_equal(seen.fraction, [1, 1])
     # From inside, the vehicle fills the frame.

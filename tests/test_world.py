@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, Camera
+from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
@@ -118,7 +118,7 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
     camera = Camera(intrinsics, rigid((axes / np.linalg.norm(axes, axis=1)[:, None]).T, np.array(position)))
     pixel = np.indices((intrinsics.height, intrinsics.width))[::-1].reshape(2, -1).T + 0.5
     along = camera.ray_directions(pixel)
-    before = NEAR / (along @ camera.world_from_camera[:3, 2])
+    before = NEAR_M / (along @ camera.world_from_camera[:3, 2])
     rays = WORLD.nearest(camera.position + before[:, None] * along, along)
     for threads in (1, 3):
         seen = WORLD.seen_by(camera, threads=threads)

@@ -174,7 +174,7 @@ if __name__ == "__main__":
     answer = {}
     for name, fewest in (("all", 10**9), ("few", 1)):
         (folder / name).mkdir()
-        duplicates.FEWEST = fewest
+        duplicates.MIN_OBJECTS = fewest
         told = job_for(path, folder / name, kind="scenery")
         job = folder / name / "job.json"
         job.write_text(json.dumps(asdict(told)))

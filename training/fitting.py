@@ -36,7 +36,7 @@ from hulldown.training.run_folder import RunFolder
 with quiet():
     from rfdetr.training.callbacks.ema import RFDETREMACallback
 
-VALIDATIONS = 10  # points of a run's curve; the last one is the result
+CURVE_POINTS = 10  # points of a run's curve; the last one is the result
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -118,7 +118,7 @@ class Recorder(pl.Callback):
         self.best: dict[str, float] | None = None  # the last validation, or with `keep = "best"` the best one
         self.best_weights: Mapping[str, torch.Tensor] = {}
         self._trainee, self._training, self._steps = trainee, training, training.settings.steps
-        self._due = {round(self._steps * k / VALIDATIONS) for k in range(1, VALIDATIONS + 1)}
+        self._due = {round(self._steps * k / CURVE_POINTS) for k in range(1, CURVE_POINTS + 1)}
         self._parts: list[torch.Tensor] = []
 
     def state_dict(self) -> dict[str, object]:

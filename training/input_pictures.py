@@ -21,8 +21,8 @@ from hulldown.dataset.store.document import COCO_NAME, is_own
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.videos import VIDEOS, Video, frames_of, read_video
 
-READERS = 2  # threads
-AHEAD = 16  # pictures that are read in advance
+READER_THREADS = 2  # threads
+PICTURES_AHEAD = 16  # pictures that are read in advance
 Picture = UInt8[np.ndarray, "h w 3"]
 
 
@@ -51,10 +51,10 @@ class Pictures:
             return read_pixels(self.folder / self.images[k].file_name, self.images[k].size)
 
         coming: deque[Future[Picture]] = deque()
-        with ThreadPoolExecutor(READERS) as pool:
+        with ThreadPoolExecutor(READER_THREADS) as pool:
             for k in indices:
                 coming.append(pool.submit(read, k))
-                if len(coming) > AHEAD:
+                if len(coming) > PICTURES_AHEAD:
                     yield coming.popleft().result()
             while coming:
                 yield coming.popleft().result()

@@ -31,9 +31,9 @@ from hulldown.training.input_pictures import Pictures, find_pictures
 from hulldown.training.inputs.extra import require_extra
 
 UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for each finished image
-BATCH = 8
-DIGITS = 3  # decimals of a pixel
-THRESHOLD = 0.5  # least score of counted and drawn detections
+BATCH_PICTURES = 8
+PIXEL_DIGITS = 3  # decimals of a pixel
+DEFAULT_THRESHOLD = 0.5  # least score of counted and drawn detections
 
 
 def tile_size(text: str) -> tuple[int, int]:
@@ -90,10 +90,10 @@ def predict_detections(
     output: AnyPath,
     *,
     device: str = "auto",
-    batch: Count = BATCH,
+    batch: Count = BATCH_PICTURES,
     tile: Annotated[tuple[int, int] | None, TILE] = None,
     drawn: Annotated[AnyPath | None, Parameter(name="--draw")] = None,
-    threshold: Overlap = THRESHOLD,
+    threshold: Overlap = DEFAULT_THRESHOLD,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predicted:
     """Detect in pictures, a video, or a dataset.
@@ -177,7 +177,7 @@ def validation_figures(detector: Detector, labels: Labels) -> dict[str, float]:
     """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined."""
     pictures = Pictures.of(labels)
     ids, _ = _category_ids(detector.classes, pictures)
-    batches = _detected(detector, pictures, ids, range(len(labels.images)), BATCH)
+    batches = _detected(detector, pictures, ids, range(len(labels.images)), BATCH_PICTURES)
     results = [one for batch in batches for found in batch.values() for one in found]
     predictions = predictions_of(results, labels, path=labels.path, name="validation")
     summary = average_precision(labels, predictions)
@@ -193,7 +193,7 @@ def _detected(
         images = [pictures.images[k].id for k in indices[start : start + batch]]
         done: dict[int, Found] = {}
         for image, found in zip(images, detector.detect(list(islice(pixels, batch))), strict=True):
-            columns = found.class_index.tolist(), found.xywh.round(DIGITS).tolist(), found.score.tolist()
+            columns = found.class_index.tolist(), found.xywh.round(PIXEL_DIGITS).tolist(), found.score.tolist()
             done[image] = [
                 {"image_id": image, "category_id": ids[label], "bbox": box, "score": score}
                 for label, box, score in zip(*columns, strict=True)

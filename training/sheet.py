@@ -17,7 +17,7 @@ from hulldown.training.inputs.extra import require_extra
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.inputs.sources import Sample, read_sources
 
-TIMES = 8  # augmentations in a row
+AUGMENTATIONS_PER_ROW = 8  # augmentations in a row
 WORK_SIZE = (512, 288)  # size of the pictures, as for a network of that size
 TILE_WIDTH = 256
 
@@ -59,10 +59,10 @@ def augmentation_sheet(
     pictures = []
     for i in tracked("augmenting", chosen.tolist(), len(chosen)):
         sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)
-        seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(TIMES)]
+        seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(AUGMENTATIONS_PER_ROW)]
         changed = [augment(sample, own_seed) for own_seed in seeds]
         pictures += [_drawn(one, classes) for one in (sample, *changed)]
-    save_picture(contact_sheet(pictures, columns=TIMES + 1, tile_width=TILE_WIDTH), Path(output))
+    save_picture(contact_sheet(pictures, columns=AUGMENTATIONS_PER_ROW + 1, tile_width=TILE_WIDTH), Path(output))
 
 
 def _drawn(sample: Sample, classes: Sequence[str]) -> Image.Image:

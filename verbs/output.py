@@ -18,7 +18,7 @@ from rich.table import Table
 from hulldown.base.terminal import Terminal, warn
 
 STDOUT = Terminal(highlight=False)
-WIDEST = 10_000  # characters of a table in a file or a pipe
+MAX_TABLE_CHARACTERS = 10_000  # characters of a table in a file or a pipe
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
 
@@ -52,7 +52,7 @@ def show(*results: str | Table) -> None:
         elif STDOUT.is_terminal:
             STDOUT.print(result)
         else:
-            Terminal(file=STDOUT.file, width=WIDEST, highlight=False).print(result)
+            Terminal(file=STDOUT.file, width=MAX_TABLE_CHARACTERS, highlight=False).print(result)
 
 
 def show_json(result: object) -> None:

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from hulldown.camera.weather.kinds import CONTRAST_THRESHOLD, extinction
 from hulldown.geometry.portable import exp, log
 
-GHOST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day
+MIN_LABEL_CONTRAST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day
 WETTING_MM_H = 2.0  # a rain of this rate keeps surfaces at 63 % of the wettest
-_FARTHEST = 700.0  # optical depth: nothing is left, and an exponential still has a value
+_MAX_OPTICAL_DEPTH = 700.0  # optical depth: nothing is left, and an exponential still has a value
 
 
 def rain_extinction(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
@@ -69,7 +69,7 @@ def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.nda
     ----------
     H. Koschmieder, Theorie der horizontalen Sichtweite, Beitraege zur Physik der freien Atmosphaere 12, 1924.
     World Meteorological Organization, Guide to Instruments and Methods of Observation (WMO-No. 8), chapter 9: what is
-    seen by day keeps 5 % at least (`GHOST`).
+    seen by day keeps 5 % at least (`MIN_LABEL_CONTRAST`).
 
     Examples
     --------
@@ -78,4 +78,4 @@ def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.nda
     """
     visibility = np.asarray(visibility_m, dtype=np.float64)
     depth = extinction(1.0) * np.asarray(distance_m, dtype=np.float64) / visibility
-    return exp(-np.clip(np.where(np.isnan(visibility), 0.0, depth), 0.0, _FARTHEST))
+    return exp(-np.clip(np.where(np.isnan(visibility), 0.0, depth), 0.0, _MAX_OPTICAL_DEPTH))

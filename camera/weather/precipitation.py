@@ -22,17 +22,17 @@ import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
 
-EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
+EXTINCTION_EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
 RAIN_MM = (0.3, 6.0)  # diameters: smaller drops are never seen, larger ones break up
 SNOW_MM = (0.5, 8.0)
 FLAKE_MM = 1.5  # mean diameter of the flakes' exponential distribution
-CLASSES = 100  # of diameters
-FLUTTER = 0.2  # m/s, standard deviation of each component of a flake's own motion
+DIAMETER_CLASSES = 100  # of diameters
+FLUTTER_M_S = 0.2  # m/s, standard deviation of each component of a flake's own motion
 NEAREST, FARTHEST = 0.4, 10.0  # meters from the camera; the veil alone contains farther drops
-FAINTEST = 0.01  # least opacity of a drawn drop; the veil alone contains fainter ones
+MIN_DROP_OPACITY = 0.01  # least opacity of a drawn drop; the veil alone contains fainter ones
 MOST_DROPS = 40_000  # drops in an image: where more would be seen, the faintest are left out
 MOST_ON_A_RAY = 0.15  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
-WIDEST = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
+MIN_DISC_RADIUS_PX = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
 
 OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
 
@@ -86,7 +86,7 @@ def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: f
 
 def rain_sizes(rate_mm_h: float) -> Sizes:
     """Return drops: N(D) = 8000 exp(-4.1 R^-0.21 D) (Marshall and Palmer), falling as Gunn and Kinzer measured."""
-    edges = np.linspace(*RAIN_MM, CLASSES + 1)
+    edges = np.linspace(*RAIN_MM, DIAMETER_CLASSES + 1)
     slope = 4.1 * max(rate_mm_h, 1e-9) ** -0.21
     number = -8000.0 / slope * np.diff(np.exp(-slope * edges))
     middle = (edges[1:] + edges[:-1]) / 2.0
@@ -95,12 +95,12 @@ def rain_sizes(rate_mm_h: float) -> Sizes:
 
 def snow_sizes(extinction: float) -> Sizes:
     """Flakes of snow: as many as give the extinction, falling as Locatelli and Hobbs' aggregates."""
-    edges = np.linspace(*SNOW_MM, CLASSES + 1)
+    edges = np.linspace(*SNOW_MM, DIAMETER_CLASSES + 1)
     middle = (edges[1:] + edges[:-1]) / 2.0
     share = -np.diff(np.exp(-edges / FLAKE_MM))
     area = np.pi / 4.0 * (middle / 1000.0) ** 2
-    number = share * extinction / (EFFICIENCY * share @ area)
-    return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER)
+    number = share * extinction / (EXTINCTION_EFFICIENCY * share @ area)
+    return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER_M_S)
 
 
 def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
@@ -130,11 +130,11 @@ def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.n
     """Return the distance up to which drops of each class are drawn, (k,)."""
     distances = np.geomspace(NEAREST, FARTHEST, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
-    wide = np.maximum(radius, WIDEST * view.pixel * distances)
+    wide = np.maximum(radius, MIN_DISC_RADIUS_PX * view.pixel * distances)
     way = np.maximum(speed[:, None] * view.exposure_s / 2.0 / wide, 1e-3)
     inside = np.minimum(way, 1.0)
     peak = (radius / wide) ** 2 * (inside - inside**3 / 3.0) / way  # falls with the distance
-    for faintest in np.geomspace(FAINTEST, 1.0, 40):
+    for faintest in np.geomspace(MIN_DROP_OPACITY, 1.0, 40):
         seen = np.count_nonzero(peak >= faintest, axis=1)
         reach = distances[np.maximum(seen - 1, 0)]
         met = np.where(distances <= reach[:, None], 4.0 * wide**2 * (way + 1.0), 0.0)  # area of quads, by distance
@@ -158,7 +158,7 @@ def streaks(drops: Drops, view: View) -> Streaks:
     across = np.where(speed > 1e-6, across / np.maximum(speed, 1e-6), np.cross(toward, view.axes[:, 1]))
     along = np.cross(across, toward)
     radius = drops.diameters[:, None] / math.sqrt(2.0)
-    wide = np.maximum(radius, WIDEST * view.pixel * distance)
+    wide = np.maximum(radius, MIN_DISC_RADIUS_PX * view.pixel * distance)
     way = np.maximum(speed * view.exposure_s / 2.0 / wide, 1e-3)
     u = np.broadcast_to([-1.0, 1.0, 1.0, -1.0], (len(distance), 4))
     v = np.array([-1.0, -1.0, 1.0, 1.0]) * (way + 1.0)

@@ -10,16 +10,16 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR, project_camera
+from hulldown.camera.projection import NEAR_M, project_camera
 from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.store.declared import Box3D
 from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import product
 from hulldown.plan.row import PlannedVehicle, Row
 
-DIGITS = 9  # to a nanometer, so that every processor gives the same
-TOLERANCE = 1e-6
-OVERHEAD = 1e-6  # radians from straight above, within which a camera has no azimuth
+DECIMAL_DIGITS = 9  # to a nanometer, so that every processor gives the same
+VALUE_TOLERANCE = 1e-6
+OVERHEAD_RADIANS = 1e-6  # radians from straight above, within which a camera has no azimuth
 PIXEL_DIGITS = 6
 PIXEL_LIMIT = 1e9  # what a record can have
 PIXEL_TOLERANCE = 1e-5  # more than they're rounded by
@@ -40,14 +40,18 @@ def position_in_camera(vehicle: PlannedVehicle, row: Row) -> dict[str, Any]:
     away = middle - world_from_camera[:3, 3]
     center = product(camera_from_world, away[:, None])[:, 0]
     ahead, left, _ = product(world_from_vehicle[:3, :3].T, -away[:, None])  # (1,) each
-    if ahead[0] * ahead[0] + left[0] * left[0] <= (OVERHEAD * center[2]) ** 2:  # no direction: rounding would decide
+    if (
+        ahead[0] * ahead[0] + left[0] * left[0] <= (OVERHEAD_RADIANS * center[2]) ** 2
+    ):  # no direction: rounding would decide
         ahead, left, _ = product(world_from_vehicle[:3, :3].T, world_from_camera[:3, 1, None])
     distance = math.sqrt(center[0] * center[0] + center[1] * center[1] + center[2] * center[2])
-    box = Box3D(*((np.round(values, DIGITS) + 0.0).tolist() for values in (center, high - low, rotation)))  # no -0.0
+    box = Box3D(
+        *((np.round(values, DECIMAL_DIGITS) + 0.0).tolist() for values in (center, high - low, rotation))
+    )  # no -0.0
     corners = np.round(box_corners(box, row.intrinsics), PIXEL_DIGITS) + 0.0
     return {
-        "distance": round(distance, DIGITS),
-        "azimuth_seen": round(float(arctan2(left, ahead)[0]), DIGITS),
+        "distance": round(distance, DECIMAL_DIGITS),
+        "azimuth_seen": round(float(arctan2(left, ahead)[0]), DECIMAL_DIGITS),
         "bbox_3d": {"center": box.center, "size": box.size, "rotation": box.rotation},
         "bbox_3d_corners": [None if np.isnan(corner).any() else corner.tolist() for corner in corners],
     }
@@ -57,7 +61,7 @@ def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
     """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane."""
     from_center = product(np.array(box.rotation), (_CORNERS * box.size).T).T
     pixels, depth = project_camera(intrinsics, np.array(box.center) + from_center)
-    return np.where((depth >= NEAR)[:, None], np.clip(pixels, -PIXEL_LIMIT, PIXEL_LIMIT), np.nan)
+    return np.where((depth >= NEAR_M)[:, None], np.clip(pixels, -PIXEL_LIMIT, PIXEL_LIMIT), np.nan)
 
 
 def box_3d_problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:
@@ -67,11 +71,11 @@ def box_3d_problems(label: Label, image: Image, category: Category | None) -> It
     center, size, rotation = (np.array(values) for values in (box.center, box.size, box.rotation))
     if not (size > 0.0).all():
         yield f"bbox_3d has the size {size.tolist()}"
-    elif not np.abs(rotation @ rotation.T - np.eye(3)).max() <= TOLERANCE or not np.linalg.det(rotation) > 0.0:
+    elif not np.abs(rotation @ rotation.T - np.eye(3)).max() <= VALUE_TOLERANCE or not np.linalg.det(rotation) > 0.0:
         yield "bbox_3d has a rotation that is none"
     else:
         far, stated = float(np.linalg.norm(center)), label.fields.distance
-        if stated is not None and not abs(stated - far) <= TOLERANCE * max(1.0, far):
+        if stated is not None and not abs(stated - far) <= VALUE_TOLERANCE * max(1.0, far):
             yield f"distance is {stated}, bbox_3d is {far:.9g} m away"
 
 

@@ -11,7 +11,7 @@ from hulldown.annotate.masks import covers, encode, extent
 from hulldown.dataset.images import Category, Image, Label
 from hulldown.dataset.labels.seen_vehicle import SeenVehicle
 
-OUTSIDE = 1.0  # pixels that a mask may reach beyond its box
+MAX_OVERHANG_PX = 1.0  # pixels that a mask may reach beyond its box
 
 
 def seen_masks(vehicle: SeenVehicle) -> dict[str, object]:
@@ -64,5 +64,5 @@ def _outside(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> 
         return
     x, y, w, h = label.bbox
     low, high = extent[:2] - (x, y), extent[:2] + extent[2:] - (x + w, y + h)
-    if low.min() < -OUTSIDE or high.max() > OUTSIDE:
+    if low.min() < -MAX_OVERHANG_PX or high.max() > MAX_OVERHANG_PX:
         yield f"{what} covers {extent.tolist()}, beyond its bbox {label.record['bbox']}"

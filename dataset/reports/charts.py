@@ -17,8 +17,8 @@ from hulldown.geometry.indices import spread
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # color-blind readers can tell them apart
-LONGEST = 24  # characters of a name beside an axis
-BINS = 24
+MAX_NAME_CHARACTERS = 24  # characters of a name beside an axis
+HISTOGRAM_BINS = 24
 MOST_NAMES = 12
 MOST_PLACES = 2_000  # dots on a map; more would overlap
 
@@ -41,7 +41,7 @@ def tidy(axes: Axes) -> None:
 
 def short(name: str) -> str:
     """Shorten a name, and escape dollar signs, which would start mathematics."""
-    return (name if len(name) <= LONGEST else f"{name[: LONGEST - 1]}…").replace("$", r"\$")
+    return (name if len(name) <= MAX_NAME_CHARACTERS else f"{name[: MAX_NAME_CHARACTERS - 1]}…").replace("$", r"\$")
 
 
 def svg(figure: Figure) -> bytes:
@@ -86,14 +86,14 @@ def _bin_edges(axes: Axes, values: Float[np.ndarray, " n"], *, log: bool) -> lis
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter(ScalarFormatter())
         axes.xaxis.set_minor_formatter(NullFormatter())
-        return [low, *np.geomspace(low, high, BINS + 1)[1:-1].tolist(), high]
-    return np.linspace(low, high if high > low else low + 1.0, BINS + 1).tolist()
+        return [low, *np.geomspace(low, high, HISTOGRAM_BINS + 1)[1:-1].tolist(), high]
+    return np.linspace(low, high if high > low else low + 1.0, HISTOGRAM_BINS + 1).tolist()
 
 
 def azimuths(values: Float[np.ndarray, " n"]) -> Figure:
     """Histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
     figure, axes = axes_of("side seen")
-    axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, BINS + 1).tolist(), color=BLUE)
+    axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, HISTOGRAM_BINS + 1).tolist(), color=BLUE)
     axes.set_xticks([-180, -90, 0, 90, 180], ["rear", "right", "front", "left", "rear"])
     return figure
 

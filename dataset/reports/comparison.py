@@ -23,7 +23,7 @@ from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import spread
 
 MOST_PICTURES = 500  # most measured pictures, spread evenly
-SIDE = 512  # pixels of the longer side at which pictures are measured
+MEASURED_SIDE_PX = 512  # pixels of the longer side at which pictures are measured
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,7 +108,7 @@ def boxes_in(dataset: Dataset) -> Photographs:
 
 def brightness_and_contrast(picture: Pictures.Image) -> tuple[float, float]:
     """Mean and standard deviation of an RGB picture's luma, from 0 to 1."""
-    picture.thumbnail((SIDE, SIDE), Pictures.Resampling.LANCZOS)
+    picture.thumbnail((MEASURED_SIDE_PX, MEASURED_SIDE_PX), Pictures.Resampling.LANCZOS)
     luma = np.asarray(picture) / 255.0 @ LUMINANCE
     return float(luma.mean()), float(luma.std())
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool
 
 from hulldown.assets.coco_types import Coco, Record
-from hulldown.assets.picture_files import UPRIGHT, read_picture, size_problem
+from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.images import Image
@@ -22,7 +22,7 @@ from hulldown.dataset.store.placed_pictures import own_picture
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.dataset.verification.target_appearance import check_appearances, is_rendered
 
-CHECKERS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
+CHECKER_THREADS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
 LARGEST = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
 
 
@@ -34,7 +34,7 @@ def check_pictures(
     contents: dict[str, str] = {}
     digests: list[str | None] = []
     hashes: list[Bool[np.ndarray, "256"] | None] = []
-    with ThreadPoolExecutor(CHECKERS) as pool:
+    with ThreadPoolExecutor(CHECKER_THREADS) as pool:
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
@@ -79,7 +79,7 @@ def _check(
     except DatasetError as error:
         return [Finding("error", name, error.problem)], None, None
     findings = []
-    if picture.orientation != UPRIGHT:
+    if picture.orientation != UPRIGHT_ORIENTATION:
         problem = f"has EXIF orientation {picture.orientation}, which some tools ignore: store it as displayed"
         findings.append(Finding("warning", name, problem))
     stated = (record.get("width"), record.get("height"))

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from PIL import Image
 
-SIDE = 16  # of a hash: 256 bits
-ALIKE = 26  # differing bits of 256, see docs/dataset.md for what was measured
-FLAT = 2.0  # of 255: standard deviation of a picture that has nothing to compare
+HASH_SIDE = 16  # of a hash: 256 bits
+MAX_DIFFERING_BITS = 26  # differing bits of 256, see docs/dataset.md for what was measured
+FLAT_DEVIATION_LEVELS = 2.0  # of 255: standard deviation of a picture that has nothing to compare
 
 
 def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
@@ -22,9 +22,9 @@ def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] 
     Zauner, Implementation and benchmarking of perceptual image hash functions, 2010, section 3.2.1 (DCT hash).
     """
     gray = Image.fromarray(pixels).convert("L")
-    if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < FLAT:
+    if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < FLAT_DEVIATION_LEVELS:
         return None
-    return imagehash.phash(gray, hash_size=SIDE).hash.ravel()
+    return imagehash.phash(gray, hash_size=HASH_SIDE).hash.ravel()
 
 
 def near_duplicates(
@@ -34,8 +34,8 @@ def near_duplicates(
     (rows, ones), (columns, others) = _signs(first), _signs(second)
     found = [np.zeros((0, 2), dtype=np.int64)]
     for start in range(0, len(ones), 1024):  # blocks, so that a large dataset doesn't need a large matrix
-        differing = (SIDE * SIDE - ones[start : start + 1024] @ others.T) / 2.0
-        found.append(np.argwhere(differing <= ALIKE) + np.array([start, 0]))
+        differing = (HASH_SIDE * HASH_SIDE - ones[start : start + 1024] @ others.T) / 2.0
+        found.append(np.argwhere(differing <= MAX_DIFFERING_BITS) + np.array([start, 0]))
     pairs = np.concatenate(found)
     return np.stack([rows[pairs[:, 0]], columns[pairs[:, 1]]], axis=1)
 
@@ -45,5 +45,5 @@ def _signs(
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
     """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""
     there = {i: hashed for i, hashed in enumerate(hashes) if hashed is not None}
-    bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, SIDE * SIDE)
+    bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, HASH_SIDE * HASH_SIDE)
     return np.array(list(there), dtype=np.int64), 2.0 * bits - 1.0

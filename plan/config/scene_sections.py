@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
-from hulldown.camera.weather.extinction import GHOST
+from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.arrays import are_numbers
 from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, ranged
@@ -271,7 +271,7 @@ class WeatherSection(Section):
     """wind in rain, snow, and dust, from any direction, m/s"""
     exposure_s: float = Field(default=0.004, gt=0, le=10)
     """shutter time, seconds: the length of streaks"""
-    min_contrast: Share = GHOST
+    min_contrast: Share = MIN_LABEL_CONTRAST
     """contrast that a target must keep after haze; 0 allows ghosts"""
 
     @model_validator(mode="after")

@@ -14,7 +14,7 @@ from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import tracked
 from hulldown.camera.projection import Camera
-from hulldown.camera.response import ALBEDO, card_radiance
+from hulldown.camera.response import CARD_ALBEDO, card_radiance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import spread
@@ -30,7 +30,7 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.posed_scene import Scene
 
 TILE_WIDTH = 480
-HIGHEST = 4  # largest ratio of a preview's height to its width
+MAX_HEIGHT_RATIO = 4  # largest ratio of a preview's height to its width
 
 
 def preview_sheet(
@@ -108,7 +108,7 @@ class Artist:
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
         """Return a picture of a row at this width, with the boxes and classes of its labels if `labels`."""
         # Very tall images become narrower: a row may have 1 x 65536 pixels.
-        scale = min(width / row.width, HIGHEST * width / row.height)
+        scale = min(width / row.width, MAX_HEIGHT_RATIO * width / row.height)
         width, height = max(1, round(row.width * scale)), max(1, round(row.height * scale))
         image = Image.fromarray((255.0 * self.shade(row, width, height)).round().astype(np.uint8))
         if not labels:
@@ -160,4 +160,4 @@ class Artist:
     def _brightness(self, row: Row) -> float:
         """Brightness of a gray card on open land relative to mid-gray."""
         irradiance = np.array(self._assets.sky(row.hdri).irradiance)
-        return float(card_radiance(irradiance, row.strength) @ LUMINANCE) / ALBEDO * 2.0**row.exposure_ev
+        return float(card_radiance(irradiance, row.strength) @ LUMINANCE) / CARD_ALBEDO * 2.0**row.exposure_ev

@@ -18,7 +18,7 @@ from hulldown.scene.posed_scene import Kind, Scene
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
-_AMBIENT = 0.45  # share of the light from the whole sky; the rest is the sun's
+_AMBIENT_SHARE = 0.45  # share of the light from the whole sky; the rest is the sun's
 _SUN_ELEVATION = math.radians(40.0)
 _TILES_M = 5.0  # width of the ground's faint checkers, which show sizes
 
@@ -52,7 +52,7 @@ def look(
     direct[lit[world.occluded(start, np.broadcast_to(sun, start.shape))]] = 0.0
     if weather is not None and KINDS[weather.kind].overcast:
         direct *= 0.0  # clouds hide the sun
-    light = _AMBIENT * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT) * 1.3 * direct
+    light = _AMBIENT_SHARE * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT_SHARE) * 1.3 * direct
     albedo = _albedo(hits.kind[hit], hits.instance[hit], points, paints)
     if weather is not None:
         albedo = _covered(albedo, normal[:, 2], hits.kind[hit] == Kind.VEHICLE, weather)

@@ -18,7 +18,7 @@ from hulldown.scene.posed_scene import Scene
 LOOKED_AT = 1000  # images, evenly spread over the plan
 COLUMNS, ROWS = 24, 16  # rays through an image
 BELOW = math.sin(math.radians(-1.0))  # height of a ray that should meet ground
-SEEN = 0.01  # share of an image above which the land counts as visible
+MIN_LAND_SHARE = 0.01  # share of an image above which the land counts as visible
 
 
 def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
@@ -38,5 +38,5 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
             along = camera.ray_directions(camera.intrinsics.pixel_centers)
             down = along[along[:, 2] < BELOW]
             missed = ~world.nearest(np.tile(camera.position, (len(down), 1)), down).hit
-            count += int(missed.sum()) > SEEN * COLUMNS * ROWS
+            count += int(missed.sum()) > MIN_LAND_SHARE * COLUMNS * ROWS
     return count, len(chosen)

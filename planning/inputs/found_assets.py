@@ -33,7 +33,7 @@ KINDS = {
     "distractors": "distractor",
 }
 NO_CATEGORY = ("assets", "models", *KINDS)
-GROUNDS = 4  # names of ground objects in a comment
+MAX_GROUND_NAMES = 4  # names of ground objects in a comment
 EXAMPLE_COLOR = "#4b5320"  # of paint
 _PREFERENCE = (*SUFFIXES, *HDRI_SUFFIXES)  # of files with one name in several formats, the first is used
 NEEDED = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
@@ -149,8 +149,8 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
 
 def _ground(report: FileReport) -> list[str]:
     names = [row.name for row in report.rows if row.use == "ground"]
-    more = f" and {len(names) - GROUNDS} more" if len(names) > GROUNDS else ""
-    return [f"ground: {', '.join(names[:GROUNDS])}{more}"] if names else []
+    more = f" and {len(names) - MAX_GROUND_NAMES} more" if len(names) > MAX_GROUND_NAMES else ""
+    return [f"ground: {', '.join(names[:MAX_GROUND_NAMES])}{more}"] if names else []
 
 
 def missing_kinds(found: Sequence[FoundFile]) -> list[str]:

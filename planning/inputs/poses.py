@@ -12,7 +12,7 @@ from pathlib import Path
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.outside import DOCUMENT, read_text
-from hulldown.plan.given_poses import FARTHEST, GivenPoses, PoseLine, Vector
+from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses, PoseLine, Vector
 
 NAMES = ("scenery", "vehicle", "sequence")
 NUMBERS = (
@@ -85,7 +85,7 @@ def _number(cell: str, name: str, number: int, path: Path) -> float:
         value = float(cell)
     except ValueError:
         value = math.nan
-    if not abs(value) <= FARTHEST:
+    if not abs(value) <= MAX_COORDINATE_M:
         unit = "degrees" if name == "yaw_deg" else "meters"
         raise refused(path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing")
     return value

@@ -22,7 +22,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.geometry.indices import numbered
 from hulldown.plan.config.scene_sections import BudgetSection
 
-ROUNDING = 1e-9  # of shares of a class's images
+SHARE_ROUNDING = 1e-9  # of shares of a class's images
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -91,9 +91,9 @@ def make_budget(
                     f"assets.vehicles: all of class {c!r} have weight 0", remedy="give one a weight above 0"
                 )
             share = quota * weight / max(weight.sum(), 1e-300)
-            of_each = np.floor(share + ROUNDING)
+            of_each = np.floor(share + SHARE_ROUNDING)
             # The largest remainders get the rest.
-            rest = np.argsort(np.rint((of_each - share) / ROUNDING), kind="stable")[: quota - int(of_each.sum())]
+            rest = np.argsort(np.rint((of_each - share) / SHARE_ROUNDING), kind="stable")[: quota - int(of_each.sum())]
             of_each[rest] += 1
         images += of_each.astype(np.int64).tolist()
     if not sum(images):

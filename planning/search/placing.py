@@ -18,7 +18,7 @@ from hulldown.plan.row import rounded
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.stage import Site, settle_rules
 
-ABOVE = 0.05  # meters above a vehicle's box at which rays to the sky start
+SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the sky start
 
 
 def settle_clear(
@@ -71,7 +71,7 @@ def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
     """Return whether light of the sky reaches the top of each vehicle."""
     fleet, model = instances.fleet, instances.model
     top = fleet.center[model].copy()
-    top[:, 2] += fleet.size[model, 2] / 2 + ABOVE
+    top[:, 2] += fleet.size[model, 2] / 2 + SKY_RAY_CLEARANCE_M
     return site.obstacles.open_above(apply(instances.world_from_vehicle, top[:, None])[:, 0])
 
 

@@ -33,8 +33,8 @@ from hulldown.planning.search.views import Seen, Views, no_views, try_cameras, v
 from hulldown.planning.search.weather import draw_weathers
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
-CANDIDATES = 8192
-CAMERAS = 2048
+MAX_BATCH_PLACES = 8192
+MAX_BATCH_CAMERAS = 2048
 COMPANION_FOLLOWS = 20  # tries over which a companion's place moves from that in the photograph to any
 MAX_EXTRA_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
 # Places of a position without a camera before it's given up.
@@ -42,8 +42,8 @@ BLIND_PLACES = 40
 # Places of a position without room for all extras before some of them are left out.
 CROWDED_PLACES = 40
 # A plan begins with the first positions of each vehicle, so that an impossible config fails within seconds.
-SCOUTS = 4
-BEGINNING = 256
+SCOUTS_PER_MODEL = 4
+SCOUTED_POSITIONS = 256
 FIRST_EXTRA_TRIES = 2  # tries of an extra in its first batch; each later batch doubles their number
 
 
@@ -76,12 +76,12 @@ class Planned:
 def plan_block(block: Block) -> Planned:
     """Search for the poses and cameras of a block."""
     search, number = _Search(block), block.positions.number
-    early = number.min(initial=BEGINNING) < BEGINNING
+    early = number.min(initial=SCOUTED_POSITIONS) < SCOUTED_POSITIONS
     ranks = np.empty(len(block.model), dtype=np.int64)
     for model in np.unique(block.model):
         of_model = np.flatnonzero(block.model == model)
         ranks[of_model] = np.arange(len(of_model))
-    scouts = early & (ranks < SCOUTS)
+    scouts = early & (ranks < SCOUTS_PER_MODEL)
     search.settle(np.flatnonzero(scouts))
     search.settle(np.flatnonzero(~scouts))
     fixed = [error for row, error in search.problems.items() if not block.movable[row]]
@@ -144,7 +144,7 @@ class _Search:
         given = self.block.given_of(self.block.positions.first_image)
         self._give_up_if_placeless(pending)
         while len(pending := self._hopeful(pending)):
-            now = pending[: max(1, CANDIDATES // ahead)]
+            now = pending[: max(1, MAX_BATCH_PLACES // ahead)]
             left = limit - self.tries[now]
             ahead = min(ahead, int(left.max()))
             row = np.repeat(now, ahead)
@@ -165,7 +165,7 @@ class _Search:
             table.tries[self.target[now[~taken & given.has_place[now]]]] = limit
             self._give_up_if_placeless(now[~taken])
             pending = np.concatenate([now[~taken], pending[len(now) :]])
-            ahead = min(2 * ahead, CANDIDATES // 8)
+            ahead = min(2 * ahead, MAX_BATCH_PLACES // 8)
         table.found[self.target] = ~self.given_up
 
     def _place_extras(
@@ -236,7 +236,7 @@ class _Search:
         Offsets and headings move from those in the photograph to random ones as tries go on.
         """
         table, tries = self.table, []
-        for batch in batches(len(which), CANDIDATES):
+        for batch in batches(len(which), MAX_BATCH_PLACES):
             extras = which[batch]
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
@@ -277,7 +277,7 @@ class _Search:
             ahead = min(ahead, max_tries - done)
             now = np.repeat(pending, ahead)
             attempt, views = done + np.tile(np.arange(ahead), len(pending)), []
-            for batch in batches(len(now), CAMERAS):
+            for batch in batches(len(now), MAX_BATCH_CAMERAS):
                 rows, owner = now[batch], self.owner[now[batch]]
                 tries = CameraTries(
                     self.table.at(self.target[owner]),
@@ -295,7 +295,7 @@ class _Search:
             put(self.views, pending[taken], take(tried, chosen))
             self.camera_rejections[pending] += counts
             pending, done = pending[~taken], done + ahead
-            ahead = max(1, min(2 * ahead, CAMERAS // max(len(pending), 1)))
+            ahead = max(1, min(2 * ahead, MAX_BATCH_CAMERAS // max(len(pending), 1)))
         return np.unique(self.owner[pending])
 
     def see_extras(self) -> Seen:
@@ -306,7 +306,7 @@ class _Search:
         pair, of = joined(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
         seen, standing = [], self.table.at(present)
-        for batch in batches(len(image), CAMERAS):
+        for batch in batches(len(image), MAX_BATCH_CAMERAS):
             others, which = standing.beside(self.owner[image[batch]])
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views, pixels = views_of_others(

@@ -36,10 +36,10 @@ from hulldown.reading.pieces.wording import quoted
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import level_share
 
-FARTHEST = 1e8  # meters, in any direction; the Earth is 4e7 m around
+MAX_COORDINATE_M = 1e8  # meters, in any direction; the Earth is 4e7 m around
 REPAIR = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
-NARROWEST = 1.0  # meters; narrower pieces aren't ground or water by their shape
+MIN_SHEET_WIDTH_M = 1.0  # meters; narrower pieces aren't ground or water by their shape
 NOTHING = {"MESH": "has no faces", "CURVES": "has no hair", "POINTCLOUD": "has no points"}
 NOT_SEEN = "its faces have no area"
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
@@ -222,9 +222,11 @@ class _Reader:
         _refuse_endless(name, pose)
         with np.errstate(over="ignore", invalid="ignore"):
             seen = apply(self.meters @ pose, points)
-        if not np.abs(seen).max() <= FARTHEST:
+        if not np.abs(seen).max() <= MAX_COORDINATE_M:
             problem = f"object {name!r} reaches {np.abs(seen).max():.3g} m from the origin"
-            raise AssetError(f"{problem}, more than {FARTHEST:g} m", remedy="move, shrink or delete it in Blender")
+            raise AssetError(
+                f"{problem}, more than {MAX_COORDINATE_M:g} m", remedy="move, shrink or delete it in Blender"
+            )
         return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
     def _level(
@@ -232,7 +234,7 @@ class _Reader:
     ) -> tuple[float, float]:
         """Level share of a piece's area, if it's as wide as ground or water, and its share of its bounds."""
         length, width, height = bounds[1] - bounds[0]
-        if min(length, width) < NARROWEST or height > max(length, width):
+        if min(length, width) < MIN_SHEET_WIDTH_M or height > max(length, width):
             return 0.0, 0.0
         key = number, pose[:3, :3].tobytes()
         if key not in self.level:

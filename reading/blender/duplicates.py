@@ -20,7 +20,7 @@ from hulldown.reading.blender.api.buffers import STORED, read
 from hulldown.reading.blender.exact_poses import own_poses
 from hulldown.reading.blender.tidy import look_of
 
-FEWEST = 1000  # so that files of the usual size are read as they are
+MIN_OBJECTS = 1000  # so that files of the usual size are read as they are
 HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
 
 
@@ -39,7 +39,7 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
     Call it after the file is read and before it's evaluated.
     """
     groups = [same for same in _alike().values() if len(same) > 1]
-    if sum(len(same) - 1 for same in groups) < FEWEST:
+    if sum(len(same) - 1 for same in groups) < MIN_OBJECTS:
         return {}
     duplicates = {
         same[0].name: [

@@ -24,7 +24,7 @@ from hulldown.reading.blender.tidy_properties import PART, RANDOM, REST
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
 CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
-MANY = 8  # from so many on, copies are drawn by one object
+MIN_COPIES = 8  # from so many on, copies are drawn by one object
 POSE = "pose"
 VISIBILITY = tuple(
     f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
@@ -111,7 +111,7 @@ def write_scenery(
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
-        if len(same) >= MANY:
+        if len(same) >= MIN_COPIES:
             thing = _object(same[0], drawn.blocks[same[0].mesh])
             collection.objects.link(_carrier(thing, poses, [piece.random for piece in same]))
             continue

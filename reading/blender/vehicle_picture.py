@@ -14,12 +14,12 @@ from hulldown.reading.blender.api.light_pictures import rendered, store_light
 from hulldown.reading.blender.frames import pose, world_from_blender_camera
 from hulldown.reading.blender.tidy_properties import REST
 
-SIDE = 240  # pixels
-SAMPLES = 6
-BOUNCES = 3
-TRANSPARENT = 32  # surfaces that one sees through in a row, as in the dataset's pictures
+PICTURE_SIDE_PX = 240  # pixels
+PICTURE_SAMPLES = 6
+PICTURE_BOUNCES = 3
+TRANSPARENT_BOUNCES = 32  # surfaces that one sees through in a row, as in the dataset's pictures
 AZIMUTH, ELEVATION = math.radians(45.0), math.radians(25.0)  # of the camera: front left, from above
-FULL = 0.95  # width of the picture over the vehicle's diagonal
+PICTURE_FILL = 0.95  # width of the picture over the vehicle's diagonal
 
 
 def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "h w 4"]:
@@ -38,16 +38,16 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
         pose(obj, np.reshape(obj[REST], (4, 4)))
     cycles, render = scene.cycles, scene.render
     render.engine, cycles.device, render.threads_mode, render.threads = "CYCLES", "CPU", "FIXED", 2
-    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = SAMPLES, False, False
-    cycles.max_bounces, cycles.transparent_max_bounces = BOUNCES, TRANSPARENT
-    render.resolution_x = render.resolution_y = SIDE
+    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = PICTURE_SAMPLES, False, False
+    cycles.max_bounces, cycles.transparent_max_bounces = PICTURE_BOUNCES, TRANSPARENT_BOUNCES
+    render.resolution_x = render.resolution_y = PICTURE_SIDE_PX
     render.resolution_percentage, render.film_transparent = 100, True
     scene.world = bpy.data.worlds.new("white")
     scene.world.node_tree.nodes["Background"].inputs["Color"].default_value = (1.0, 1.0, 1.0, 1.0)
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     scene.collection.objects.link(camera)
     scene.camera, reach = camera, float(np.linalg.norm(bounds[1] - bounds[0]))
-    camera.data.type, camera.data.ortho_scale = "ORTHO", FULL * reach
+    camera.data.type, camera.data.ortho_scale = "ORTHO", PICTURE_FILL * reach
     camera.data.clip_start, camera.data.clip_end = reach / 100.0, 3.0 * reach
     at = camera_pose(bounds.mean(axis=0), 1.5 * reach, AZIMUTH, ELEVATION)
     camera.matrix_world = world_from_blender_camera(at).T.tolist()

@@ -23,7 +23,7 @@ from pathlib import Path
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # the numbers of these system calls on every architecture
 GET_ABI = 1  # flag of CREATE_RULESET
 NO_NEW_PRIVILEGES = 38  # of prctl
-BENEATH = 1  # type of rule: a path and what is beneath it
+RULE_PATH_BENEATH = 1  # type of rule: a path and what is beneath it
 EXECUTE, WRITE_FILE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
 REFER, TRUNCATE, IOCTL = 1 << 13, 1 << 14, 1 << 15
 FIRST_ABI = (1 << 13) - 1  # the rights that ABI 1 knows
@@ -155,7 +155,7 @@ def _allow(ruleset: int, path: str, rights: int) -> None:
     try:
         if not os.path.isdir(path):
             rights &= OF_FILES
-        _call(ADD_RULE, ruleset, BENEATH, struct.pack("=Qi", rights, opened), 0)
+        _call(ADD_RULE, ruleset, RULE_PATH_BENEATH, struct.pack("=Qi", rights, opened), 0)
     finally:
         os.close(opened)
 

@@ -16,9 +16,11 @@ from rich.table import Table
 from hulldown.base.errors import AssetError
 from hulldown.reading.pieces.doubt import Doubt
 
-FAMILY = 6  # numbered copies from so many on share a row
-TOGETHER = 3  # objects left out for one reason from so many on share a row of the table, which names the first
-LISTED = 12
+MIN_FAMILY_COPIES = 6  # numbered copies from so many on share a row
+MIN_SHARED_ROW_OBJECTS = (
+    3  # objects left out for one reason from so many on share a row of the table, which names the first
+)
+MAX_LISTED_ROWS = 12
 
 
 class By(StrEnum):
@@ -58,7 +60,7 @@ def gathered(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
     return tuple(
         row
         for (stem, _, _), family in families.items()
-        for row in ([_together(family, f"{stem}*", family[0].why)] if len(family) >= FAMILY else family)
+        for row in ([_together(family, f"{stem}*", family[0].why)] if len(family) >= MIN_FAMILY_COPIES else family)
     )
 
 
@@ -76,9 +78,9 @@ def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
             families.setdefault(row.why.replace(repr(row.name), "its name"), []).append(row)
     result = [row for row in rows if row.use != "dropped"]
     for why, family in families.items():
-        names = ", ".join(row.name for row in family[:LISTED])
-        more = f" and {len(family) - LISTED} more" if len(family) > LISTED else ""
-        result += [_together(family, names + more, why)] if len(family) >= TOGETHER else family
+        names = ", ".join(row.name for row in family[:MAX_LISTED_ROWS])
+        more = f" and {len(family) - MAX_LISTED_ROWS} more" if len(family) > MAX_LISTED_ROWS else ""
+        result += [_together(family, names + more, why)] if len(family) >= MIN_SHARED_ROW_OBJECTS else family
     return result
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-SHOWN = 3  # kinds of doubts that a warning lists, one each
+MAX_SHOWN_KINDS = 3  # kinds of doubts that a warning lists, one each
 
 
 class DoubtKind(StrEnum):
@@ -72,7 +72,7 @@ class Doubt:
 
 
 def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
-    """Return one warning for each file, those with the worst doubts first, each with its worst doubts of `SHOWN` kinds.
+    """Return one warning for each file, those with the worst doubts first, each with its worst `MAX_SHOWN_KINDS` kinds.
 
     Examples
     --------
@@ -90,7 +90,7 @@ def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     warnings = []
     for path, found in sorted(ranked.items(), key=lambda item: _rank(item[1][0])):
         first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # of each kind
-        shown = [doubt.text.replace("\n", "\\n") for doubt in first[:SHOWN]]
+        shown = [doubt.text.replace("\n", "\\n") for doubt in first[:MAX_SHOWN_KINDS]]
         more = (
             [f"and {len(found) - len(shown)} more, which `hulldown inspect` lists"] if len(found) > len(shown) else []
         )

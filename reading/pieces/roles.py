@@ -19,10 +19,10 @@ from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
 
-FLAT = 0.02  # a sheet is thinner than this share of its longer side
-THIN = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
-REACH = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
-UNDERSIDE = 0.05  # "lying under" allows for wheels sunk into the floor by this share of the rest's height
+MAX_SHEET_THICKNESS_SHARE = 0.02  # a sheet is thinner than this share of its longer side
+MAX_STAGE_THICKNESS_SHARE = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
+MIN_STAGE_REACH_SHARE = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
+MAX_SUNK_SHARE = 0.05  # "lying under" allows for wheels sunk into the floor by this share of the rest's height
 MUCH_LARGER = 4.0  # times the area of the rest's footprint
 
 
@@ -171,22 +171,22 @@ def _stage_name(piece: Piece) -> tuple[str, str] | None:
             return name, pattern
     # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
     named = [word for word in words(piece.name) if not word.isdigit()]
-    if named and set(named) <= set(PRIMITIVES) and piece.size.min() <= THIN * piece.size.max():
+    if named and set(named) <= set(PRIMITIVES) and piece.size.min() <= MAX_STAGE_THICKNESS_SHARE * piece.size.max():
         return piece.name, named[0]
     return None
 
 
 def _is_sheet(piece: Piece) -> bool:
-    return bool(piece.size[2] <= FLAT * max(piece.size[:2]))
+    return bool(piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2]))
 
 
 def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> PieceRole | None:
     """Return the reason to drop a piece next to the rest, which is between `low` and `high`; None to keep it."""
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
-    under = bool(piece.bounds[1, 2] <= low[2] + UNDERSIDE * height)
+    under = bool(piece.bounds[1, 2] <= low[2] + MAX_SUNK_SHARE * height)
     if named := _stage_name(piece):
         out = float(max(np.max(low[:2] - piece.bounds[0, :2]), np.max(piece.bounds[1, :2] - high[:2])))
-        if out > REACH * size:
+        if out > MIN_STAGE_REACH_SHARE * size:
             return PieceRole("dropped", f"{named[0]!r} matches {named[1]!r} and reaches {out:.1f} m beyond the rest")
         if under:
             return PieceRole("dropped", f"{named[0]!r} matches {named[1]!r} and is at the underside of the rest")

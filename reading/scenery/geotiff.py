@@ -22,11 +22,11 @@ from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 MOST_PIXELS = 1 << 28  # of an orthophoto, of which a band is read at a time
 MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/terrain.md
 LARGEST_PICTURE = 8192  # pixels of the longer side
-STRETCHED = 0.01  # a map's areas may differ from the ground's by this share
-LARGEST = 1e9  # of a coordinate, or of the scale of elevations
+MAX_AREA_ERROR = 0.01  # a map's areas may differ from the ground's by this share
+MAX_COORDINATE = 1e9  # of a coordinate, or of the scale of elevations
 NO_DATA = -400.0  # meters or feet: no land is lower, and nodata is -9999, -32768, or -3.4e38
-GAP = 0.5  # of the range of the other elevations, that nodata is below them
-KILOMETER = 1000.0
+MIN_NODATA_GAP = 0.5  # of the range of the other elevations, that nodata is below them
+KILOMETER_M = 1000.0
 NO_GEO = "pip install 'hulldown[geo]'"
 
 
@@ -76,7 +76,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
     if not len(faces):
         raise AssetError("has no elevations here, only nodata", path=path, remedy="give another `area`")
     vertices = np.stack([x[known], y[known], z[known]], axis=1)
-    anchor = np.round((vertices.min(axis=0) + vertices.max(axis=0)) / 2 / KILOMETER) * KILOMETER + 0.0
+    anchor = np.round((vertices.min(axis=0) + vertices.max(axis=0)) / 2 / KILOMETER_M) * KILOMETER_M + 0.0
     return Elevations(Mesh(vertices - anchor, faces[:, ::-1] if south_up else faces), anchor, crs, tuple(doubts))
 
 
@@ -89,7 +89,7 @@ def _undeclared(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
     if not len(known) or (lowest := float(known.min())) > NO_DATA:
         return []
     others = known[known > lowest]
-    if not len(others) or float(others.min()) - lowest < GAP * max(float(np.ptp(others)), 1.0):
+    if not len(others) or float(others.min()) - lowest < MIN_NODATA_GAP * max(float(np.ptp(others)), 1.0):
         return []
     z[z == lowest] = np.nan
     share = 100 * (len(known) - len(others)) / len(known)
@@ -174,7 +174,7 @@ def _opened(path: Path) -> Iterator[Any]:
         unplaced = warnings.catch_warnings(action="ignore", category=NotGeoreferencedWarning)
         with unplaced, rasterio.open(path, driver="GTiff") as raster:
             numbers = np.array([*raster.transform[:6], *(raster.scales or ()), *(raster.offsets or ())])
-            if not (np.abs(numbers) <= LARGEST).all() or raster.transform.determinant == 0.0:
+            if not (np.abs(numbers) <= MAX_COORDINATE).all() or raster.transform.determinant == 0.0:
                 problem = f"its cells have no place: {raster.transform[:6]}"
                 raise AssetError(problem, path=path, remedy="georeference it again")
             yield raster
@@ -232,7 +232,7 @@ def _in_meters(
         raise AssetError(f"has coordinates outside of its map {crs.name!r}", path=path)
     if crs.is_projected and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info):
         factors = pyproj.Proj(crs).get_factors(longitude, latitude)
-        if abs(factors.areal_scale - 1.0) < STRETCHED:
+        if abs(factors.areal_scale - 1.0) < MAX_AREA_ERROR:
             authority = crs.to_authority()
             return x, y, ":".join(authority) if authority else str(crs.to_wkt())
     spot = AreaOfInterest(longitude, latitude, longitude, latitude)

@@ -12,16 +12,18 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.meshes import Mesh
 
-SIDES = 4
-TURN = 2 * np.pi * np.arange(SIDES) / SIDES
+PRISM_SIDES = 4
+TURN = 2 * np.pi * np.arange(PRISM_SIDES) / PRISM_SIDES
 # A polygon in a circle of this many radii has an outline as long as a circle of one.
-WIDER = np.pi / (SIDES * np.sin(np.pi / SIDES))
+WIDER = np.pi / (PRISM_SIDES * np.sin(np.pi / PRISM_SIDES))
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-RIM = np.arange(SIDES)
+RIM = np.arange(PRISM_SIDES)
 NEXT = np.roll(RIM, -1)
-FACES = np.concatenate([np.stack([RIM, NEXT, NEXT + SIDES], 1), np.stack([RIM, NEXT + SIDES, RIM + SIDES], 1)])
-BEND = 1.0  # radii: how far a prism's axis may be from the strand's
-EVEN = 1e-6  # of a piece more is rounding
+FACES = np.concatenate(
+    [np.stack([RIM, NEXT, NEXT + PRISM_SIDES], 1), np.stack([RIM, NEXT + PRISM_SIDES, RIM + PRISM_SIDES], 1)]
+)
+MAX_AXIS_RADII = 1.0  # radii: how far a prism's axis may be from the strand's
+EVEN_TOLERANCE = 1e-6  # of a piece more is rounding
 LARGEST = 1 << 18  # stretches in a mesh of some hundred megabytes; of more, some are taken and made thicker
 MOST_PIECES = 4  # pieces of the stretch between two points, into which Cycles divides it too by default
 
@@ -67,7 +69,7 @@ def _pieces(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) 
     second = np.stack([2 * cubic[:, 2, :3], 2 * cubic[:, 2, :3] + 6 * cubic[:, 3, :3]])
     with np.errstate(divide="ignore", invalid="ignore"):
         bend = np.linalg.norm(np.cross(second, chord), axis=-1).max(axis=0) / np.linalg.norm(chord, axis=1)
-        count = np.ceil(np.sqrt(bend / (8 * BEND * radius)) - EVEN)
+        count = np.ceil(np.sqrt(bend / (8 * MAX_AXIS_RADII * radius)) - EVEN_TOLERANCE)
     return np.clip(np.nan_to_num(count, nan=1.0), 1, MOST_PIECES).astype(np.int64)
 
 
@@ -91,5 +93,5 @@ def _prisms(ends: Float[np.ndarray, "k 2 3"], radii: Float[np.ndarray, "k 2"], n
     turn = (TURN + GOLDEN_ANGLE * np.arange(len(ends))[:, None])[..., None]
     spokes = np.cos(turn) * across[:, None] + np.sin(turn) * np.cross(along, across)[:, None]
     vertices = ends[:, :, None] + WIDER * radii[:, :, None, None] * spokes[:, None]
-    faces = 2 * SIDES * np.arange(len(ends))[:, None, None] + FACES
+    faces = 2 * PRISM_SIDES * np.arange(len(ends))[:, None, None] + FACES
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), name)

@@ -13,10 +13,10 @@ from hulldown.reading.pieces.roles import Evaluated, PieceRole
 from hulldown.reading.vehicle.solids import find_solids, find_wheels
 
 SHORTEST, LONGEST, LOWEST, HIGHEST = 1.8, 25.0, 0.6, 5.0  # meters: lengths and heights of vehicles
-SLIM = 12.0  # times as long as wide: longer ones are walls
-FACES = 50_000  # of one thing whose shape is looked at
-BUDGET = 1_000_000  # of all
-UPRIGHT = 0.9
+MAX_LENGTH_RATIO = 12.0  # times as long as wide: longer ones are walls
+MAX_THING_FACES = 50_000  # of one thing whose shape is looked at
+MAX_ALL_FACES = 1_000_000  # of all
+MIN_UPRIGHT_COSINE = 0.9
 
 
 def parked_vehicles(
@@ -30,17 +30,17 @@ def parked_vehicles(
     among = [i for i, role in enumerate(roles) if role.use == "obstacle" and not pieces[i].hair]
     found: dict[str, list[str]] = {}
     looked: dict[tuple[int, ...], bool] = {}
-    left = BUDGET
+    left = MAX_ALL_FACES
     for name, group in _groups(drawn, among):
         own = list(dict.fromkeys(pieces[i].name for i in group))
         names = [name, *own, *(pieces[i].data for i in group), *pieces[group[0]].chain[0].collections[:1]]
         is_one = any(first_match(n, VEHICLES) and not first_match(n, NO_VEHICLES) for n in names)
         key, faces = tuple(sorted(pieces[i].mesh for i in group)), sum(pieces[i].faces for i in group)
-        if not is_one and key not in looked and faces <= min(FACES, left):
+        if not is_one and key not in looked and faces <= min(MAX_THING_FACES, left):
             left -= faces
             points = [apply(meters @ pieces[i].pose, drawn.meshes[pieces[i].mesh].vertices) for i in group]
             wheels = find_wheels(find_solids(points, [drawn.meshes[pieces[i].mesh].faces for i in group]))
-            looked[key] = wheels is not None and wheels.up[2] > UPRIGHT
+            looked[key] = wheels is not None and wheels.up[2] > MIN_UPRIGHT_COSINE
         if is_one or looked.get(key):
             found.setdefault(name, []).extend(own)
     return found
@@ -57,7 +57,9 @@ def _groups(drawn: Evaluated, among: Sequence[int]) -> list[tuple[str, list[int]
         box = np.array([drawn.pieces[i].bounds for i in members])
         *sides, height = box[:, 1].max(axis=0) - box[:, 0].min(axis=0)
         narrow, wide = sorted(sides)
-        fits[key] = SHORTEST <= wide <= min(LONGEST, SLIM * narrow) and LOWEST <= height <= min(HIGHEST, 2 * wide)
+        fits[key] = SHORTEST <= wide <= min(LONGEST, MAX_LENGTH_RATIO * narrow) and LOWEST <= height <= min(
+            HIGHEST, 2 * wide
+        )
     groups: dict[tuple[str, bytes], list[int]] = {}
     for i in among:
         keys = [(link.name, link.pose.tobytes()) for link in drawn.pieces[i].chain]

@@ -13,7 +13,7 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole, Unseen
 from hulldown.reading.scenery.shape import carpets, ground_by_shape, is_wide_and_level, sheets_between, sunken
 
-NARROWEST = 1.0  # meters, of water by its name or material
+MIN_WATER_WIDTH_M = 1.0  # meters, of water by its name or material
 # The scenery's keys in the order in which they are asked.
 ASKED = (("drop", "removed"), ("water", "water"), ("not_ground", "obstacle"), ("ground", "ground"))
 _DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")))
@@ -29,7 +29,13 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     for piece in pieces:
         asked = (
             *(piece.name, piece.data, piece.chain[0].collections, piece.carrier, piece.materials),
-            *(piece.scattered, piece.anonymous, piece.hair, piece.unseen, is_wide_and_level(piece, least=NARROWEST)),
+            *(
+                piece.scattered,
+                piece.anonymous,
+                piece.hair,
+                piece.unseen,
+                is_wide_and_level(piece, least=MIN_WATER_WIDTH_M),
+            ),
         )
         if asked not in decided:
             decided[asked] = _role(piece, options)
@@ -141,7 +147,7 @@ def is_water_name(name: str) -> bool:
 
 def _water(piece: Piece) -> PieceRole | None:
     """Return the role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
-    if not is_wide_and_level(piece, least=NARROWEST):
+    if not is_wide_and_level(piece, least=MIN_WATER_WIDTH_M):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]
     own = own[2 * piece.anonymous :]  # which is called like what carries it

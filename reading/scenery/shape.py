@@ -9,22 +9,26 @@ from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply
-from hulldown.reading.pieces.roles import FLAT, Piece
+from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece
 
 STEEP = np.cos(np.radians(30.0))  # a face is level if the cosine of its inclination is at least this
-LEVEL = 0.5  # least share of its area that is level, for a piece to be so; a box twice as wide as high has this much
+MIN_LEVEL_SHARE = (
+    0.5  # least share of its area that is level, for a piece to be so; a box twice as wide as high has this much
+)
 GROUND_LEVEL, ALONE_LEVEL = 0.6, 0.9  # the same for ground with things on it, and without
 FLATTEST_GROUND = 0.25  # ground is not higher than this share of its longer side
-LARGE = 0.05  # ground is in pieces of at least this share of the scenery's extent
-COVERED = 0.4  # and covers at least this share
-CARRIED = 0.7  # least share of what is above a piece of ground that does not reach below it
-SMALLEST = 20.0  # meters; a scenery is at least this wide
-SHEET = 20.0  # meters; narrower sheets without a name don't count as water
-FILLED = 0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
+MIN_GROUND_EXTENT_SHARE = 0.05  # ground is in pieces of at least this share of the scenery's extent
+MIN_COVERED_SHARE = 0.4  # and covers at least this share
+MIN_CARRIED_SHARE = 0.7  # least share of what is above a piece of ground that does not reach below it
+MIN_SCENERY_WIDTH_M = 20.0  # meters; a scenery is at least this wide
+MIN_SHEET_WIDTH_M = 20.0  # meters; narrower sheets without a name don't count as water
+MIN_FILLED_SHARE = (
+    0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
+)
 ONE_SIDE = 1.5  # its level area over that of its bounds: a closed box has 2
-PUDDLE = 3.0  # meters; down to this width, a doubt names the sheet
+MIN_PUDDLE_WIDTH_M = 3.0  # meters; down to this width, a doubt names the sheet
 FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
-DROWNED = 0.5  # meters of ground below such a sheet
+MIN_WATER_DEPTH_M = 0.5  # meters of ground below such a sheet
 
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
@@ -39,12 +43,12 @@ def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
     """Return whether a piece is at least `least` meters wide, no higher than wide, and mostly level."""
     length, width, height = piece.size
-    return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= LEVEL)
+    return bool(min(length, width) >= least and height <= max(length, width) and piece.level >= MIN_LEVEL_SHARE)
 
 
 def is_open_land(piece: Piece) -> bool:
     """Return whether a piece is mostly level, wide, and open below, as land is and vehicles aren't."""
-    open_below = COVERED <= piece.filled <= ONE_SIDE
+    open_below = MIN_COVERED_SHARE <= piece.filled <= ONE_SIDE
     return bool(open_below and piece.level >= GROUND_LEVEL and 2 * piece.size[2] <= min(piece.size[:2]))
 
 
@@ -55,11 +59,11 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
     if not len(rest):
         return []
     extent = rest[:, 1].max(axis=0) - rest[:, 0].min(axis=0)
-    if max(extent[:2]) < SMALLEST:
+    if max(extent[:2]) < MIN_SCENERY_WIDTH_M:
         return []
     if len(pieces) == len(among) == 1 and is_open_land(pieces[0]):
         return list(among)
-    least = LARGE * extent[0] * extent[1]
+    least = MIN_GROUND_EXTENT_SHARE * extent[0] * extent[1]
     able = [i for i in among if _may_be_ground(pieces[i], least)]
     able.sort(key=lambda i: pieces[i].bounds[:, 2].sum())
     taken: list[int] = []
@@ -68,7 +72,7 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
         if over < 0.5 * pieces[i].area and _carries(pieces[i], rest):
             taken.append(i)
     covered = sum(pieces[i].area for i in taken)
-    return taken if covered >= COVERED * extent[0] * extent[1] else []
+    return taken if covered >= MIN_COVERED_SHARE * extent[0] * extent[1] else []
 
 
 def _may_be_ground(piece: Piece, least: float) -> bool:
@@ -84,7 +88,7 @@ def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
     if not there.any():
         return bool(piece.level >= ALONE_LEVEL)
     sunk = np.maximum(1.0, 0.2 * (rest[:, 1, 2] - rest[:, 0, 2]))
-    return bool((rest[there, 0, 2] >= low[2] - sunk[there]).mean() >= CARRIED)
+    return bool((rest[there, 0, 2] >= low[2] - sunk[there]).mean() >= MIN_CARRIED_SHARE)
 
 
 def sheets_between(
@@ -92,19 +96,19 @@ def sheets_between(
     among: Sequence[int],
     ground: Sequence[Float[np.ndarray, "2 3"]],
     *,
-    least: float = SHEET,
+    least: float = MIN_SHEET_WIDTH_M,
 ) -> list[int]:
     """Return pieces that are wide flat sheets between the lowest and the highest ground, like a lake."""
     if not ground:
         return []
     lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
-    low = lowest + DROWNED
+    low = lowest + MIN_WATER_DEPTH_M
     return [i for i in among if _is_sheet(pieces[i], least) and low < pieces[i].bounds[:, 2].mean() < highest]
 
 
 def _is_sheet(piece: Piece, least: float) -> bool:
     """Return whether a piece is a single wide flat sheet, not one of many scattered ones."""
-    flat = piece.size[2] <= FLAT * max(piece.size[:2]) and piece.filled >= FILLED
+    flat = piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2]) and piece.filled >= MIN_FILLED_SHARE
     return bool(flat and is_wide_and_level(piece, least=least) and not piece.scattered)
 
 
@@ -127,8 +131,8 @@ def canopies(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]
     if not ground:
         return []
     whole = np.stack([np.min([b[0] for b in ground], axis=0), np.max([b[1] for b in ground], axis=0)])
-    least = COVERED * _overlap(whole, whole)
-    wide = [piece for piece in pieces if _is_sheet(piece, SHEET) and _overlap(piece.bounds, whole) > least]
+    least = MIN_COVERED_SHARE * _overlap(whole, whole)
+    wide = [piece for piece in pieces if _is_sheet(piece, MIN_SHEET_WIDTH_M) and _overlap(piece.bounds, whole) > least]
     heights = [(piece, float(piece.bounds[:, 2].mean() - whole[:, 2].mean())) for piece in wide]
     return [(piece, above) for piece, above in heights if above > 0.0]
 
@@ -149,11 +153,11 @@ def carpets(
     known = np.stack([np.min([p.bounds[0] for p in ground], axis=0), np.max([p.bounds[1] for p in ground], axis=0)])
     found = []
     for i in among:
-        piece, least = pieces[i], COVERED * extent[0] * extent[1]
-        flat = piece.size[2] <= FLAT * max(piece.size[:2])
-        open_below = COVERED <= piece.filled <= ONE_SIDE or (flat and piece.filled >= COVERED)
-        wide = _may_be_ground(piece, SHEET**2) and min(piece.size[:2]) >= SHEET and open_below
-        if not wide or i in between or piece.bounds[0, 2] > highest + DROWNED:
+        piece, least = pieces[i], MIN_COVERED_SHARE * extent[0] * extent[1]
+        flat = piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2])
+        open_below = MIN_COVERED_SHARE <= piece.filled <= ONE_SIDE or (flat and piece.filled >= MIN_COVERED_SHARE)
+        wide = _may_be_ground(piece, MIN_SHEET_WIDTH_M**2) and min(piece.size[:2]) >= MIN_SHEET_WIDTH_M and open_below
+        if not wide or i in between or piece.bounds[0, 2] > highest + MIN_WATER_DEPTH_M:
             continue
         held = [p for p in obstacles if p is not piece and _is_under(p, piece)]
         here = 2.0 * _overlap(piece.bounds, known) > piece.area
@@ -166,7 +170,8 @@ def carpets(
 def _is_under(piece: Piece, wide: Piece) -> bool:
     """Return whether a piece is under most of a wide one, as walls are under a roof."""
     return bool(
-        piece.bounds[0, 2] < wide.bounds[0, 2] - DROWNED and _overlap(piece.bounds, wide.bounds) > COVERED * wide.area
+        piece.bounds[0, 2] < wide.bounds[0, 2] - MIN_WATER_DEPTH_M
+        and _overlap(piece.bounds, wide.bounds) > MIN_COVERED_SHARE * wide.area
     )
 
 
@@ -174,8 +179,8 @@ def _stands_on(piece: Piece, wide: Piece) -> bool:
     """Return whether a piece is smaller than a wide one, larger than what is on roofs, and on it."""
     size, (low, high) = piece.size, wide.bounds
     on_it = _overlap(piece.bounds, wide.bounds) > 0.9 * piece.area
-    bottom = low[2] - DROWNED <= piece.bounds[0, 2] <= high[2] + DROWNED
-    return bool(max(size[:2]) > PUDDLE and piece.area < COVERED * wide.area and on_it and bottom)
+    bottom = low[2] - MIN_WATER_DEPTH_M <= piece.bounds[0, 2] <= high[2] + MIN_WATER_DEPTH_M
+    return bool(max(size[:2]) > MIN_PUDDLE_WIDTH_M and piece.area < MIN_COVERED_SHARE * wide.area and on_it and bottom)
 
 
 def enclosing(pieces: Sequence[Piece]) -> Piece | None:

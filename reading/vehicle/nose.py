@@ -18,22 +18,22 @@ from hulldown.reading.vehicle.solids import PARALLEL, Solids, Wheels
 Value = TypeVar("Value", str, float)
 
 SNAP = np.radians(1.5)  # a nose this close to an axis of the file points along it
-SLENDER = 7.0  # a gun's barrel is longer than this many times its width
-MIRRORED = 60  # solids whose mirror plane is sought
-SYMMETRIC = 0.01  # a mirror image is this close to its original, in lengths of the vehicle
-VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
-AXLES = 5  # of a vehicle on wheels; more are under tracks
-TUBE = 5.0  # a launching tube is longer than this many times its width
+MIN_BARREL_SLENDERNESS = 7.0  # a gun's barrel is longer than this many times its width
+MAX_MIRRORED_SOLIDS = 60  # solids whose mirror plane is sought
+MIRROR_TOLERANCE_SHARE = 0.01  # a mirror image is this close to its original, in lengths of the vehicle
+MIN_NAME_VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
+MAX_WHEELED_AXLES = 5  # of a vehicle on wheels; more are under tracks
+MIN_TUBE_SLENDERNESS = 5.0  # a launching tube is longer than this many times its width
 RISE = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
 TILTED = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
 ELEVATED = np.cos(np.radians(65.0))  # the same for guns by name, which may be raised
 NAMED_LONG = 0.4  # of half the vehicle's length: what is named a gun is at least as long
 GUN_LINE = 2.0  # and a vehicle without wheels or a mirror plane lies along one this many times as long as wide
 TUBES_ALIKE = 0.8  # of the longest's length: another gun like it
-VERTICES = 1000  # whose mirror images are looked up
+MAX_MIRRORED_VERTICES = 1000  # whose mirror images are looked up
 SLANT, ALL_SLANTED = 0.05, 0.3  # of slanted surface that must slant to one end rather than the other
-SLANTED = 0.004  # of all surface, times the sine and the cosine of its slope; less tells nothing
-PROTRUDES = 0.1  # of its length: its muzzle is so much farther out of the rest than its breech
+MIN_SLANTED_SHARE = 0.004  # of all surface, times the sine and the cosine of its slope; less tells nothing
+MIN_PROTRUSION_SHARE = 0.1  # of its length: its muzzle is so much farther out of the rest than its breech
 CONTRADICTED = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
 TUBES_CONTRADICTED = (
@@ -90,7 +90,7 @@ def find_forward(
     else:
         gun_end, which = _muzzle_end(solids, ahead, half, gun)
         gun_why = f"{names[which]!r} sticks out there" if gun_end else ""
-    named = float(np.sign(votes)) * (abs(votes) >= VOTE)
+    named = float(np.sign(votes)) * (abs(votes) >= MIN_NAME_VOTE)
     # Tubes side by side may lie behind the middle, and yet they rise ahead.
     lifted = raised * (raised == tubes)
     names_doubt = TUBES_CONTRADICTED if lifted * named < 0 else ""
@@ -104,7 +104,7 @@ def find_forward(
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
         (named if names_doubt else 0.0, "names of what is in front and behind", names_doubt),
-        (0.0 if rack else gun_end, gun_why, CONTRADICTED if votes * gun_end < -VOTE else ""),
+        (0.0 if rack else gun_end, gun_why, CONTRADICTED if votes * gun_end < -MIN_NAME_VOTE else ""),
         (named, "names of what is in front and behind", ""),
         (raised, "its gun rises there", "" if raised in others else ONE_CLUE),
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
@@ -170,13 +170,13 @@ def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
     """Return the axis x or y: the one whose mirror plane the vertices have, or the longer one."""
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = np.ptp(points, axis=0)
-    tree, some = cKDTree(points), points[:: max(1, len(points) // VERTICES)]
+    tree, some = cKDTree(points), points[:: max(1, len(points) // MAX_MIRRORED_VERTICES)]
     gaps = []
     for axis in (1, 0):  # across x, then across y
         flipped = some.copy()
         flipped[:, axis] = points[:, axis].min() + points[:, axis].max() - some[:, axis]
         gaps.append(float(np.mean(tree.query(flipped)[0])) / max(float(size.max()), 1e-30))
-    alike = (gaps[0] < SYMMETRIC) == (gaps[1] < SYMMETRIC)
+    alike = (gaps[0] < MIRROR_TOLERANCE_SHARE) == (gaps[1] < MIRROR_TOLERANCE_SHARE)
     along = int(size[1] > size[0]) if alike else int(gaps[1] < gaps[0])
     return along * np.pi / 2, f"along {'xy'[along]}, {'where it is longer' if alike else 'its mirror plane'}"
 
@@ -193,7 +193,7 @@ def slant(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) ->
     upward = (normal[:, 2] > 0) & (height > low + 0.33 * (high - low))
     slanted = np.where(upward, normal[:, 2] * (normal @ ahead) / area, 0.0)
     whole = float(np.abs(slanted).sum())
-    if whole < SLANTED * float(area.sum()):
+    if whole < MIN_SLANTED_SHARE * float(area.sum()):
         return 0.0
     share = float(slanted.sum()) / whole
     return float(np.sign(share)) * (1 + (abs(share) > ALL_SLANTED)) * (abs(share) > SLANT)
@@ -201,7 +201,7 @@ def slant(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) ->
 
 def _mirror_line(solids: Solids) -> tuple[float, str]:
     """Return the line of the mirror plane of the largest solids, if there is one and x isn't; else x."""
-    largest = np.argsort(-solids.size.prod(axis=1))[:MIRRORED]
+    largest = np.argsort(-solids.size.prod(axis=1))[:MAX_MIRRORED_SOLIDS]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
     corners = np.einsum("ck,nk,nkj->ncj", signs, solids.size[largest], solids.axes[largest])
     cloud = (solids.center[largest][:, None] + corners).reshape(-1, 3)
@@ -215,15 +215,15 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
         flipped = cloud - 2 * (side - (side.min() + side.max()) / 2)[:, None] * normal
         return float(np.mean(tree.query(flipped)[0])) / max(size, 1e-30)
 
-    if gap(0.0) < SYMMETRIC <= gap(np.pi / 2):
+    if gap(0.0) < MIRROR_TOLERANCE_SHARE <= gap(np.pi / 2):
         return 0.0, "along x, its mirror plane"
-    if gap(0.0) < SYMMETRIC:
+    if gap(0.0) < MIRROR_TOLERANCE_SHARE:
         along = int(np.ptp(cloud[:, 1]) > np.ptp(cloud[:, 0]))
         return along * np.pi / 2, f"along {'xy'[along]}, the longer of two mirror planes"
     angles = np.radians(np.arange(0.5, 180.0, 0.5))
     gaps = [gap(angle) for angle in angles]
     best = int(np.argmin(gaps))
-    if gaps[best] < min(SYMMETRIC, gap(0.0) / 4):
+    if gaps[best] < min(MIRROR_TOLERANCE_SHARE, gap(0.0) / 4):
         return float(angles[best]), "by its mirror plane"
     return 0.0, NO_LINE
 
@@ -245,7 +245,7 @@ def gun_barrel(
     sideways = off @ across
     width = float(np.ptp((solids.bounds.reshape(-1, 3) - middle) @ across))
     along = np.abs(axis @ ahead) > TILTED
-    slender = (length > SLENDER * solids.size[:, 1]) & (length > 0.4 * half)
+    slender = (length > MIN_BARREL_SLENDERNESS * solids.size[:, 1]) & (length > 0.4 * half)
     thick = solids.size[:, 2] > 0.4 * solids.size[:, 1]
     high_up = solids.center[:, 2] > low + 0.33 * (high - low)
     # The free end: nothing else of the vehicle is around its outer half.
@@ -283,7 +283,7 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
         return 0.0, -1
     front = float(along[own].max() - along[others].max())
     rear = float(along[others].min() - along[own].min())
-    if max(front, rear) <= 0 or abs(front - rear) <= PROTRUDES * reach.max():
+    if max(front, rear) <= 0 or abs(front - rear) <= MIN_PROTRUSION_SHARE * reach.max():
         return 0.0, -1
     return float(np.sign(front - rear)), piece
 
@@ -320,7 +320,7 @@ def _shape_votes(
     if len(axles) == 3:
         first, second = np.diff(axles)
         votes.append(0.0 if max(first, second) < 1.4 * min(first, second) else float(np.sign(second - first)))
-    if len(axles) <= AXLES:
+    if len(axles) <= MAX_WHEELED_AXLES:
         votes.append(_mirrors(solids, ahead, middle, length))
     return votes
 
@@ -335,7 +335,9 @@ def rising(
     axis = solids.axes[:, 0] * np.sign(solids.axes[:, :1, 2])
     along = axis @ ahead
     low, high = solids.bounds[:, 0, 2].min(initial=0.0), solids.bounds[:, 1, 2].max(initial=0.0)
-    tube = (solids.size[:, 0] > np.where(named, 3.0, TUBE) * solids.size[:, 1]) & (solids.size[:, 0] > 0.25 * length)
+    tube = (solids.size[:, 0] > np.where(named, 3.0, MIN_TUBE_SLENDERNESS) * solids.size[:, 1]) & (
+        solids.size[:, 0] > 0.25 * length
+    )
     tube &= (solids.size[:, 2] > 0.5 * solids.size[:, 1]) & (solids.center[:, 2] > low + 0.33 * (high - low))
     tube &= (axis[:, 2] > np.sin(RISE)) & (np.abs(along) > 0.3) & (np.hypot(along, axis[:, 2]) > PARALLEL)
     if not (tube & named).any():

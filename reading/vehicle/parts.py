@@ -26,21 +26,21 @@ from hulldown.reading.vehicle.part_names import (
     key_of,
     names_of_parts,
 )
-from hulldown.reading.vehicle.pivots import PIVOT_KEYS, RING, find_pivot
+from hulldown.reading.vehicle.pivots import MIN_RING_WIDTH_SHARE, PIVOT_KEYS, find_pivot
 from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
 
-GAP = 0.05  # of the longer of two pieces: closer ones are one thing
-STUBBY = 2.5  # times its width; shorter pieces have no direction
-SMALL = 0.2  # of the vehicle's length: a drum, not a gun
-NARROW = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
-LOW = 0.3  # of the vehicle's height: no turret reaches below
+MAX_PIECE_GAP_SHARE = 0.05  # of the longer of two pieces: closer ones are one thing
+MAX_STUBBY_RATIO = 2.5  # times its width; shorter pieces have no direction
+MAX_DRUM_SHARE = 0.2  # of the vehicle's length: a drum, not a gun
+MAX_GUN_WIDTH_SHARE = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
+MIN_TURRET_HEIGHT_SHARE = 0.3  # of the vehicle's height: no turret reaches below
 KNOWN = (*VEHICLE, *FRONT, *REAR, *BODY)
-WHOLE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
-NAMES = 6  # that a sentence lists
-PREFIXED = 2  # objects named turret: more of them, and the author has named all that belongs to it
+MIN_BARREL_SHARE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
+MAX_LISTED_NAMES = 6  # that a sentence lists
+MAX_PREFIXED_TURRETS = 2  # objects named turret: more of them, and the author has named all that belongs to it
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -147,7 +147,7 @@ def _clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) 
     """Clusters of pieces whose boxes come close to each other."""
     own = bounds[among]
     longest = np.ptp(own, axis=1).max(axis=1)
-    label = touching(own, GAP * np.maximum.outer(longest, longest))
+    label = touching(own, MAX_PIECE_GAP_SHARE * np.maximum.outer(longest, longest))
     return [among[label == k].tolist() for k in np.unique(label)]
 
 
@@ -157,9 +157,9 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
     off = own - own.mean(axis=0)
     axes = np.linalg.eigh(off.T @ off)[1].T[::-1]
     size = np.ptp(off @ axes.T, axis=0)
-    if not 0 < size[0] < SMALL * (high[0] - low[0]):
+    if not 0 < size[0] < MAX_DRUM_SHARE * (high[0] - low[0]):
         return False
-    stubby = size[0] < STUBBY * size[1:].max()
+    stubby = size[0] < MAX_STUBBY_RATIO * size[1:].max()
     across = abs(axes[0, 0]) < 0.5
     middle = (own.min(axis=0) + own.max(axis=0)) / 2
     return bool(
@@ -181,7 +181,7 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
         return {}, []
     piece = int(solids.piece[barrel])
     name = pieces[piece].name
-    one = float(np.ptp(whole.points[piece], axis=0).max()) * WHOLE < float(solids.size[barrel, 0])
+    one = float(np.ptp(whole.points[piece], axis=0).max()) * MIN_BARREL_SHARE < float(solids.size[barrel, 0])
     if not one:
         doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
         return {}, [_parts(doubt + ("" if TURRET_PART in part_of else ' and turret = ""'))]
@@ -192,7 +192,7 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
         return np.array([some[:, 0].min(axis=0), some[:, 1].max(axis=0)])
 
     chain = pieces[piece].chain
-    narrow = [k for k in chain if np.ptp(extent(k), axis=0)[1] < NARROW * (high - low)[1]]
+    narrow = [k for k in chain if np.ptp(extent(k), axis=0)[1] < MAX_GUN_WIDTH_SHARE * (high - low)[1]]
     gun = narrow[-1] if narrow else chain[0]
     marks = {key_of(gun): (GUN_PART, f"by the shape of {name!r}")}
     taken = f"{gun.name!r} is taken for the gun by its shape"
@@ -200,7 +200,8 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
         upper = [
             k
             for k in chain
-            if extent(k)[0, 2] > low[2] + LOW * (high - low)[2] and len(carried[key_of(k)]) > len(carried[key_of(gun)])
+            if extent(k)[0, 2] > low[2] + MIN_TURRET_HEIGHT_SHARE * (high - low)[2]
+            and len(carried[key_of(k)]) > len(carried[key_of(gun)])
         ]
         if not upper:
             doubt = f'{name!r} looks like a gun; set gun, and turret, to what turns, or both to "" if nothing does'
@@ -228,7 +229,7 @@ def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options)
     roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
     parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
     named = sum(first_match(chains[i][0].name, TURRET) is not None for i in members)
-    if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > PREFIXED:
+    if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > MAX_PREFIXED_TURRETS:
         return {}, []
     bounds = whole.bounds
     low, high = bounds[members, 0].min(axis=0), bounds[members, 1].max(axis=0)
@@ -245,8 +246,8 @@ def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options)
     if not aboard:
         return {}, []
     doubt = (
-        f"{quoted((link.name for link in aboard), most=NAMES)} are on the turret and turn with it; if that is wrong, "
-        "set turret and gun to the parts that turn and rise"
+        f"{quoted((link.name for link in aboard), most=MAX_LISTED_NAMES)} are on the turret and turn with it; "
+        "if that is wrong, set turret and gun to the parts that turn and rise"
     )
     return {key_of(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [_parts(doubt)]
 
@@ -263,7 +264,7 @@ def unnamed(whole: PlacedPieces) -> list[Doubt]:
         key
         for key, some in carried.items()
         if 1 < len(some) < len(pieces)
-        and bounds[some, 0, 2].min() > low[2] + LOW * (high - low)[2]
+        and bounds[some, 0, 2].min() > low[2] + MIN_TURRET_HEIGHT_SHARE * (high - low)[2]
         and not first_match(key[0], NO_TURRET)
     ]
     if upper:
@@ -286,8 +287,12 @@ def unnamed(whole: PlacedPieces) -> list[Doubt]:
 def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
     """Return whether there are rising tubes, or a level ring in the upper part, as under turrets."""
     size = high - low
-    ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > RING * size[1])
-    ring &= solids.center[:, 2] > low[2] + LOW * size[2]
+    ring = (
+        (solids.round_about >= 0)
+        & (np.abs(solids.axle[:, 2]) > 0.99)
+        & (2 * solids.radius > MIN_RING_WIDTH_SHARE * size[1])
+    )
+    ring &= solids.center[:, 2] > low[2] + MIN_TURRET_HEIGHT_SHARE * size[2]
     return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0]))
 
 

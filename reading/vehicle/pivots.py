@@ -17,20 +17,24 @@ from hulldown.reading.vehicle.marked_keypoints import keypoint_of
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, key_of, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces
 
-BELIEVED = 0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
-REAR = 0.4  # a gun's axis is in this rear share of it, not at the middle, a new cylinder's origin
-RING = 0.24  # a turret's ring is wider than this share of the hull's width
-RADIUS = 0.3  # a ring's radius, of the hull's width
-BASE = 0.3  # and lies in this lowest share of the turret's height
-THICK = 1.5  # a mantlet is wider than the barrel by this factor
+MAX_ORIGIN_DISTANCE_SHARE = (
+    0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
+)
+GUN_REAR_SHARE = 0.4  # a gun's axis is in this rear share of it, not at the middle, a new cylinder's origin
+MIN_RING_WIDTH_SHARE = 0.24  # a turret's ring is wider than this share of the hull's width
+RING_RADIUS_SHARE = 0.3  # a ring's radius, of the hull's width
+RING_HEIGHT_SHARE = 0.3  # and lies in this lowest share of the turret's height
+MIN_MANTLET_RATIO = 1.5  # a mantlet is wider than the barrel by this factor
 INTO_MANTLET = 0.25  # a gun's axis lies this far into its mantlet from the rear
-ALIKE = 0.8  # of the longest barrel's length: another barrel
-TWIN = 3  # solids as long as the barrel; more are the tubes of a launcher
-ASIDE = 1.5  # times as wide as long: it points to a side
-PLATE = 0.3  # thickness of a plate that holds a gun, in its height
-BEARING = 0.25  # and how far below its top the bearing is
+MIN_TWIN_BARREL_SHARE = 0.8  # of the longest barrel's length: another barrel
+MAX_TWIN_BARRELS = 3  # solids as long as the barrel; more are the tubes of a launcher
+MIN_SIDEWAYS_RATIO = 1.5  # times as wide as long: it points to a side
+MAX_PLATE_THICKNESS_SHARE = 0.3  # thickness of a plate that holds a gun, in its height
+BEARING_DEPTH_SHARE = 0.25  # and how far below its top the bearing is
 PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}
-MIDDLE = 0.01  # share of the longest side: an origin this close to its mesh's middle was set automatically
+MAX_MIDDLE_DISTANCE_SHARE = (
+    0.01  # share of the longest side: an origin this close to its mesh's middle was set automatically
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -110,13 +114,15 @@ def find_pivot(
     at = whole.origin(node.link)
     if node.link.kind == "EMPTY" and believed(node):
         return Pivot(at, f"origin of the empty {node.link.name!r}")
-    slack = BELIEVED * size
+    slack = MAX_ORIGIN_DISTANCE_SHARE * size
     wrong = bool(((at < low - slack) | (at > high + slack)).any()) or not believed(node)
     middle = middles.get(key_of(node.link))
-    centered = middle is not None and bool(np.linalg.norm(at - middle) < MIDDLE * size)
+    centered = middle is not None and bool(np.linalg.norm(at - middle) < MAX_MIDDLE_DISTANCE_SHARE * size)
     if part == GUN_PART:
         rear, front = gun_ends(own.cloud, behind)
-        wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > REAR
+        wrong |= (
+            float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > GUN_REAR_SHARE
+        )
     elif centered and guess.guessed and not wrong:
         return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
     wrong |= centered
@@ -178,7 +184,7 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
     width = float(np.ptp(under)) if len(under) else float(high[1] - low[1])
     height = float(high[2] - low[2])
     for solids, base, what in (
-        (turret.solids, low[2] + BASE * height, "its ring"),
+        (turret.solids, low[2] + RING_HEIGHT_SHARE * height, "its ring"),
         (hull.solids, low[2] + 0.1 * height, "the ring that it stands on"),
     ):
         if not len(solids):
@@ -186,7 +192,7 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
         upright = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99)
         level = solids.bounds[:, 0, 2] if solids is turret.solids else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
         inside = ((solids.center > low) & (solids.center < high))[:, :2].all(axis=1)
-        rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > RING * width))
+        rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > MIN_RING_WIDTH_SHARE * width))
         if len(rings):
             ring = rings[np.argmax(solids.radius[rings])]
             return Pivot(
@@ -199,7 +205,7 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
         body = np.average(turret.solids.bounds.mean(axis=1), axis=0, weights=weight)
     at, why = np.array([body[0], body[1], low[2]]), "the middle of its body"
     if trunnions is not None and 0 < trunnions[0] - at[0] < width:
-        at[0] = (at[0] + 2 * (trunnions[0] - RADIUS * width)) / 3
+        at[0] = (at[0] + 2 * (trunnions[0] - RING_RADIUS_SHARE * width)) / 3
         why = "the middle of its body and the distance from its gun"
     center = (under.min() + under.max()) / 2 if len(under) else at[1]
     at[1] = center if abs(at[1] - center) < 0.05 * width else at[1]
@@ -214,7 +220,7 @@ def cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | N
     own, points, others = gun.cloud, mount.cloud, mount.solids
     low, high = own.min(axis=0), own.max(axis=0)
     middle = (low + high) / 2
-    plate = (others.size[:, 2] < PLATE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
+    plate = (others.size[:, 2] < MAX_PLATE_THICKNESS_SHARE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
     aside = np.abs(others.center[:, 1] - middle[1]) < 0.55 * (high - low)[1]
     meets = (others.bounds[:, 0, ::2] < high[::2]).all(axis=1) & (others.bounds[:, 1, ::2] > low[::2]).all(axis=1)
     best, largest = None, 0.0
@@ -228,10 +234,12 @@ def cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | N
         box = others.bounds[i]
         inside = points[((points > box[0] - 1e-6) & (points < box[1] + 1e-6)).all(axis=1)]
         tall = box[1, 2] - box[0, 2]
-        top = inside[inside[:, 2] > box[1, 2] - BEARING * tall]
+        top = inside[inside[:, 2] > box[1, 2] - BEARING_DEPTH_SHARE * tall]
         if len(top):
             largest = size[0] * size[1]
-            best = np.array([(top[:, 0].min() + top[:, 0].max()) / 2, middle[1], box[1, 2] - BEARING * tall])
+            best = np.array(
+                [(top[:, 0].min() + top[:, 0].max()) / 2, middle[1], box[1, 2] - BEARING_DEPTH_SHARE * tall]
+            )
     return best
 
 
@@ -255,16 +263,18 @@ def gun_guess(
     line = solids.axes[barrel, 0] * np.sign(solids.axes[barrel, 0] @ ahead or 1.0)
     start = solids.center[barrel] - line * solids.size[barrel, 0] / 2
     slender = solids.size[barrel, 0] > 5 * solids.size[barrel, 1]
-    tubes = solids.where(solids.size[:, 0] > ALIKE * solids.size[barrel, 0])
+    tubes = solids.where(solids.size[:, 0] > MIN_TWIN_BARREL_SHARE * solids.size[barrel, 0])
     aside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
-    several = aside > 2 * solids.size[barrel, 1] or (aside > 0.5 * solids.size[barrel, 1] and len(tubes) > TWIN)
+    several = aside > 2 * solids.size[barrel, 1] or (
+        aside > 0.5 * solids.size[barrel, 1] and len(tubes) > MAX_TWIN_BARRELS
+    )
     if several and held is not None:
         return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
     if several or not slender:
         return Pivot(rear, "the middle of its rear end", guessed=True)
     reach = (solids.bounds[:, 0] - start) @ line, (solids.bounds[:, 1] - start) @ line
     nearest, farthest = np.minimum(*reach), np.maximum(*reach)
-    thick = (solids.size[:, 1] > THICK * solids.size[barrel, 1]) & (nearest < 0.1 * solids.size[barrel, 0])
+    thick = (solids.size[:, 1] > MIN_MANTLET_RATIO * solids.size[barrel, 1]) & (nearest < 0.1 * solids.size[barrel, 0])
     thick &= (farthest < 0.5 * solids.size[barrel, 0]) & (
         np.linalg.norm(np.cross(solids.center - start, line), axis=1) < solids.size[:, 1]
     )
@@ -281,7 +291,7 @@ def gun_ends(
     """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
     low, high = own.min(axis=0), own.max(axis=0)
     # Tubes side by side are often wider than long.
-    axis = int((high - low)[1] > ASIDE * (high - low)[0])
+    axis = int((high - low)[1] > MIN_SIDEWAYS_RATIO * (high - low)[0])
     rear, front = (low + high) / 2, (low + high) / 2
     forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
     rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])

@@ -15,16 +15,16 @@ from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.wording import MOST_NAMES, quoted
 
-PAPER = 250.0  # gray around vehicles, of 255
-MAGENTA = 0.02  # of the pixels that have Blender's color of missing pictures
-BLACK = 0.003  # linear light; soot has 0.02, and only what no light reaches has less
-BLACKENED = 0.15  # of the pixels; between wheels and in hatches it's 0.04
+BACKGROUND_LEVEL = 250.0  # gray around vehicles, of 255
+MIN_MAGENTA_SHARE = 0.02  # of the pixels that have Blender's color of missing pictures
+MAX_BLACK_BRIGHTNESS = 0.003  # linear light; soot has 0.02, and only what no light reaches has less
+MIN_BLACK_SHARE = 0.15  # of the pixels; between wheels and in hatches it's 0.04
 NEARLY_BLACK, COLORLESS = 0.1, 0.01  # linear light: the lines around drawings, whose gloss has 0.05
-WHITE = 0.5  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
-TINT = 0.05
-ALL = 0.9  # of the pixels
-OPAQUE = 0.95  # alpha that lets nothing through that one sees
-GHOSTLY = 0.3  # of the pixels; windows have less
+MIN_WHITE_BRIGHTNESS = 0.5  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
+MAX_WHITE_TINT = 0.05
+MIN_WHITE_SHARE = 0.9  # of the pixels
+MIN_OPAQUE_ALPHA = 0.95  # alpha that lets nothing through that one sees
+MIN_GHOSTLY_SHARE = 0.3  # of the pixels; windows have less
 
 
 def color_doubts(
@@ -37,19 +37,22 @@ def color_doubts(
     alpha = picture[inside, 3]
     light = picture[inside, :3] / alpha[:, None]
     low, high, (red, green, blue) = light.min(axis=1), light.max(axis=1), light.T
-    magenta = np.mean((green < 0.1 * red) & (np.abs(red - blue) < 0.1 * red) & (red > WHITE))
-    black = np.mean((high < BLACK) & (alpha >= OPAQUE))
+    magenta = np.mean((green < 0.1 * red) & (np.abs(red - blue) < 0.1 * red) & (red > MIN_WHITE_BRIGHTNESS))
+    black = np.mean((high < MAX_BLACK_BRIGHTNESS) & (alpha >= MIN_OPAQUE_ALPHA))
     nearly_black = np.mean((high < NEARLY_BLACK) & (high - low < COLORLESS))
-    white, ghostly = np.mean((low > WHITE) & (high - low < TINT)), np.mean(alpha < OPAQUE)
+    white, ghostly = (
+        np.mean((low > MIN_WHITE_BRIGHTNESS) & (high - low < MAX_WHITE_TINT)),
+        np.mean(alpha < MIN_OPAQUE_ALPHA),
+    )
     clear = [row for row in report.materials if row.clear]
     doubts = []
 
     def doubt(kind: DoubtKind, share: np.floating, text: str) -> None:
         doubts.append(Doubt(kind, f"{100.0 * share:.0f} % of its picture is {text}"))
 
-    if magenta > MAGENTA and not report.missing:
+    if magenta > MIN_MAGENTA_SHARE and not report.missing:
         doubt(DoubtKind.MAGENTA, magenta, "magenta, Blender's color of missing pictures; look for them in Blender")
-    if black > BLACKENED or nearly_black > ALL:
+    if black > MIN_BLACK_SHARE or nearly_black > MIN_WHITE_SHARE:
         text = (
             "black in light from everywhere: faces on top of each other (merge them by distance in Blender) or a shell "
             "for an outline (name it in `drop`), since Cycles draws both sides of faces"
@@ -58,12 +61,12 @@ def color_doubts(
     if sum(row.share for row in clear) > 0.5:
         text = f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass"
         doubts.append(Doubt(DoubtKind.TRANSPARENT, text))
-    elif ghostly > GHOSTLY:
-        thin = [f"{row.name!r} has alpha {row.alpha:.3g}" for row in report.materials if row.alpha < OPAQUE]
+    elif ghostly > MIN_GHOSTLY_SHARE:
+        thin = [f"{row.name!r} has alpha {row.alpha:.3g}" for row in report.materials if row.alpha < MIN_OPAQUE_ALPHA]
         why = ", ".join(thin[:MOST_NAMES]) or "its textures have alpha"
         text = f"see-through: {why} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost"
         doubt(DoubtKind.TRANSPARENT, ghostly, text)
-    elif white > ALL:
+    elif white > MIN_WHITE_SHARE:
         named, unused = quoted(row.name for row in report.materials), beside()
         hint = f"; pictures beside it aren't used: {quoted(unused, most=4)}" if unused else ""
         which = f" ({named})" if named else ""
@@ -73,8 +76,8 @@ def color_doubts(
 
 
 def save_picture(picture: Float[np.ndarray, "h w 4"], path: Path) -> None:
-    """Write a picture, see `reading.blender.vehicle_picture`, on `PAPER` as PNG."""
+    """Write a picture, see `reading.blender.vehicle_picture`, on `BACKGROUND_LEVEL` as PNG."""
     light, alpha = picture[..., :3], picture[..., 3:].clip(0.0, 1.0)
     color = srgb_from_linear((light / np.maximum(alpha, 1e-6)).clip(0.0, 1.0))
-    pixels = 255.0 * alpha * color + PAPER * (1.0 - alpha)
+    pixels = 255.0 * alpha * color + BACKGROUND_LEVEL * (1.0 - alpha)
     Image.fromarray(np.rint(pixels).astype(np.uint8)).save(path)

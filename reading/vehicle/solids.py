@@ -17,9 +17,11 @@ from hulldown.geometry.transforms import apply
 from hulldown.reading.pieces.roles import Link, Piece
 
 MOST_SOLIDS = 4000  # solids that are kept, largest first
-ALIKE = 0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
+ROUND_TOLERANCE = (
+    0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
+)
 WIDEST_GAP = np.radians(65.0)  # between points on the rim of what is round: a hexagon is, a box is not
-RIM = 0.85  # of the largest radius: what lies beyond is the rim
+RIM_RADIUS_SHARE = 0.85  # of the largest radius: what lies beyond is the rim
 PARALLEL = float(np.cos(np.radians(4.0)))
 LEAST_WHEELS = 4
 FLAT_WHEELS = 0.5  # centers of wheels lie in one plane, give or take this share of their radius
@@ -148,12 +150,12 @@ def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.
     moments, vectors = np.linalg.eigh(off.T @ off)
     found = -1
     for distinct, pair in ((0, (1, 2)), (2, (0, 1))):
-        if len(cloud) < 8 or moments[pair[1]] - moments[pair[0]] > ALIKE * moments[pair[1]]:
+        if len(cloud) < 8 or moments[pair[1]] - moments[pair[0]] > ROUND_TOLERANCE * moments[pair[1]]:
             continue
         across = off @ vectors[:, list(pair)]
         across = across - (across.min(axis=0) + across.max(axis=0)) / 2
         reach = np.linalg.norm(across, axis=1)
-        rim = across[reach >= RIM * reach.max()]
+        rim = across[reach >= RIM_RADIUS_SHARE * reach.max()]
         angles = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
         if np.diff(angles, append=angles[0] + 2 * np.pi).max() < WIDEST_GAP:
             found = distinct

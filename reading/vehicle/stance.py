@@ -17,8 +17,8 @@ from hulldown.reading.vehicle.nose import Direction, find_forward
 from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 
 UPS = ("z", "-z", "y", "-y", "x", "-x")
-SUNK = 0.5  # radii: a vehicle that reaches lower than its wheels isn't upside down for sure
-CERTAIN = 6  # wheels on one plane that are sure
+MAX_SUNK_RADII = 0.5  # radii: a vehicle that reaches lower than its wheels isn't upside down for sure
+MIN_SURE_WHEELS = 6  # wheels on one plane that are sure
 UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
 NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
@@ -64,7 +64,7 @@ def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
     if axis is None:
         doubt = Doubt(DoubtKind.UP, "its wheels stand askew to the axes; set up, or turn it upright in Blender")
         return Direction(stated, "as the file states", doubt)
-    if axis and wheels.sunk > SUNK and axis.removeprefix("-") == stated.removeprefix("-"):
+    if axis and wheels.sunk > MAX_SUNK_RADII and axis.removeprefix("-") == stated.removeprefix("-"):
         return Direction(stated, "as the file states")  # it reaches beyond the wheels on both sides
     if axis == stated:
         return Direction(stated, f"as the file states, and {wheels.places} wheels")
@@ -72,7 +72,7 @@ def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
     doubt = Doubt(
         DoubtKind.UP, f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong', "up", axis
     )
-    sure = stated != "z" or (wheels.places >= CERTAIN and axis != f"-{stated}")
+    sure = stated != "z" or (wheels.places >= MIN_SURE_WHEELS and axis != f"-{stated}")
     return Direction(axis, f"{why}, not {stated} as the file states", None if sure else doubt)
 
 

@@ -11,22 +11,22 @@ from jaxtyping import Float
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import FIGURES, STAGES, first_match, words
-from hulldown.reading.pieces.roles import MUCH_LARGER, UNDERSIDE, Piece
+from hulldown.reading.pieces.roles import MAX_SUNK_SHARE, MUCH_LARGER, Piece
 from hulldown.reading.pieces.wording import as_key, quoted
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
 from hulldown.reading.vehicle.things import patterns_of, triangle_areas
 
-BELOW = 0.03  # of the vehicle's height: a tire pressed into the ground
-OUT = 0.1  # of the length of the rest
-APART = 0.02  # of the rest's length: least gap around it
+MAX_BELOW_SHARE = 0.03  # of the vehicle's height: a tire pressed into the ground
+MIN_OUTREACH_SHARE = 0.1  # of the length of the rest
+MIN_GAP_SHARE = 0.02  # of the rest's length: least gap around it
 BESIDE = (*STAGES, *FIGURES)  # without "plane", which armor plates are named too
-FAR = 0.08  # least gap if it can't belong to the rest
-SMALL = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
-HULL = 0.35  # of the surface: what has more is no stray
-MUCH = 0.05  # of the surface: no doubt proposes to drop more, but for sheets
-BULKY = 1.3  # a bulk is longer than the rest by this factor in two directions
-FLAT = 1e-4  # of its longest side: a sheet without thickness
-NAMES = 6  # that a sentence lists
+MIN_FAR_GAP_SHARE = 0.08  # least gap if it can't belong to the rest
+MAX_THING_DIAGONAL_SHARE = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
+MIN_HULL_SURFACE_SHARE = 0.35  # of the surface: what has more is no stray
+MAX_DROPPED_SURFACE_SHARE = 0.05  # of the surface: no doubt proposes to drop more, but for sheets
+MIN_BULK_RATIO = 1.3  # a bulk is longer than the rest by this factor in two directions
+FLAT_THICKNESS_SHARE = 1e-4  # of its longest side: a sheet without thickness
+MAX_LISTED_NAMES = 6  # that a sentence lists
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +62,7 @@ def find_strays(
     if wheels is not None:
         wheeled = np.unique(whole.solids.piece[wheels.index])
         loose = ~np.isin(np.arange(count), wheeled)
-        slack = BELOW * float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
+        slack = MAX_BELOW_SHARE * float(bounds[:, 1, 2].max() - bounds[:, 0, 2].min())
         low = bounds[:, 0, 2] < wheels.level - slack
         # If much is below the wheels, they aren't on the ground: tracks are around them, or skirts.
         low = low if low.sum() <= max(2, count // 10) else none
@@ -81,12 +81,14 @@ def find_strays(
             gap[i] = np.maximum(others[:, 0] - own[1], own[0] - others[:, 1]).max(axis=1).min()
         size, extent = np.ptp(bounds, axis=1), np.ptp(rest, axis=1)
         length = extent.max(axis=1)
-        sheets = loose & (size.min(axis=1) <= FLAT * size.max(axis=1))
-        sheets &= np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > OUT * length
-        around = loose & ((size > BULKY * extent).sum(axis=1) >= 2)
-        apart = loose & (gap >= APART * length)
-        small = np.linalg.norm(size, axis=1) < SMALL * np.linalg.norm(extent, axis=1)
-        far = apart & small & (gap >= FAR * length)
+        sheets = loose & (size.min(axis=1) <= FLAT_THICKNESS_SHARE * size.max(axis=1))
+        sheets &= (
+            np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > MIN_OUTREACH_SHARE * length
+        )
+        around = loose & ((size > MIN_BULK_RATIO * extent).sum(axis=1) >= 2)
+        apart = loose & (gap >= MIN_GAP_SHARE * length)
+        small = np.linalg.norm(size, axis=1) < MAX_THING_DIAGONAL_SHARE * np.linalg.norm(extent, axis=1)
+        far = apart & small & (gap >= MIN_FAR_GAP_SHARE * length)
     signs = {
         "hidden from the viewport, but rendered": hidden,
         "reaching below the wheels": low,
@@ -121,13 +123,13 @@ def find_strays(
     ]
     strays = []
     area = np.array([triangle_areas(p[meshes[m.mesh].faces]).sum() for p, m in zip(whole.points, pieces, strict=True)])
-    seen = np.isin(np.arange(count), list(out)) | ((area > HULL * area.sum()) & ~sheets)
+    seen = np.isin(np.arange(count), list(out)) | ((area > MIN_HULL_SURFACE_SHARE * area.sum()) & ~sheets)
     for what, mask in signs.items():
         own = np.flatnonzero(mask & ~seen)
         share = float(area[own].sum() / max(area.sum(), 1e-30))
         if len(own) and (drop := patterns_of(own.tolist(), [*pieces, *left_out])):
-            names = quoted((pieces[i].name for i in own), most=NAMES)
-            much = share > MUCH
+            names = quoted((pieces[i].name for i in own), most=MAX_LISTED_NAMES)
+            much = share > MAX_DROPPED_SURFACE_SHARE
             text = f"{names}: {what}" + (f", {100 * share:.0f} % of its surface" if much else "")
             strays.append(Stray(text, drop, small=not much or bool(sheets[own].all())))
         seen |= mask
@@ -152,7 +154,7 @@ def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarr
         return False
     low, high = _around(sure)
     own_low, own_high = own.min(axis=0), own.max(axis=0)
-    slack = UNDERSIDE * (high - low)[2]
+    slack = MAX_SUNK_SHARE * (high - low)[2]
     wider = (own_low < low)[:2].all() and (own_high > high)[:2].all()
     larger = np.prod((own_high - own_low)[:2]) > MUCH_LARGER * np.prod((high - low)[:2])
     if not (wider and larger and abs(own_low[2] - low[2]) < slack):

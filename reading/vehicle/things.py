@@ -19,20 +19,22 @@ from hulldown.reading.pieces.roles import Piece, is_wanted
 from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quoted
 from hulldown.reading.vehicle.solids import PlacedPieces, touching
 
-NEAR = 0.02  # of the longest piece: pieces closer than this are one thing
-LIKE = 0.5  # of the largest thing's diagonal: smaller ones belong to the nearest thing
-BULK = 0.15  # the same of its volume
-COUPLED = 0.15  # of their length: things this close in line are a truck and its trailer
+MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: pieces closer than this are one thing
+MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's diagonal: smaller ones belong to the nearest thing
+MIN_THING_VOLUME_SHARE = 0.15  # the same of its volume
+MAX_COUPLING_GAP_SHARE = 0.15  # of their length: things this close in line are a truck and its trailer
 IN_LINE = 0.8  # of the narrower one's width that faces the other
-SAME = 0.04  # of the longest side: bounds of copies agree within this
-CLOSE = 0.04  # of the diagonal: surfaces of copies are this close to each other ...
-MOSTLY = 0.85  # ... for this share of their area
-COPIED = 0.6  # of the surface has copies, if the vehicle is drawn several times
-COARSE = 0.5  # a hull for collisions or shadows has at most this share of the triangles that it encloses
-CONVEX = 0.95  # share of a convex hull's area that such a mesh has at least
+COPY_BOUNDS_TOLERANCE = 0.04  # of the longest side: bounds of copies agree within this
+COPY_SURFACE_TOLERANCE = 0.04  # of the diagonal: surfaces of copies are this close to each other ...
+MIN_COPIED_AREA_SHARE = 0.85  # ... for this share of their area
+MIN_COPIED_SURFACE_SHARE = 0.6  # of the surface has copies, if the vehicle is drawn several times
+MAX_COARSE_TRIANGLE_SHARE = (
+    0.5  # a hull for collisions or shadows has at most this share of the triangles that it encloses
+)
+MIN_CONVEX_AREA_SHARE = 0.95  # share of a convex hull's area that such a mesh has at least
 SAMPLES, TARGETS = 400, 4000  # points of a surface
-PIECES = 2000  # more are one thing
-NAMES = 6  # that a sentence lists
+MAX_PIECES = 2000  # more are one thing
+MAX_LISTED_NAMES = 6  # that a sentence lists
 
 
 def find_things(
@@ -40,24 +42,24 @@ def find_things(
 ) -> tuple[tuple[Thing, ...], list[Doubt]]:
     """Find what should be read by itself, as entries of a config, and doubts that propose their keys."""
     pieces = [*whole.pieces, *rest]
-    groups = side_by_side(whole.bounds) if len(whole.pieces) <= PIECES else []
+    groups = side_by_side(whole.bounds) if len(whole.pieces) <= MAX_PIECES else []
     if groups := groups or _library(whole):
         things = [_thing(whole, group, keep=patterns_of(group, pieces)) for group in groups]
         head = f"it holds {len(things)} things that share one label; if they're vehicles of their own,"
         if not all(thing.keep for thing in things):
             return (), [_several(f"{head} give the objects of each a name in common, and list the file once for each")]
-        listed = ", ".join(f"keep = {as_key(thing.keep)} ({_said(thing)})" for thing in things[:NAMES])
-        more = f" and {len(things) - NAMES} more" if len(things) > NAMES else ""
+        listed = ", ".join(f"keep = {as_key(thing.keep)} ({_said(thing)})" for thing in things[:MAX_LISTED_NAMES])
+        more = f" and {len(things) - MAX_LISTED_NAMES} more" if len(things) > MAX_LISTED_NAMES else ""
         text = f'{head} list the file once for each, with drop = ["*"] and {listed}{more}'
         return tuple(things), [_several(text)]
     if joined := side_by_side(whole.solids.bounds):
         text = f"{len(joined)} things side by side share an object, and a label; make each a file of its own in Blender"
         return (), [_several(text)]
-    spare = copies(whole, meshes) if 1 < len(whole.pieces) <= PIECES else []
+    spare = copies(whole, meshes) if 1 < len(whole.pieces) <= MAX_PIECES else []
     if not spare:
         return (), []
     drop = patterns_of(spare, pieces)
-    names = quoted((whole.pieces[i].name for i in spare), most=NAMES)
+    names = quoted((whole.pieces[i].name for i in spare), most=MAX_LISTED_NAMES)
     what = "other levels of detail, or meshes for collisions or shadows"
     key = f"set drop = {as_key(drop)}" if drop else "rename and drop them"
     text = f"{names}: drawn over the rest, and nearly as large; {key} if that's {what}"
@@ -85,11 +87,13 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
     """Return groups of pieces that are things of comparable size apart from each other; empty if it's one thing."""
     if len(bounds) < 2:
         return []
-    label = touching(bounds, NEAR * float(np.ptp(bounds, axis=1).max()))
+    label = touching(bounds, MAX_PIECE_GAP_SHARE * float(np.ptp(bounds, axis=1).max()))
     boxes = np.array([[bounds[label == k, 0].min(axis=0), bounds[label == k, 1].max(axis=0)] for k in np.unique(label)])
     size = np.ptp(boxes, axis=1)
     diagonal, volume = np.linalg.norm(size, axis=1), size.prod(axis=1)
-    large = np.flatnonzero((diagonal >= LIKE * diagonal.max()) & (volume >= BULK * volume.max()))
+    large = np.flatnonzero(
+        (diagonal >= MIN_THING_DIAGONAL_SHARE * diagonal.max()) & (volume >= MIN_THING_VOLUME_SHARE * volume.max())
+    )
     if len(large) < 2:
         return []
     gaps = np.maximum(boxes[:, None, 0] - boxes[None, large, 1], boxes[None, large, 0] - boxes[:, None, 1]).max(axis=2)
@@ -103,7 +107,7 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
 def _library(whole: PlacedPieces) -> list[list[int]]:
     """Return pieces in one place that are all called vehicles, of several kinds, and are all as large as one."""
     size = np.ptp(whole.bounds, axis=1)
-    large = (size >= LIKE * size.max(axis=0)).all(axis=1)
+    large = (size >= MIN_THING_DIAGONAL_SHARE * size.max(axis=0)).all(axis=1)
     kinds = [first_match(piece.name, VEHICLES) for piece in whole.pieces]
     several = len(kinds) > 1 and len(set(kinds)) > 1 and all(kinds) and bool(large.all())
     return [[i] for i in range(len(kinds))] if several else []
@@ -118,7 +122,11 @@ def _coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
     if along == 2:
         return True
     both = np.maximum(a[1], b[1])[:2] - np.minimum(a[0], b[0])[:2]
-    return bool(both[along] > 1.5 * both[1 - along] and gap[along] < COUPLED * length and shared[1 - along] > IN_LINE)
+    return bool(
+        both[along] > 1.5 * both[1 - along]
+        and gap[along] < MAX_COUPLING_GAP_SHARE * length
+        and shared[1 - along] > IN_LINE
+    )
 
 
 def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
@@ -139,7 +147,7 @@ def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
         else:
             spare.append(i)
             doubled[[i, twin]] = True
-    if area[doubled].sum() >= COPIED * area.sum():
+    if area[doubled].sum() >= MIN_COPIED_SURFACE_SHARE * area.sum():
         return sorted(spare)
     around = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
     for i in np.flatnonzero(_agree(bounds, around)).tolist():
@@ -147,7 +155,7 @@ def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
         if not _agree(bounds[i], np.array([bounds[others, 0].min(axis=0), bounds[others, 1].max(axis=0)])):
             continue
         cloud = _samples(np.concatenate([triangles[j] for j in others]))
-        finer, much_finer = (faces[i] <= share * faces[others].sum() for share in (1.0, COARSE))
+        finer, much_finer = (faces[i] <= share * faces[others].sum() for share in (1.0, MAX_COARSE_TRIANGLE_SHARE))
         if (finer and _alike(samples(i), cloud)) or (much_finer and _encloses(whole.points[i], float(area[i]), cloud)):
             return [i]
     return []
@@ -159,7 +167,11 @@ def _levels(whole: PlacedPieces) -> list[int]:
     found = np.unique(level[level >= 0])
     boxes = [whole.bounds[level == k] for k in found]
     boxes = [np.array([box[:, 0].min(axis=0), box[:, 1].max(axis=0)]) for box in boxes]
-    coarse = [k for k, box in zip(found[1:], boxes[1:], strict=True) if _agree(box, boxes[0], within=3 * SAME)]
+    coarse = [
+        k
+        for k, box in zip(found[1:], boxes[1:], strict=True)
+        if _agree(box, boxes[0], within=3 * COPY_BOUNDS_TOLERANCE)
+    ]
     return np.flatnonzero(np.isin(level, coarse)).tolist()
 
 
@@ -174,7 +186,7 @@ def _level(piece: Piece) -> int:
 
 
 def _agree(
-    a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = SAME
+    a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = COPY_BOUNDS_TOLERANCE
 ) -> Bool[np.ndarray, "*n"]:
     return np.abs(a - b).max(axis=(-1, -2)) <= within * float(np.ptp(b, axis=0).max())
 
@@ -197,8 +209,10 @@ def _samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
 
 def _alike(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
     """Return whether two surfaces are close to each other nearly everywhere."""
-    close = CLOSE * float(np.linalg.norm(np.ptp(a, axis=0)))
-    return all((cKDTree(to).query(of[:SAMPLES])[0] <= close).mean() >= MOSTLY for of, to in ((a, b), (b, a)))
+    close = COPY_SURFACE_TOLERANCE * float(np.linalg.norm(np.ptp(a, axis=0)))
+    return all(
+        (cKDTree(to).query(of[:SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a))
+    )
 
 
 def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
@@ -207,9 +221,9 @@ def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.nda
         hull = ConvexHull(points)
     except QhullError:
         return False
-    slack = CLOSE * float(np.ptp(points, axis=0).max())
+    slack = COPY_SURFACE_TOLERANCE * float(np.ptp(points, axis=0).max())
     inside = (cloud[:SAMPLES] @ hull.equations[:, :3].T + hull.equations[:, 3] <= slack).all(axis=1)
-    return bool(area >= CONVEX * hull.area and inside.mean() >= MOSTLY)
+    return bool(area >= MIN_CONVEX_AREA_SHARE * hull.area and inside.mean() >= MIN_COPIED_AREA_SHARE)
 
 
 def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:

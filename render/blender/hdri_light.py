@@ -23,7 +23,9 @@ from hulldown.render.blender.messages import LightInput
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
 MOST_MAPS = 16  # of HDRIs that are kept; each takes 0.8 MB
-FINE = 1024  # columns of an HDRI up to which the map has twice as many: with as many it overlooks flanks of small suns
+FINE_MAP_COLUMNS = (
+    1024  # columns of an HDRI up to which the map has twice as many: with as many it overlooks flanks of small suns
+)
 
 
 class HdriWorld:
@@ -132,7 +134,7 @@ def sky_map(width: int) -> int:
     light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP` change
     nothing (measured) until the map takes too long to build for each image.
     """
-    return 2 * width if width <= FINE else SKY_MAP
+    return 2 * width if width <= FINE_MAP_COLUMNS else SKY_MAP
 
 
 class _Veil:

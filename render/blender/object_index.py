@@ -20,7 +20,7 @@ from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CyclesSettings
 from hulldown.render.blender.scene import Stage
 
-FIRST = 30000  # first object number of vehicles; files number their own objects from 1
+FIRST_OBJECT_NUMBER = 30000  # first object number of vehicles; files number their own objects from 1
 DRESSED = "hulldown index"
 ONE_RAY = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
@@ -49,7 +49,7 @@ class IndexPictures:
         """Return the vehicle at each pixel's center."""
         for number, objects in enumerate(vehicles):
             for obj in objects:
-                obj.pass_index = FIRST + number
+                obj.pass_index = FIRST_OBJECT_NUMBER + number
         self._dress()
         pictures = [_numbers(self.stage.scene)]
         render, bare = self.stage.scene.render, self._bare
@@ -62,7 +62,7 @@ class IndexPictures:
             for obj in objects:
                 bare.collection.objects.unlink(obj)
         numbers = np.stack(pictures)
-        return np.where(numbers >= FIRST, numbers - FIRST + 1, 0).astype(np.uint8)
+        return np.where(numbers >= FIRST_OBJECT_NUMBER, numbers - FIRST_OBJECT_NUMBER + 1, 0).astype(np.uint8)
 
     def _dress(self) -> None:
         """Make all materials emit their objects' numbers, those of newly placed vehicles too."""

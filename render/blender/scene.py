@@ -34,7 +34,7 @@ from hulldown.render.blender.surfaces import Surfaces
 MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
-FAR = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
+CLIP_END_M = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
 
 
 class Stage:
@@ -143,7 +143,7 @@ class Stage:
             set_lens(data, intrinsics, camera.near)
         elif data.type != "PERSP":
             data.type = "PERSP"
-        data.clip_start, data.clip_end = camera.near, FAR
+        data.clip_start, data.clip_end = camera.near, CLIP_END_M
 
     def set_weather(self, weather: Weather | None, seed: int) -> None:
         """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.

@@ -6,7 +6,7 @@ import shapely
 
 from hulldown.camera.distortion import seen_radius
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR
+from hulldown.camera.projection import NEAR_M
 from hulldown.tests.oracles.clipping import clipped
 
 LENSES = {
@@ -27,7 +27,7 @@ def dense_extent(triangles: np.ndarray, intrinsics: Intrinsics, *, frame: bool) 
     radius = min(radius, WIDEST) if frame else radius
     found = []
     for triangle in triangles:
-        corners = np.array(clipped(triangle, [(0.0, 0.0, 1.0, -NEAR)])).reshape(-1, 3)
+        corners = np.array(clipped(triangle, [(0.0, 0.0, 1.0, -NEAR_M)])).reshape(-1, 3)
         flat = shapely.Polygon(corners[:, :2] / corners[:, 2:])
         if np.isfinite(radius):
             flat = flat.intersection(shapely.Point(0.0, 0.0).buffer(radius, quad_segs=CORNERS // 4))

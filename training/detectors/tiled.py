@@ -11,8 +11,10 @@ from jaxtyping import UInt8
 
 from hulldown.training.detectors.detector import Detections, Detector
 
-OVERLAP = 0.25  # share of a tile's sides
-SAME = 0.6  # share of the smaller of two boxes inside the other from which they're one object, which an edge may cut
+TILE_OVERLAP_SHARE = 0.25  # share of a tile's sides
+MIN_SAME_OBJECT_SHARE = (
+    0.6  # share of the smaller of two boxes inside the other from which they're one object, which an edge may cut
+)
 
 
 class TiledDetector:
@@ -26,8 +28,8 @@ class TiledDetector:
         self._slicer = sv.InferenceSlicer(
             partial(_found, detector),
             slice_wh=size,
-            overlap_wh=(int(OVERLAP * size[0]), int(OVERLAP * size[1])),
-            iou_threshold=SAME,
+            overlap_wh=(int(TILE_OVERLAP_SHARE * size[0]), int(TILE_OVERLAP_SHARE * size[1])),
+            iou_threshold=MIN_SAME_OBJECT_SHARE,
             overlap_metric=sv.OverlapMetric.IOS,
             batch_size=max(2, batch),  # from 2 on, the slicer passes lists
         )

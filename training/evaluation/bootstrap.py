@@ -27,14 +27,14 @@ from scipy.special import stdtrit
 
 from hulldown.training.evaluation.metrics import MEANS, ratio
 
-RESAMPLES = 2000
+RESAMPLE_COUNT = 2000
 LEAST_ERROR = 1e-150  # smallest error whose square doesn't underflow
-LEVEL = 0.95
-FEWEST = 5  # positions: with fewer, coverage wasn't measured, so there is no interval
+CONFIDENCE_LEVEL = 0.95
+MIN_POSITIONS = 5  # positions: with fewer, coverage wasn't measured, so there is no interval
 DRAWN_AT_ONCE = 1 << 22
 
 
-def resamples(groups: int, *, times: int = RESAMPLES) -> Iterator[Float[np.ndarray, "r groups"]]:
+def resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Float[np.ndarray, "r groups"]]:
     """Yield batches of resamples, `times` in all: the count of each group in each resample."""
     random = np.random.default_rng(0)
     rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
@@ -45,20 +45,20 @@ def resamples(groups: int, *, times: int = RESAMPLES) -> Iterator[Float[np.ndarr
 
 
 def resampled_sums(
-    sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLES
+    sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLE_COUNT
 ) -> Float[np.ndarray, "r *columns"]:
     """Sum over the groups of each resample; the resamples depend on the number of groups alone."""
     return np.concatenate([np.tensordot(weights, sums, 1) for weights in resamples(len(sums), times=times)])
 
 
 def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
-    """Return the standard error by resampling; nan with fewer groups than `FEWEST` or mostly undefined resamples."""
+    """Return the standard error by resampling; nan with fewer than `MIN_POSITIONS` groups or few defined resamples."""
     groups = np.asarray(groups, dtype=np.float64)
     known = ~np.isnan(resampled)
     count = known.sum(axis=0)
     mean = np.where(known, resampled, 0.0).sum(axis=0) / np.maximum(count, 1)
     variance = (np.where(known, resampled - mean, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)
-    enough = (groups >= FEWEST) & (2 * count > len(resampled))
+    enough = (groups >= MIN_POSITIONS) & (2 * count > len(resampled))
     return np.where(enough, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
 
 
@@ -70,7 +70,7 @@ def ratio_error(
     total = whole.sum(axis=0)
     off = part - ratio(part.sum(axis=0), total) * whole
     variance = ratio((off**2).sum(axis=0), total**2)
-    return np.where(groups >= FEWEST, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
+    return np.where(groups >= MIN_POSITIONS, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
 
 
 def share_interval(
@@ -143,4 +143,4 @@ def figure_intervals(
 
 
 def _quantile(freedom: ArrayLike) -> Float[np.ndarray, "..."]:
-    return np.asarray(stdtrit(np.maximum(freedom, 1.0), 0.5 + LEVEL / 2))
+    return np.asarray(stdtrit(np.maximum(freedom, 1.0), 0.5 + CONFIDENCE_LEVEL / 2))

@@ -15,7 +15,7 @@ from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.metrics import COUNTS, confusion, curves
 
-DIGITS = 6
+DECIMAL_DIGITS = 6
 CURVE_POINTS = 200
 Ends = list[float | None]  # of an interval
 
@@ -147,7 +147,7 @@ def plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
     if isinstance(value, float | np.floating):
-        return round(float(value), DIGITS) if math.isfinite(value) else None
+        return round(float(value), DECIMAL_DIGITS) if math.isfinite(value) else None
     return value
 
 

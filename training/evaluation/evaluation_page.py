@@ -16,7 +16,7 @@ from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
 from hulldown.dataset.labels.oriented_box import visible_corners
-from hulldown.dataset.reports.charts import BLUE, COLORS, GREEN, INK, LONGEST, RED, axes_of, short
+from hulldown.dataset.reports.charts import BLUE, COLORS, GREEN, INK, MAX_NAME_CHARACTERS, RED, axes_of, short
 from hulldown.dataset.reports.page import render
 from hulldown.pictures.drawing import BACKGROUND, contact_sheet
 from hulldown.training.evaluation.detector_report import DetectorReport
@@ -82,7 +82,11 @@ def comparison_page(
             "columns": {name: report.overall for name, report in reports.items()},
             "curves": {"precision over recall of each": precision_recall(evaluations)},
             "changes": [
-                (f"{FIGURES[key]}: {one.second[:LONGEST]}", one.difference[key], one.intervals[key].tolist())
+                (
+                    f"{FIGURES[key]}: {one.second[:MAX_NAME_CHARACTERS]}",
+                    one.difference[key],
+                    one.intervals[key].tolist(),
+                )
                 for one in compared
                 for key in COMPARED
             ],

@@ -22,7 +22,7 @@ from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import clipped
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 
-READERS = 4  # threads that check pictures before training
+READER_THREADS = 4  # threads that check pictures before training
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -137,7 +137,7 @@ def check_pictures(
 ) -> dict[str, CheckedPictures]:
     """Read every picture of every source; return their hashes by the source's name."""
     checked, done, total = {}, 0, sum(map(len, sources))
-    with ThreadPoolExecutor(READERS) as pool:
+    with ThreadPoolExecutor(READER_THREADS) as pool:
         for source in sources:
             found: list[tuple[bytes, Bool[np.ndarray, "256"] | None]] = []
             paths = [source.folder / name for name in source.file_names]

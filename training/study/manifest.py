@@ -36,7 +36,7 @@ from hulldown.training.subset import nested_subsets, subset_name
 
 MANIFEST_NAME, RUNS_NAME, LOGS_NAME = "study.json", "runs", "logs"
 KEY_DIGITS = 10
-DROWNED = 0.2  # share of the draws below which photographs may be too rare
+MIN_PHOTOGRAPH_SHARE = 0.2  # share of the draws below which photographs may be too rare
 MOST_LISTED = 10  # pairs of pictures that an error names
 
 
@@ -144,11 +144,13 @@ def settle(config: StudyConfig) -> Manifest:
         runs.append(run)
         if not run.drawn.get("real", 1):
             warnings.append(f"{run.name} draws no photograph: raise budget, or leave the arm {run.arm} out")
-        drowned |= run.base == "mixed" and 0 < run.drawn["real"] < DROWNED * budget
+        drowned |= run.base == "mixed" and 0 < run.drawn["real"] < MIN_PHOTOGRAPH_SHARE * budget
         if run.arm == "real":
             warnings += _missing(run, sources["real"], photographs, classes)
     if drowned and "balanced" not in [arm.base for arm in config.named_arms]:
-        warnings.append(f"mixed: renders have over {1 - DROWNED:.0%} of some draws; add the arm balanced to compare")
+        warnings.append(
+            f"mixed: renders have over {1 - MIN_PHOTOGRAPH_SHARE:.0%} of some draws; add the arm balanced to compare"
+        )
     return Manifest(config=config, classes=classes, datasets=datasets, runs=tuple(runs), warnings=tuple(warnings))
 
 

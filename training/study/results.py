@@ -48,7 +48,7 @@ TITLES = {
     "ap": "AP",
 }
 MEASURES = tuple(TITLES)[len(COUNTS) :]
-ENOUGH = 10  # least labels of a reported bin
+MIN_BIN_LABELS = 10  # least labels of a reported bin
 
 
 @dataclass(frozen=True, eq=False, slots=True)

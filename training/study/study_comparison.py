@@ -18,8 +18,8 @@ from hulldown.training.study.arms import ARM_KINDS, ArmKind
 from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, predictions_paths, read_manifest
 from hulldown.training.study.results import (
     COUNTS,
-    ENOUGH,
     MEASURES,
+    MIN_BIN_LABELS,
     TITLES,
     BinDifference,
     Cell,
@@ -291,7 +291,7 @@ def worth_words(name: str, measure: str, found: Equivalent) -> str:
 
 def bin_words(found: Sequence[BinDifference]) -> list[str]:
     """Return sentences about the bins with the largest gains and losses of recall whose interval excludes 0."""
-    known = [(one, one.interval) for one in found if one.interval and one.labels >= ENOUGH]
+    known = [(one, one.interval) for one in found if one.interval and one.labels >= MIN_BIN_LABELS]
     known.sort(key=lambda pair: -pair[0].difference)
     gained = [(one, ends) for one, ends in known if ends[0] > 0][:MOST_BINS]
     lost = [(one, ends) for one, ends in reversed(known) if ends[1] < 0][:MOST_BINS]

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from hulldown.dataset.reports.charts import COLORS, INK, SOFT, differences, tidy
 from hulldown.dataset.reports.page import number, ranged, render
 from hulldown.training.study.arms import ARM_KINDS
-from hulldown.training.study.results import COUNTS, ENOUGH, MEASURES, TITLES
+from hulldown.training.study.results import COUNTS, MEASURES, MIN_BIN_LABELS, TITLES
 from hulldown.training.study.study_comparison import ReportedCell, StudyReport
 from hulldown.training.subset import subset_name
 
@@ -31,7 +31,7 @@ PAPER = {
 PAPER_FIGURES = ("precision", "recall", "f1")
 SPARE = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
 PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
-BARS = 0.8  # share of the width for the bars of one measure
+BARS_WIDTH_SHARE = 0.8  # share of the width for the bars of one measure
 
 
 def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
@@ -47,7 +47,7 @@ def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
         words = "AP50, F1, recall and precision of each arm over the number of photographs, with bands"
         found["over_photographs"] = words, over_photographs(report.cells, OVER)
     for name, one in report.bins.items():
-        rows = [row for row in one.rows if row.interval is not None and row.labels >= ENOUGH][:MOST_BARS]
+        rows = [row for row in one.rows if row.interval is not None and row.labels >= MIN_BIN_LABELS][:MOST_BARS]
         if rows:
             bars = [(f"{row.field}: {row.bin} (n {row.labels})", row.difference, *(row.interval or ())) for row in rows]
             xlabel = "difference of recall (gray: the interval includes 0)"
@@ -105,7 +105,7 @@ def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
     axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
     for axis, keys in zip(axes, PANELS, strict=True):
         for k, cell in enumerate(cells):
-            width = BARS / len(cells)
+            width = BARS_WIDTH_SHARE / len(cells)
             _bars(axis, cell, keys, shift=(k - (len(cells) - 1) / 2) * width, width=width)
         axis.set_xticks(range(len(keys)), [TITLES[key] for key in keys])
         tidy(axis)

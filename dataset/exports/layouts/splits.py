@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path, PurePosixPath
 
 from hulldown.assets.coco_types import Record
-from hulldown.assets.picture_files import DECODERS, read_picture
+from hulldown.assets.picture_files import DECODER_THREADS, read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import sha256_of
 from hulldown.dataset.images import Category, Image, Label
@@ -82,7 +82,7 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
             return f"{name} cannot be read ({error.strerror})"
         return path
 
-    with ThreadPoolExecutor(DECODERS) as pool:
+    with ThreadPoolExecutor(DECODER_THREADS) as pool:
         found = list(pool.map(checked, images))
     wrong = [problem for problem in found if isinstance(problem, str)]
     refuse_all(wrong, "picture", folder, remedy="replace them or delete their records")

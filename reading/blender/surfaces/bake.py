@@ -19,10 +19,10 @@ from hulldown.reading.blender.surfaces.nodes import material_output, trees, upst
 from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, lookup_of
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
-NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
-FEWEST = 4  # pixels along each side of a picture that Blender renders
+CYCLES_NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
+MIN_BAKE_PX = 4  # pixels along each side of a picture that Blender renders
 UNIT = np.array([[0.0, 0.0], [1.0, 1.0]])
-WIDEST = 16.0  # times that an image may repeat in what is baked
+MAX_REPEATS = 16.0  # times that an image may repeat in what is baked
 # Nodes whose outputs follow from their inputs.
 PLAIN = (
     *("Math", "VectorMath", "Mix", "MixRGB", "MapRange", "Clamp", "ValToRGB", "Invert", "RGBCurve", "FloatCurve"),
@@ -45,9 +45,9 @@ def opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
                 shown.append(copy)
         rows = _render(shown, "", UNIT, (len(GRADES), 1))[:, 0] if shown else np.empty((0, 0))
     for (key, lookup), curve in zip(lookups.items(), rows, strict=True):
-        is_texel = bool(np.abs(curve - GRADES).max() <= NOISE)
-        one_way = (np.diff(curve) >= -NOISE).all() or (np.diff(curve) <= NOISE).all()
-        if lookup is None or (np.ptp(curve) <= NOISE and lookup.bounded()):
+        is_texel = bool(np.abs(curve - GRADES).max() <= CYCLES_NOISE)
+        one_way = (np.diff(curve) >= -CYCLES_NOISE).all() or (np.diff(curve) <= CYCLES_NOISE).all()
+        if lookup is None or (np.ptp(curve) <= CYCLES_NOISE and lookup.bounded()):
             found[key] = round(float(curve[0]), 6)
         elif one_way and (is_texel or lookup.bounded()):
             found[key] = replace(lookup, curve=None if is_texel else curve)
@@ -146,7 +146,7 @@ def _range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
         uv = coordinates(mesh, layer)
         if uv is not None and len(uv):
             low, high = np.minimum(low, uv.min(axis=0)), np.maximum(high, uv.max(axis=0))
-    if (high - low).max() > WIDEST:
+    if (high - low).max() > MAX_REPEATS:
         raise NotUnderstoodError(f"nodes whose texture repeats {(high - low).max():.0f} times")
     return np.stack([low, high])
 
@@ -161,7 +161,7 @@ def _render(
     scene, lens = bpy.data.scenes.new("hulldown bake"), bpy.data.cameras.new("hulldown bake")
     mesh = bpy.data.meshes.new("hulldown bake")
     (width, height), count = size, len(materials)
-    seen = np.maximum([width, count * height], FEWEST)
+    seen = np.maximum([width, count * height], MIN_BAKE_PX)
     x, y = np.array([width, height]) / seen.max()
     ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # of a rectangle's corners, along both sides
     points = [(x * i, y * (k + j), 0.0) for k in range(count) for i, j in ends]

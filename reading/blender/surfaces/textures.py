@@ -18,7 +18,7 @@ from hulldown.reading.pieces.asset_report import Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 TILES = "<UDIM>"
-DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
+SEARCH_DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
 TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
 PICTURES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
 MOST_FILES = 20_000  # files that are looked at for them
@@ -81,7 +81,7 @@ def _files_near(path: Path) -> Iterator[Path]:
     own = [path.parent, Path(os.path.realpath(path)).parent]
     children = [child for around in readable if around not in own for child in around.glob("*")]
     folders = own + [child for child in children if child.name.lower() in TEXTURES and child.is_dir()]
-    levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, DEPTH + 2)]
+    levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, SEARCH_DEPTH + 2)]
     files = islice(chain.from_iterable(levels), MOST_FILES)
     return (file for file in files if file.is_file() and is_inside(file, readable))
 
