@@ -138,7 +138,7 @@ def test_a_warning_is_one_line(tmp_path):
 
 @pytest.mark.blender
 def test_doctor_prints_json_in_any_folder(tmp_path):
-    (tmp_path / "rendering").mkdir()
+    (tmp_path / "render").mkdir()
     for shadow in ("render/__init__.py", "bpy.py"):
         (tmp_path / shadow).write_text("raise RuntimeError('not what was meant')")
     ran = run_apart("doctor", "--json", cwd=tmp_path)
