@@ -111,7 +111,7 @@ def join_datasets(
     >>> with CocoDataset.open(part, categories=["truck"]) as dataset:
     ...     (part / "1.jpg").touch()
     ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [])
-    >>> join([part], whole)
+    >>> join_datasets([part], whole)
     Joined(added=1, already=0, failed=0, missing=0)
     """
     folder = Path(output)

@@ -303,7 +303,7 @@ def light_within_limits(row, config):
             (KINDS[kind].visibility, row.weather.visibility_m),
             (KINDS[kind].rate, row.weather.rain_mm_h),
         ):
-            assert key is None or within(value, getattr(config.weather, key.name))
+            assert not key or within(value, getattr(config.weather, key))
     assert row.target.air_contrast >= config.weather.min_contrast - ROUNDED
     for vehicle in row.planned:
         away = np.linalg.norm(to_camera(SHAPES[vehicle.vehicle], vehicle, row))

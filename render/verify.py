@@ -74,7 +74,7 @@ def verify_dataset(
     >>> folder = mkdtemp()
     >>> with CocoDataset.open(folder, categories=["truck"]) as dataset:
     ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [])
-    >>> print(*verify(folder))
+    >>> print(*verify_dataset(folder))
     error: 1.jpg: is missing
     """
     if masks is not None and plan is None:

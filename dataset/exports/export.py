@@ -109,7 +109,7 @@ def export_dataset(
     >>> with CocoDataset.open(folder, categories=["truck"]) as dataset:
     ...     Image.new("RGB", (64, 48)).save(folder / "1.png")
     ...     _ = dataset.append({"file_name": "1.png", "width": 64, "height": 48}, [])
-    >>> export(folder, out, layout="yolo", fractions=(1.0, 0.0, 0.0))
+    >>> export_dataset(folder, out, layout="yolo", fractions=(1.0, 0.0, 0.0))
     {'train': 1, 'valid': 0, 'test': 0}
     """
     if layout not in LAYOUTS:

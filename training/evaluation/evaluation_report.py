@@ -87,7 +87,7 @@ def evaluate_detections(
     ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [label])
     >>> result = {"image_id": 1, "category_id": 1, "bbox": [10, 10, 80, 40], "score": 0.9}
     >>> _ = (folder / "found.json").write_bytes(orjson.dumps([result]))
-    >>> evaluate(folder, folder / "found.json", folder / "report").overall.recall
+    >>> evaluate_detections(folder, folder / "found.json", folder / "report").overall.recall
     1.0
     """
     if not (isinstance(threshold, int | float) and 0 <= threshold <= 1):
