@@ -20,8 +20,8 @@ from hulldown.demo.make_assets import FILES, build_demo_assets
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.settings import load_settings
-from hulldown.training.study.manifest import PlannedRun
 from hulldown.training.study.results import Cell, Judged, cells, estimate, judge
+from hulldown.training.study.study_folder import StudyRun
 
 # Cameras of the stand-ins. The default one is at 3 to 35 degrees, and half of its targets fill less than 0.13 of the
 # image's height. Stand-ins as small as those have no class that this detector could see.
@@ -97,11 +97,8 @@ def judged(run: Path, photographs: Path, *, arm: str, seed: int) -> Judged:
     """A detector's figures on the test photographs, at the threshold that is best on the validation photographs."""
     splits = {name: photographs / name for name in ("test", "valid")}
     labels = {name: read_labels(folder) for name, folder in splits.items()}
-    about = PlannedRun(
-        name=run.name, folder=run.name, arm=arm, base="synthetic", fraction=None, seed=seed, photographs=0,
-        sources=ARMS[arm], drawn={}, settings=load_settings(None, SETTINGS),
-    )  # fmt: skip
-    return judge(about, labels, {name: found(run, folder) for name, folder in splits.items()})
+    about = StudyRun(arm, "synthetic", None, seed, load_settings(None, SETTINGS))
+    return judge(about, labels, {name: found(run, folder) for name, folder in splits.items()}, photographs=0)
 
 
 def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:

@@ -107,8 +107,8 @@ def local_cluster(workers: int, *, port: int) -> Iterator[str]:
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                resources={RESOURCE: 1, "train": 1},
-                memory_limit=0,  # Dask sees only its own process; `render.process` watches Blender
+                resources={RESOURCE: 1},
+                memory_limit=0,  # Dask sees only its own process; `rendering.process` watches Blender
                 host=HOST,
                 scheduler_port=port,
                 dashboard_address=f"{HOST}:0",

@@ -37,7 +37,7 @@ from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.settings import OWN_AUGMENTATIONS, load_settings
 from hulldown.training.predict import load_detector
-from hulldown.training.study.manifest import read_manifest
+from hulldown.training.study.study_folder import read_study
 from hulldown.training.videos import read_video
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
@@ -55,7 +55,7 @@ VOC = f"<annotation><filename>1.png</filename><object><name>tank</name>{BOX}</ob
 GLTF = {"asset": {"version": "2.0"}, "buffers": [{"uri": "m.bin", "byteLength": 3}]}
 RUNS = {"plans": {"a": {"blender": ["5.0"], "devices": ["CPU"], "systems": ["Linux"], "confinement": ["none"]}}}
 FOUND = [{"image_id": 1, "category_id": 1, "bbox": [9, 9, 20, 20], "score": 0.5}]
-STUDY = {"config": {}, "classes": ["tank"], "datasets": {}, "runs": []}
+STUDY = {"config": {}, "classes": ["tank"], "datasets": {}}
 
 
 def encoded(value: object) -> bytes:
@@ -163,7 +163,7 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
         (OWN_AUGMENTATIONS / "table1.yaml").read_bytes,
         lambda path: Augmenter(load_settings(None, {"augmentation": str(path)}).augmentation),
     ),
-    "study": ("study.json", lambda: encoded(STUDY), lambda path: read_manifest(path.parent)),
+    "study": ("study.json", lambda: encoded(STUDY), lambda path: read_study(path.parent)),
     "weights": ("w.pt", weights, lambda path: load_detector(path, "cpu")),
     "tensors": (
         "w/model.safetensors",

@@ -4,9 +4,7 @@ import json
 import os
 import shutil
 import signal
-from contextlib import closing
 
-import numpy as np
 import pytest
 import tomlkit
 from filelock import FileLock
@@ -18,12 +16,11 @@ from hulldown.tests.editing import edit
 from hulldown.tests.networks import RUN, tiny_weights
 from hulldown.tests.test_train import CONFIG, in_child, weights
 from hulldown.tests.training_pictures import make_dataset, make_datasets
-from hulldown.training.run_folder import LOCK_NAME, RunFolder
-from hulldown.training.study.arms import ARM_KINDS, arm_draws
+from hulldown.training.inputs.sources import read_sources
+from hulldown.training.run_folder import LOCK_NAME
 from hulldown.training.study.config import load_study
-from hulldown.training.study.manifest import predictions_paths, read_manifest, settle, study_runs
-from hulldown.training.study.run_process import run_one
-from hulldown.training.study.runs import RunOptions, in_processes, read_failures, run_study
+from hulldown.training.study.study_folder import prepare_study, read_study, study_runs, study_warnings
+from hulldown.training.study.train_study import train_study
 
 SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}  # with the weights of `tiny_weights`
 NANO = {"model": "nano", "resolution": 64, "budget": 4, "batch": 1, "weights": "none", "queries": 8, "groups": 1}
@@ -43,54 +40,45 @@ def written(folder, path, *, train=SMALL, **keys):
     return path
 
 
-def settled(folder, path, **keys):
-    return settle(load_study(written(folder, path / "study.toml", **keys)))
+def config_of(folder, path, **keys):
+    return load_study(written(folder, path / "study.toml", **keys))
 
 
-def here(study, names, options, progress):
-    """Runs in this process."""
-    for number, name in enumerate(names, 1):
-        reason = None
-        try:
-            run_one(study, name, options, lambda what, *done, at=f"{name} ({number})": progress(f"{at}: {what}", *done))
-        except HulldownError as error:
-            reason = str(error)
-        yield name, reason
-
-
-def pretend(study, out, name, found=None):
+def pretend(out, run, found):
     """Write the files of a finished run with detections in test and validation pictures, without training."""
-    run = study.run(name)
-    folder = out / "runs" / run.folder
+    folder, study = out / "runs" / run.name, read_study(out)
     folder.mkdir(parents=True)
     (folder / "weights.pt").write_bytes(b"")
-    (folder / "run.json").write_text(json.dumps(RUN))
-    for which, path in predictions_paths(out, study, run).items():
-        path.write_text(json.dumps(found[which] if found else []))
+    sizes = {name: len(read_sources({name: path})[1][0]) for name, path in run.data(study, out).items()}
+    sources = {name: RUN["sources"]["real"] | {"images": n, "drawn": 12} for name, n in sizes.items()}
+    (folder / "run.json").write_text(json.dumps(RUN | {"sources": sources}))
+    for which in study.judged:
+        (folder / f"{which}.json").write_text(json.dumps(found[which]))
 
 
-def study_in_child(study, out, *, kill_at=None):
+def quiet(what, done, total):
+    """No progress."""
+
+
+def study_in_child(config, out, *, kill_at=None):
     """Run a study on one thread in a separate process, which kills itself at (run's name, what, done)."""
 
     def progress(what, done, total):
         if kill_at is not None and all(word in what for word in kill_at[:2]) and done == kill_at[2]:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    return in_child(lambda: run_study(study, out, options=RunOptions("cpu", 0), launch=here, progress=progress))
+    return in_child(lambda: train_study(config, out, device="cpu", workers=0, progress=progress))
 
 
 def tree(out):
-    """Files that must be equal in two studies: weights, draws, detections."""
-    manifest = read_manifest(out)
-    found = {}
-    for run in manifest.runs:
-        folder = out / "runs" / run.folder
-        found[run.name] = (
+    """Files that must be equal in two studies: weights and detections."""
+    return {
+        folder.name: (
             {key: value.numpy().tobytes() for key, value in weights(folder).items()},
-            manifest.draws(run).digest,
-            [path.read_bytes() for path in sorted(folder.glob("test-*.json")) if ".info" not in path.name],
+            (folder / "test.json").read_bytes(),
         )
-    return found
+        for folder in (out / "runs").iterdir()
+    }
 
 
 @pytest.mark.parametrize(
@@ -106,7 +94,7 @@ def tree(out):
     ids=["small", "nano"],
 )
 def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, keys, kills):
-    study = settled(pictures, tmp_path, **keys)
+    study = written(pictures, tmp_path / "study.toml", **keys)
     assert study_in_child(study, tmp_path / "alone") == 0
     for kill in kills:
         assert study_in_child(study, tmp_path / "killed", kill_at=kill) == -signal.SIGKILL
@@ -115,101 +103,45 @@ def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, k
     assert len(tree(tmp_path / "alone")) == (4 if not keys else 2)
 
 
-@pytest.mark.parametrize("arm", ARM_KINDS)
-def test_draws_add_up_to_the_budget(arm):
-    photographs, budget = np.array([2, 3, 7]), 600
-    draws = arm_draws(arm, photographs, 9, budget=budget, seed=1)
-    assert len(draws) == 600
-    by_source = {name: draws.image[draws.source == k] for k, name in enumerate(ARM_KINDS[arm].sources)}
-    assert sum(map(len, by_source.values())) == len(draws)
-    if "real" in by_source:
-        assert set(by_source["real"].tolist()) == {2, 3, 7}
-    if "synthetic" in by_source:
-        assert set(by_source["synthetic"].tolist()) == set(range(9))
-    share = {"real": 1.0, "mixed": 0.25, "balanced": 0.5}.get(arm, 0.0)
-    assert len(by_source.get("real", ())) / len(draws) == pytest.approx(share, abs=0.05)
+def drawn(out, name):
+    """Names of the photographs that a run can draw."""
+    run = next(run for run in study_runs(read_study(out).config) if run.name == name)
+    return set(read_sources(run.data(read_study(out), out))[1][0].file_names)
 
 
 def test_seeds_are_complete_and_smaller_fractions_are_subsets_of_larger_ones(pictures, tmp_path):
-    keys = {"arms": ["real", "mixed", "synthetic"], "fractions": [1.0, 0.5, 0.25], "seeds": [0, 1]}
-    study = settled(pictures, tmp_path, train=SMALL | {"budget": 600}, **keys)  # so that every picture is drawn
-    runs = study.runs
-    shared = [f"{arm}-{share}" for share in (100, 50, 25) for arm in ("real", "mixed")]
+    keys = {"arms": ["real", "mixed", "balanced", "synthetic"], "fractions": [1.0, 0.5, 0.25], "seeds": [0, 1]}
+    study = prepare_study(config_of(pictures, tmp_path, **keys), tmp_path / "out")
+    runs = study_runs(study.config)
+    shared = [f"{arm}-{share}" for share in (100, 50, 25) for arm in ("real", "mixed", "balanced")]
     assert [run.name for run in runs] == [f"{name}-seed{seed}" for seed in (0, 1) for name in (*shared, "synthetic")]
-    drawn = {}
-    for run in runs:
-        draws = study.draws(run)
-        drawn[run.name] = set(draws.image[draws.source == 0].tolist()) if "real" in run.sources else set()
-        assert sum(run.drawn.values()) == len(draws) == run.settings.budget
-    for seed in (0, 1):
-        few, half, whole = (drawn[f"real-{share}-seed{seed}"] for share in (25, 50, 100))
-        assert few < half < whole
-        assert drawn[f"mixed-25-seed{seed}"] <= few
-    assert drawn["real-25-seed0"] != drawn["real-25-seed1"]
+    few, half, whole = (drawn(tmp_path / "out", f"real-{share}-seed0") for share in (25, 50, 100))
+    assert few < half < whole
+    assert (len(few), len(whole)) == (4, 16)
+    assert drawn(tmp_path / "out", "mixed-25-seed0") == few != drawn(tmp_path / "out", "real-25-seed1")
+    assert {run.arm: run.settings.shares for run in runs} == {
+        "real": {}, "mixed": {}, "synthetic": {}, "balanced": {"real": 0.5, "synthetic": 0.5},
+    }  # fmt: skip
 
 
-def test_a_runs_folder_is_named_by_all_its_inputs(pictures, tmp_path):
-    def folders(**keys):
-        return {run.name: run.folder for run in settled(pictures, tmp_path, **keys).runs}
-
-    before = folders()
-    assert before == folders(iou=0.6)
-    assert not {*folders(train=SMALL | {"learning_rate": 0.001}).values()} & {*before.values()}
+def test_other_data_are_refused_and_other_settings_set_a_run_aside(pictures, tmp_path):
+    out = tmp_path / "out"
+    prepare_study(config_of(pictures, tmp_path), out)
     changed = make_dataset(tmp_path / "synthetic", 12, seed=9)
-    differing = {name for name, folder in folders(synthetic=str(changed)).items() if folder != before[name]}
-    assert differing == {"mixed-100-seed0", "mixed-50-seed0"}
-
-
-def refuse(out, run):
-    """Put another run's config into a run's folder, so that it fails."""
-    other = out / "runs" / run.folder / "config.json"
+    with pytest.raises(HulldownError, match=r"out: the study in this folder has another synthetic; name a new folder"):
+        prepare_study(config_of(pictures, tmp_path, synthetic=str(changed)), out)
+    other = out / "runs" / "real-100-seed0" / "config.json"
     other.parent.mkdir(parents=True)
     other.write_text(json.dumps(CONFIG))
-    (out / "study.json").touch()
-
-
-def test_a_failed_run_is_set_aside_and_the_others_continue(pictures, tmp_path):
-    study, out, options = settled(pictures, tmp_path, fractions=[1.0]), tmp_path / "out", RunOptions("cpu", 0)
-    real, mixed = study.runs
-    refuse(out, real)
-    done = run_study(study, out, options=options, launch=here)
-    assert (done.finished, list(done.failed)) == ((mixed.name,), [real.name])
-    assert "the run in this folder has" in done.failed[real.name]
-    assert read_failures(out) == done.failed
-    (out / "runs" / real.folder / "config.json").unlink()
-    again = run_study(study, out, options=options, launch=here)
-    assert (again.finished, again.already, again.failed) == ((real.name,), (mixed.name,), {})
-    assert read_failures(out) == {}
-
-
-def test_two_slots_run_two_runs_at_once_and_the_end_stops_what_runs(pictures, tmp_path):
-    study, out = settled(pictures, tmp_path, fractions=[1.0], train=SMALL | {"budget": 40_000}), tmp_path / "out"
-    (real, mixed), options = study.runs, RunOptions("cpu", 0)
-    refuse(out, mixed)
-
-    def launch(study, names, options, progress):
-        with closing(in_processes(study, names, [options, options], progress)) as ended:
-            yield next(ended)  # the second run; in sequence, the first would end first
-
-    done = run_study(study, out, options=options, launch=launch)
-    assert (done.finished, list(done.failed)) == ((), [mixed.name])
-    folder = RunFolder(out / "runs" / real.folder)
-    folder.path.mkdir(exist_ok=True)
-    with FileLock(folder.path / LOCK_NAME, timeout=60):
-        assert folder.finished() is None
-
-
-def test_a_run_in_a_separate_process_finishes_or_fails_with_its_reason(pictures, tmp_path):
-    study = settled(pictures, tmp_path, fractions=[1.0])
-    real, mixed = study.runs
-    refuse(tmp_path / "out", mixed)
-    steps = []
-    # With a loader process, since a forked process must not wait for a lock of its parent.
-    done = run_study(study, tmp_path / "out", options=RunOptions("cpu", 1), progress=lambda *told: steps.append(told))
-    assert done.finished == (real.name,)
-    assert (f"{real.name} (1 of 2): training", 6, 6) in steps
-    assert (f"{real.name} (1 of 2): looking at test", 8, 8) in steps
-    assert "the run in this folder has" in done.failed[mixed.name]
+    config = written(pictures, tmp_path / "study.toml", fractions=[1.0])
+    done = train_study(config, out, device="cpu", workers=0, progress=quiet)
+    assert (done.finished, list(done.failed)) == (("mixed-100-seed0",), ["real-100-seed0"])
+    assert "the run in this folder has" in done.failed["real-100-seed0"]
+    other.unlink()
+    with FileLock(other.parent / LOCK_NAME):
+        assert train_study(config, out, device="cpu", workers=0, progress=quiet).elsewhere == ("real-100-seed0",)
+    again = train_study(config, out, device="cpu", workers=0, progress=quiet)
+    assert (again.finished, again.already, again.failed) == (("real-100-seed0",), ("mixed-100-seed0",), {})
 
 
 @pytest.mark.parametrize(
@@ -239,11 +171,11 @@ def test_the_error_of_a_mistake_in_a_config_names_file_and_key(pictures, tmp_pat
 def test_a_source_without_a_class_is_refused_before_training(pictures, tmp_path):
     other = make_dataset(tmp_path / "other", 8, seed=3, classes=("square", "ring"))
     with pytest.raises(HulldownError, match=r"the classes of synthetic are 'ring', 'square', those of real are 'disc'"):
-        settled(pictures, tmp_path, synthetic=str(other))
+        prepare_study(config_of(pictures, tmp_path, synthetic=str(other)), tmp_path / "out")
     squares = make_dataset(tmp_path / "squares", 8, seed=3)
     edit(squares, lambda coco: coco.update(annotations=[a for a in coco["annotations"] if a["category_id"] == 1]))
     with pytest.raises(HulldownError, match="synthetic has no box of the class 'disc'"):
-        settled(pictures, tmp_path, synthetic=str(squares))
+        prepare_study(config_of(pictures, tmp_path, synthetic=str(squares)), tmp_path / "out")
 
 
 @pytest.mark.parametrize("how", ["copied", "saved again", "without contrast"])
@@ -258,14 +190,14 @@ def test_a_test_picture_in_the_training_data_is_refused(pictures, tmp_path, how)
         with Image.open(own) as picture:
             picture.convert("P", palette=Image.Palette.ADAPTIVE).save(other)
     with pytest.raises(HulldownError, match=r"images/0002\.png of test shows the same as images/0001\.png of real"):
-        settled(pictures, tmp_path, real=str(real), test=str(test))
+        prepare_study(config_of(pictures, tmp_path, real=str(real), test=str(test)), tmp_path / "out")
 
 
 def test_a_folder_with_other_content_is_refused(pictures, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
     with pytest.raises(HulldownError, match=r"out: holds notes\.txt and no study"):
-        run_study(settled(pictures, tmp_path), tmp_path / "out", options=RunOptions("cpu"))
+        train_study(written(pictures, tmp_path / "s.toml"), tmp_path / "out", device="cpu", progress=quiet)
 
 
 def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
@@ -282,10 +214,8 @@ def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
 
 
 def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path):
-    study = settled(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0])
-    mixed, fast = study.runs
-    assert (mixed.name, fast.name) == ("mixed-100-seed0", "fast-100-seed0")
-    assert study.draws(mixed).digest == study.draws(fast).digest
+    mixed, fast = study_runs(config_of(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0]))
+    assert (mixed.name, fast.name, fast.base) == ("mixed-100-seed0", "fast-100-seed0", "mixed")
     assert (mixed.settings.warmup, fast.settings.warmup) == (0.02, 0.5)
     assert fast.settings.model_copy(update={"warmup": 0.02}) == mixed.settings
 
@@ -294,23 +224,17 @@ def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_pat
     (tmp_path / "w.pth").write_bytes(b"weights")
     other = {"name": "other", "base": "mixed", "train": {"model": "nano", "weights": "w.pth"}}
     train = {"model": "small", "budget": 24, "batch": 6}
-    study = settled(pictures, tmp_path, arms=["mixed", other], fractions=[1.0], train=train)
-    mixed, other = (run.settings for run in study.runs)
+    config = config_of(pictures, tmp_path, arms=["mixed", other], fractions=[1.0], train=train)
+    mixed, other = (run.settings for run in study_runs(config))
     assert (mixed.resolution, mixed.batch, mixed.accumulate, mixed.schedule) == (320, 6, 1, "cosine")
     assert (other.resolution, other.batch, other.accumulate, other.schedule) == (384, 6, 4, "step")
     assert mixed.augmentation != other.augmentation
     assert (mixed.weights, other.weights) == (tiny_weights(), str(tmp_path / "w.pth"))
 
 
-def test_a_study_warns_of_equal_shares_and_of_arms_without_photographs_or_a_class(pictures, tmp_path):
-    keys = {"fractions": [1.0, 0.99, 0.05], "train": SMALL | {"budget": 1}, "seeds": list(range(4))}
-    warned = settled(pictures, tmp_path, **keys).warnings
-    assert any("seed 0: 100 % and 99 % are the same 16 photographs" in line for line in warned)
-    assert any("mixed-100-seed" in line and "no photograph" in line for line in warned)
-    lacking = [line for line in warned if "photographs show no" in line]
-    assert {line.split(":")[0] for line in lacking} == {f"real-5-seed{seed}" for seed in range(4)}
-    drowned = {"fractions": [0.05], "seeds": [0], "train": SMALL | {"budget": 100}}
+def test_a_study_warns_of_drowned_photographs_and_of_shares_without_a_class(pictures, tmp_path):
     for arms, warns in ((["real", "mixed"], True), (["real", "mixed", "balanced"], False)):
-        assert (
-            any("arm balanced" in line for line in settled(pictures, tmp_path, arms=arms, **drowned).warnings) == warns
-        )
+        config = config_of(pictures, tmp_path, arms=arms, fractions=[0.05], seeds=[0, 1])
+        warned = study_warnings(prepare_study(config, tmp_path / "out"), tmp_path / "out")
+        assert any("add the arm balanced" in line for line in warned) == warns
+        assert sum("photographs at 5 % show no" in line for line in warned) == 2

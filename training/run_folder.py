@@ -20,6 +20,10 @@ from hulldown.training.detectors.detector import RUN_NAME, Run, read_run, weight
 CONFIG_NAME, CHECKPOINT_NAME, LOCK_NAME = "config.json", "checkpoint.ckpt", ".hulldown.lock"
 
 
+class FolderBusy(HulldownError):
+    """Another process is at work in a folder."""
+
+
 class RunData(Struct, frozen=True):
     """A dataset of a run: its number of images, and the hash of its pictures and labels."""
 
@@ -73,7 +77,7 @@ def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
             yield
     except Timeout:
         remedy = "wait until it has ended, or name another folder"
-        raise HulldownError(f"another process is at work on this {what}", path=folder, remedy=remedy) from None
+        raise FolderBusy(f"another process is at work on this {what}", path=folder, remedy=remedy) from None
 
 
 def finished_run(path: Path, config: RunConfig) -> Run | None:

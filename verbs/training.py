@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from hulldown.training.detectors.detector import Run
     from hulldown.training.evaluation.detector_report import DetectorReport, DetectorReports
     from hulldown.training.predict import Predicted
-    from hulldown.training.study.runs import Done
     from hulldown.training.study.study_comparison import StudyReport
+    from hulldown.training.study.train_study import Done
 
 
 def _subsets(counts: Mapping[str, int], output: AnyPath) -> Answer:
@@ -64,8 +64,8 @@ def _study_config(config: Path) -> Answer:
 
 
 def _study(done: Done, output: AnyPath) -> Answer:
-    finished = len(done.finished) + len(done.already)
-    runs = f"{finished} of {finished + len(done.failed)} runs are finished"
+    finished, left = len(done.finished) + len(done.already), len(done.failed) + len(done.elsewhere)
+    runs = f"{finished} of {finished + left} runs are finished"
     return Answer(
         result=done,
         said=[f"{runs}; next: hulldown study report {output}"],

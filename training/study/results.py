@@ -19,20 +19,18 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.training.evaluation.average_precision import AVERAGES
-from hulldown.training.evaluation.bins import BinnedField
 from hulldown.training.evaluation.bootstrap import (
     combined_error,
     difference_interval,
-    ratio_error,
     share_interval,
     standard_error,
 )
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, equal_count
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.metrics import SHARES, SUMS, ratio, sums_by
+from hulldown.training.evaluation.metrics import SHARES
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.study.arms import ARM_KINDS, ArmKind
-from hulldown.training.study.manifest import PlannedRun
+from hulldown.training.study.study_folder import StudyRun
 
 COUNTS = ("tp", "fp", "fn")
 TITLES = {
@@ -48,14 +46,14 @@ TITLES = {
     "ap": "AP",
 }
 MEASURES = tuple(TITLES)[len(COUNTS) :]
-MIN_BIN_LABELS = 10  # least labels of a reported bin
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judged:
     """A finished run and its figures on the test pictures."""
 
-    run: PlannedRun
+    run: StudyRun
+    photographs: int
     evaluation: Evaluation
     values: Mapping[str, float]  # each of `COUNTS` and `MEASURES`
     resampled: Mapping[str, Float[np.ndarray, " r"]]  # measure -> (r,) values in every resample of the test positions
@@ -91,10 +89,11 @@ class Estimate:
 
 
 def judge(
-    run: PlannedRun,
+    run: StudyRun,
     labels: Mapping[str, Labels],
     detections: Mapping[str, Path],
     *,
+    photographs: int,
     threshold: float | None = None,
     iou: float = 0.5,
 ) -> Judged:
@@ -114,7 +113,9 @@ def judge(
         chosen = Threshold(1.0 if best is None else best, "validation")
     evaluation = Evaluation(labels["test"], predictions, threshold=chosen, iou=iou)
     values, resampled = evaluation.values(), evaluation.resampled()
-    return Judged(run, evaluation, {key: values[key] for key in TITLES}, {key: resampled[key] for key in MEASURES})
+    return Judged(
+        run, photographs, evaluation, {key: values[key] for key in TITLES}, {key: resampled[key] for key in MEASURES}
+    )
 
 
 def cells(runs: Sequence[Judged]) -> list[Cell]:
@@ -123,7 +124,7 @@ def cells(runs: Sequence[Judged]) -> list[Cell]:
     for one in runs:
         groups.setdefault((one.run.arm, one.run.fraction), {})[one.run.seed] = one
     return [
-        Cell(arm, fraction, float(np.mean([one.run.photographs for one in by_seed.values()])), by_seed)
+        Cell(arm, fraction, float(np.mean([one.photographs for one in by_seed.values()])), by_seed)
         for (arm, fraction), by_seed in groups.items()
     ]
 
@@ -242,51 +243,6 @@ def needed(
     between = counts[first - 1] * (counts[first] / counts[first - 1]) ** part
     found = np.where(first > 0, between, counts[0] * part)
     return np.where((rising >= wanted).any(axis=0), found, np.inf)
-
-
-@dataclass(frozen=True, slots=True)
-class BinDifference:
-    """The difference of recall in a bin, second minus first."""
-
-    field: str  # field, bin: titles of the field and of the bin
-    bin: str
-    labels: int
-    recall: list[float]  # recall of first and second, means over seeds
-    difference: float  # difference, interval: their difference; None if there is no interval
-    interval: list[float] | None
-
-
-def bin_differences(first: Cell, second: Cell) -> list[BinDifference]:
-    """Differences of recall, second minus first, in each bin of every field."""
-    seeds = sorted(first.judged.keys() & second.judged.keys())
-    found = []
-    for field in [one.field for one in first.judged[seeds[0]].evaluation.bins if len(one.field.bins) > 1]:
-        before, after = (
-            np.mean([_label_sums(cell.judged[seed].evaluation, field) for seed in seeds], axis=0)
-            for cell in (first, second)
-        )
-        labels, gained = before[..., 1], after[..., 0] - before[..., 0]
-        total, there = labels.sum(axis=0), (labels > 0).sum(axis=0)
-        value = ratio(gained.sum(axis=0), total)
-        change = difference_interval(value, ratio_error(gained, labels), freedom=there - 1, labels=total)
-        recalls = ratio(np.stack([before[..., 0].sum(axis=0), after[..., 0].sum(axis=0)], axis=1), total[:, None])
-        found += [
-            BinDifference(
-                field.title, name, int(total[b]), recalls[b].tolist(), float(recalls[b, 1] - recalls[b, 0]),
-                known_ends(change[:, b]),
-            )
-            for b, name in enumerate(field.bins)
-            if total[b] > 0
-        ]  # fmt: skip
-    return found
-
-
-def _label_sums(one: Evaluation, field: BinnedField) -> Float[np.ndarray, "positions b 2"]:
-    """Numbers of found labels and of all labels of each bin in each position."""
-    of_detection = np.append(field.of_label, -1)[one.matching.box]  # a match is in its label's bin
-    sums = sums_by(one.seen, of_detection=of_detection, of_label=field.of_label, bins=len(field.bins))
-    tp, fn = sums[..., SUMS.index("tp")], sums[..., SUMS.index("fn")]
-    return np.stack([tp, tp + fn], axis=-1)
 
 
 def known_ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:

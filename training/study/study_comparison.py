@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -14,18 +12,13 @@ from hulldown.base.terminal import tracked
 from hulldown.training.detectors.detector import read_run
 from hulldown.training.evaluation.detector_report import Ends, plain
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.study.arms import ARM_KINDS, ArmKind
-from hulldown.training.study.manifest import RUNS_NAME, Manifest, PlannedRun, predictions_paths, read_manifest
 from hulldown.training.study.results import (
     COUNTS,
     MEASURES,
-    MIN_BIN_LABELS,
     TITLES,
-    BinDifference,
     Cell,
     Equivalent,
     Estimate,
-    bin_differences,
     cells,
     equivalent_photographs,
     estimate,
@@ -33,14 +26,13 @@ from hulldown.training.study.results import (
     known_ends,
     pairs,
 )
-from hulldown.training.study.runs import is_finished, read_failures
+from hulldown.training.study.study_folder import RUNS_NAME, Study, is_finished, read_study, study_runs
 
 WORTH_BY = ("ap50", "f1", "recall")
-MOST_BINS = 3  # reported bins of each sign
 
 
 class StudyFacts(Struct, frozen=True, kw_only=True):
-    """What was compared; `datasets` and `train` are parts of the manifest."""
+    """What was compared; `datasets` and `train` are parts of study.json."""
 
     classes: list[str]
     datasets: dict[str, dict[str, object]]
@@ -104,18 +96,10 @@ class ReportedWorth(Struct, frozen=True):
     words: str
 
 
-class ReportedBins(Struct, frozen=True):
-    """Differences of recall in bins."""
-
-    words: list[str]
-    rows: list[BinDifference]
-
-
 class ReportedRun(Struct, frozen=True, kw_only=True):
     """A finished run and its figures."""
 
     name: str
-    folder: str
     arm: str
     fraction: float | None
     seed: int
@@ -143,26 +127,31 @@ class StudyReport(Struct, frozen=True, kw_only=True):
     cells: list[ReportedCell]
     pairs: list[ReportedPair]
     worth: list[ReportedWorth]
-    bins: dict[str, ReportedBins]
     runs: list[ReportedRun]
-    missing: dict[str, str]  # runs that aren't finished, with the reason
+    missing: list[str]  # runs that aren't finished
     times: dict[str, float | None]  # seconds
 
 
 def compared_runs(study: Path | str) -> StudyReport:
     """Compare the finished runs of a study."""
     study = Path(study)
-    manifest = read_manifest(study)
-    finished = [run for run in manifest.runs if is_finished(study, manifest, run)]
+    known = read_study(study)
+    planned = study_runs(known.config)
+    finished = [run for run in planned if is_finished(study, known, run)]
     if not finished:
         raise HulldownError("no run is finished", path=study, remedy="run `hulldown study run` first")
-    config, failures = manifest.config, read_failures(study)
-    detections = [predictions_paths(study, manifest, run) for run in finished]
-    labels = {which: read_labels(manifest.datasets[which].folder) for which in detections[0]}
+    config, folders = known.config, {run.name: study / RUNS_NAME / run.name for run in finished}
+    trained = {name: read_run(folder) for name, folder in folders.items()}
+    drawn = {name: {key: source.drawn for key, source in run.sources.items()} for name, run in trained.items()}
+    labels = {which: read_labels(known.datasets[which].folder) for which in known.judged}
     runs = [
-        judge(run, labels, files, threshold=config.threshold, iou=config.iou)
-        for run, files in tracked("evaluating", zip(finished, detections, strict=True), len(finished))
-    ]
+        judge(
+            run, labels, {which: folders[run.name] / f"{which}.json" for which in labels},
+            photographs=trained[run.name].sources["real"].images if "real" in drawn[run.name] else 0,
+            threshold=config.threshold, iou=config.iou,
+        )
+        for run in tracked("evaluating", finished, len(finished))
+    ]  # fmt: skip
     found = cells(runs)
     compared, real = pairs(found), [cell for cell in found if cell.arm == "real"]
     records = [_pair_record(first, second) for first, second in compared]
@@ -173,15 +162,10 @@ def compared_runs(study: Path | str) -> StudyReport:
             f"{largest.name} reaches an AP50 of {reached:.2f} only. A study whose best photographs teach "
             "so little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
         )
-    bins = {
-        f"{second.name} minus {first.name}": bin_differences(first, second)
-        for first, second in compared
-        if first.arm == "real" and ARM_KINDS.get(second.arm, ArmKind()).by_bins
-    }
     return StudyReport(
-        study=_facts(manifest),
+        study=_facts(known, len(planned)),
         summary=summary,
-        sureness=sureness(manifest, len(records) * len(MEASURES)),
+        sureness=sureness(known, len(records) * len(MEASURES)),
         cells=[_cell_record(cell) for cell in found],
         pairs=records,
         worth=[
@@ -193,32 +177,29 @@ def compared_runs(study: Path | str) -> StudyReport:
             for measure in WORTH_BY
             if cell.arm != "real" and (one := equivalent_photographs(real, cell, measure)) is not None
         ],
-        bins={
-            name: ReportedBins(bin_words(rows), [BinDifference(**plain(asdict(row))) for row in rows])
-            for name, rows in bins.items()
-        },
         runs=[
             ReportedRun(
-                **plain(one.run.model_dump(exclude={"base", "sources", "chosen", "settings"})),
+                name=one.run.name, arm=one.run.arm, fraction=plain(one.run.fraction), seed=one.run.seed,
+                photographs=one.photographs, drawn=drawn[one.run.name],
                 threshold=plain(one.evaluation.threshold.value), **plain(one.values),
             )
             for one in runs
         ],
-        missing={run.name: failures.get(run.name, "not run yet") for run in manifest.runs if run not in finished},
-        times={run.name: _time(study, run) for run in finished},
+        missing=[run.name for run in planned if run not in finished],
+        times={name: plain(run.figures.seconds) for name, run in trained.items()},
     )  # fmt: skip
 
 
-def _facts(manifest: Manifest) -> StudyFacts:
-    config = manifest.config
+def _facts(study: Study, runs: int) -> StudyFacts:
+    config = study.config
     return StudyFacts(
-        classes=list(manifest.classes),
-        datasets={name: one.model_dump(mode="json", exclude={"folder"}) for name, one in manifest.datasets.items()},
+        classes=list(study.classes),
+        datasets={name: one.model_dump(mode="json", exclude={"folder"}) for name, one in study.datasets.items()},
         arms=[arm.name for arm in config.named_arms],
         **plain(config.model_dump(include={"fractions", "seeds", "iou"})),
         threshold=plain(config.threshold or ("count" if config.valid is None else "validation")),
         train=plain(config.train.model_dump(mode="json", exclude={"seed", "weights"})),
-        runs=len(manifest.runs),
+        runs=runs,
     )
 
 
@@ -245,12 +226,6 @@ def _pair_record(first: Cell, second: Cell) -> ReportedPair:
         for key, one in ((key, estimate(second, key, minus=first)) for key in MEASURES)
     }
     return ReportedPair(first.name, second.name, plain(second.fraction), measures)
-
-
-def _time(study: Path, run: PlannedRun) -> float | None:
-    """Seconds of a run's training; after a kill, of its last process."""
-    seconds = read_run(study / RUNS_NAME / run.folder).figures.seconds
-    return None if seconds is None else round(seconds, 1)
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:
@@ -289,22 +264,9 @@ def worth_words(name: str, measure: str, found: Equivalent) -> str:
     return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {interval})."
 
 
-def bin_words(found: Sequence[BinDifference]) -> list[str]:
-    """Return sentences about the bins with the largest gains and losses of recall whose interval excludes 0."""
-    known = [(one, one.interval) for one in found if one.interval and one.labels >= MIN_BIN_LABELS]
-    known.sort(key=lambda pair: -pair[0].difference)
-    gained = [(one, ends) for one, ends in known if ends[0] > 0][:MOST_BINS]
-    lost = [(one, ends) for one, ends in reversed(known) if ends[1] < 0][:MOST_BINS]
-    return [
-        f"{one.field} {one.bin}: recall {one.recall[0]:.2f} to {one.recall[1]:.2f}, {one.difference:+.2f} "
-        f"({low:+.2f} to {high:+.2f}), {one.labels} labels"
-        for one, (low, high) in (*gained, *lost)
-    ]
-
-
-def sureness(manifest: Manifest, compared: int) -> str:
+def sureness(study: Study, compared: int) -> str:
     """Return a note on the meaning of the intervals, of which `compared` are of differences."""
-    seeds, images = len(manifest.config.seeds), manifest.datasets["test"].images
+    seeds, images = len(study.config.seeds), study.datasets["test"].images
     trainings = (
         "With one seed, they don't cover other trainings."
         if seeds == 1

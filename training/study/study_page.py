@@ -11,15 +11,14 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hulldown.dataset.reports.charts import COLORS, INK, SOFT, differences, tidy
+from hulldown.dataset.reports.charts import COLORS, INK, SOFT, tidy
 from hulldown.dataset.reports.page import number, ranged, render
 from hulldown.training.study.arms import ARM_KINDS
-from hulldown.training.study.results import COUNTS, MEASURES, MIN_BIN_LABELS, TITLES
+from hulldown.training.study.results import COUNTS, MEASURES, TITLES
 from hulldown.training.study.study_comparison import ReportedCell, StudyReport
 from hulldown.training.subset import subset_name
 
 OVER = ("ap50", "f1", "recall", "precision")
-MOST_BARS = 30  # of a chart of bins
 # The paper's precision, recall, and F1 (sections 3 and 4) by fraction and arm.
 PAPER = {
     0.05: {"real": (0.88, 0.20, 0.32), "mixed": (0.91, 0.41, 0.57)},
@@ -46,13 +45,6 @@ def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
     if report.cells:
         words = "AP50, F1, recall and precision of each arm over the number of photographs, with bands"
         found["over_photographs"] = words, over_photographs(report.cells, OVER)
-    for name, one in report.bins.items():
-        rows = [row for row in one.rows if row.interval is not None and row.labels >= MIN_BIN_LABELS][:MOST_BARS]
-        if rows:
-            bars = [(f"{row.field}: {row.bin} (n {row.labels})", row.difference, *(row.interval or ())) for row in rows]
-            xlabel = "difference of recall (gray: the interval includes 0)"
-            chart = differences(f"recall: {name}", bars, xlabel=xlabel)
-            found[_bins_name(name)] = f"differences of recall in bins, {name}", chart
     return found
 
 
@@ -68,7 +60,6 @@ def page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) -> str:
             for cell in report.cells
         ],
         "pairs": [[pair.measures[key].words for key in OVER] for pair in report.pairs],
-        "bins_name": _bins_name,
         "paper": _paper(report),
     }  # fmt: skip
     return render("training/study/page.html", data)
@@ -85,10 +76,6 @@ def _paper(report: StudyReport) -> list[list[str]]:
             pairs = [(number(value), number(here)) for value, here in zip(figures, own, strict=True)]
             rows.append([f"{arm} at {100 * fraction:g} %", *chain(*pairs)])
     return rows
-
-
-def _bins_name(name: str) -> str:
-    return "bins_" + "".join(c if c.isalnum() else "_" for c in name.replace(" %", "").replace(" at ", "_"))
 
 
 def color_of(arm: str) -> str:

@@ -9,7 +9,6 @@ import msgspec
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.files import replace_file
-from hulldown.dataset.reports.charts import svg
 from hulldown.training.study.study_comparison import StudyReport, compared_runs
 from hulldown.training.study.study_page import charts_of, page, png
 
@@ -29,7 +28,6 @@ def write_report(study: AnyPath) -> StudyReport:
     charts = charts_of(report)
     for name, (_, figure) in charts.items():
         replace_file(study / f"{name}.png", png(figure))
-        replace_file(study / f"{name}.svg", svg(figure))
     text = json.dumps(msgspec.to_builtins(report), indent=2, ensure_ascii=False)
     replace_file(study / "report.json", text.encode() + b"\n")
     replace_file(study / "report.html", page(report, charts).encode())

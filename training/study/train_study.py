@@ -1,36 +1,65 @@
-"""Train and evaluate all runs of a study, on this machine or on a cluster."""
+"""Train a study's runs, one after the other.
+
+Several processes may do so at once, on several GPUs or machines that share the folder: each takes the next run on
+which no other is at work.
+"""
 
 from __future__ import annotations
 
 import warnings
-from contextlib import nullcontext
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 from hulldown.base.arguments import AnyPath
-from hulldown.base.terminal import progress_bars, say
-from hulldown.cluster.scheduler import Scheduler
+from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import progress_bars
+from hulldown.base.terminal import say as show_line
 from hulldown.training.detectors.detector import chosen_device
 from hulldown.training.inputs.extra import require_extra
-from hulldown.training.study.cluster_runs import training_workers
+from hulldown.training.predict import predict_detections
+from hulldown.training.run_folder import FolderBusy, alone_in
 from hulldown.training.study.config import load_study
-from hulldown.training.study.manifest import settle
-from hulldown.training.study.runs import Done, RunOptions, run_study
-from hulldown.training.train import prepare_trainee
+from hulldown.training.study.study_folder import (
+    RUNS_NAME,
+    STUDY_NAME,
+    Study,
+    StudyRun,
+    is_finished,
+    prepare_study,
+    study_runs,
+    study_warnings,
+)
+from hulldown.training.train import prepare_trainee, train_detector
 
-DEFAULTS = RunOptions()
+Progress: TypeAlias = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """The outcomes of a study's runs, by their names."""
+
+    finished: tuple[str, ...]  # finished now
+    already: tuple[str, ...]  # finished before
+    elsewhere: tuple[str, ...]  # on which other processes are at work
+    failed: Mapping[str, str]  # reasons; the next call tries them again
 
 
 def train_study(
     config: AnyPath,
     output: AnyPath,
     *,
-    options: RunOptions = DEFAULTS,
-    scheduler: Scheduler | None = None,
+    device: str = "auto",
+    workers: int | None = None,
+    progress: Progress | None = None,
+    say: Callable[[str], None] = show_line,
 ) -> Done:
     """Train and evaluate the unfinished runs of a study.
 
     Reads a config and its datasets; writes a folder of runs. The same call continues after a stop and skips finished
-    runs; failed runs are listed with reasons.
+    runs; failed runs are listed with reasons. It may run several times at once, such as once for each GPU.
 
     Parameters
     ----------
@@ -38,21 +67,66 @@ def train_study(
         The config; see docs/study.md.
     output
         The study's folder.
-    options
-        Options of running.
-    scheduler
-        Of a Dask cluster whose workers train.
+    device
+        auto, cpu, gpu, or PyTorch's name of a device, such as cuda:1; auto is a GPU if there is one.
+    workers
+        Processes that read and augment pictures; by default one per core but one.
+    progress
+        Called with (title, steps done, all); None: bars in a terminal or notebook.
+    say
+        Called with messages for the user.
     """
-    study, folder = load_study(Path(config)), Path(output)
+    asked, out = load_study(Path(config)), Path(output)
     require_extra()
     # Not at the top: this module can be imported without the extra.
     from hulldown.training.inputs.augment import Augmenter
 
-    Augmenter(study.train.augmentation)  # refuses a wrong one
-    manifest = settle(study)
-    for line in manifest.warnings:
-        warnings.warn(line, stacklevel=2)
+    if progress is None:
+        with progress_bars() as bars:
+            return train_study(config, output, device=device, workers=workers, progress=bars, say=say)
+    Augmenter(asked.train.augmentation)  # refuses a wrong one
+    with alone_in(out, marker=STUDY_NAME, what="study"):
+        study = prepare_study(asked, out)
     # Downloads the weights once, or refuses them, before a run begins.
-    prepare_trainee(study.train, manifest.classes, chosen_device(options.device), folder)
-    with progress_bars() as advance, training_workers(scheduler) if scheduler else nullcontext() as launch:
-        return run_study(manifest, folder, options=options, launch=launch, progress=advance, say=say)
+    prepare_trainee(asked.train, study.classes, chosen_device(device), out)
+    for line in study_warnings(study, out):
+        warnings.warn(line, stacklevel=2)
+    runs = study_runs(study.config)
+    already = tuple(run.name for run in runs if is_finished(out, study, run))
+    say(f"{len(already)} of {len(runs)} runs are finished")
+    finished, elsewhere, failed = [], [], {}
+    for number, run in enumerate(runs, start=1):
+        if run.name in already:
+            continue
+        told = partial(_tell, progress, f"{run.name} ({number} of {len(runs)})")
+        try:
+            _train_and_predict(run, study, out, device=device, workers=workers, progress=told)
+        except FolderBusy:
+            elsewhere.append(run.name)
+        except HulldownError as error:
+            failed[run.name] = str(error)
+            say(f"{run.name}: set aside: {error}")
+        else:
+            finished.append(run.name)
+            say(f"{run.name}: finished")
+    return Done(tuple(finished), already, tuple(elsewhere), failed)
+
+
+def _tell(progress: Progress, run: str, what: str, done: int, total: int) -> None:
+    progress(f"{run}: {what}", done, total)
+
+
+def _train_and_predict(
+    run: StudyRun, study: Study, out: Path, *, device: str, workers: int | None, progress: Progress
+) -> None:
+    folder = out / RUNS_NAME / run.name
+    train_detector(
+        run.data(study, out), folder, settings=run.settings, workers=workers, device=device, progress=progress,
+        say=lambda line: None,
+    )  # fmt: skip
+    for which in study.judged:
+        if not (folder / f"{which}.json").exists():
+            looking = partial(progress, f"looking at {which}")
+            predict_detections(
+                folder, study.datasets[which].folder, folder / f"{which}.json", device=device, progress=looking
+            )

@@ -1,0 +1,212 @@
+"""A study's folder: study.json, subsets of the photographs, and a folder for each run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import orjson
+from pydantic import BaseModel, ConfigDict
+
+from hulldown.base.errors import ConfigError, DatasetError
+from hulldown.base.files import replace_file
+from hulldown.base.outside import read_json
+from hulldown.base.terminal import reporting
+from hulldown.base.toml_files import validated
+from hulldown.dataset.records import read_usable
+from hulldown.training.inputs.settings import Settings
+from hulldown.training.inputs.sources import (
+    CheckedPictures,
+    LabeledPictures,
+    check_pictures,
+    follow_masks,
+    read_sources,
+    shared_pictures,
+)
+from hulldown.training.run_folder import RunFolder
+from hulldown.training.study.arms import ARM_KINDS
+from hulldown.training.study.config import StudyConfig
+from hulldown.training.subset import subset_name, write_subsets
+
+STUDY_NAME, RUNS_NAME, SUBSETS_NAME = "study.json", "runs", "subsets"
+MIN_PHOTOGRAPH_SHARE = 0.2  # of the draws, below which photographs may be too rare
+MAX_LISTED_PAIRS = 10  # of pictures, in an error
+
+
+class StudyData(BaseModel):
+    """A dataset of a study, with its state at the start."""
+
+    model_config = ConfigDict(frozen=True)
+
+    folder: str
+    images: int
+    boxes: dict[str, int]
+    sha256: str
+
+
+class Study(BaseModel):
+    """The contents of study.json: the config, in which masks are settled, and the datasets."""
+
+    model_config = ConfigDict(frozen=True)
+
+    format: int = 2
+    config: StudyConfig
+    classes: tuple[str, ...]
+    datasets: dict[str, StudyData]
+
+    @property
+    def judged(self) -> tuple[str, ...]:
+        """The datasets to predict."""
+        return tuple(which for which in ("test", "valid") if which in self.datasets)
+
+
+@dataclass(frozen=True, slots=True)
+class StudyRun:
+    """A run of a study."""
+
+    arm: str
+    base: str
+    fraction: float | None  # share of the photographs; None without any
+    seed: int
+    settings: Settings
+
+    @property
+    def name(self) -> str:
+        """Its name, and that of its folder."""
+        share = "" if self.fraction is None else f"-{subset_name(self.fraction)}"
+        return f"{self.arm}{share}-seed{self.seed}"
+
+    def data(self, study: Study, folder: Path) -> dict[str, Path]:
+        """Folders of its sources by their names; `folder` is the study's."""
+        folders = {name: Path(study.datasets[name].folder) for name in ARM_KINDS[self.base].sources}
+        if self.fraction is not None:
+            folders["real"] = subset_folder(folder, self.seed, self.fraction)
+        return folders
+
+
+def subset_folder(folder: Path, seed: int, fraction: float) -> Path:
+    """Return the folder of a share of the photographs."""
+    return folder / SUBSETS_NAME / f"seed{seed}-{subset_name(fraction)}" / subset_name(fraction)
+
+
+def study_runs(config: StudyConfig) -> list[StudyRun]:
+    """All runs, seed by seed, so that a study stopped early has complete seeds."""
+    arms = [(arm, "real" in ARM_KINDS[arm.base].sources) for arm in config.named_arms]
+    of_seed = [
+        *((arm, fraction) for fraction in config.fractions for arm, photographed in arms if photographed),
+        *((arm, None) for arm, photographed in arms if not photographed),
+    ]
+    common = config.train.model_dump()
+    return [
+        StudyRun(
+            arm.name, arm.base, fraction, seed,
+            Settings.model_validate({
+                **common, **arm.train, "seed": seed, "budget": common["budget"], "masks": common["masks"],
+                "shares": dict(ARM_KINDS[arm.base].shares),
+            }),
+        )
+        for seed in config.seeds
+        for arm, fraction in of_seed
+    ]  # fmt: skip
+
+
+def is_finished(folder: Path, study: Study, run: StudyRun) -> bool:
+    """Return whether a run has everything for the report."""
+    path = folder / RUNS_NAME / run.name
+    return all((path / f"{which}.json").exists() for which in study.judged) and RunFolder(path).finished() is not None
+
+
+def prepare_study(config: StudyConfig, folder: Path) -> Study:
+    """Write study.json and the subsets, after every picture was read; other data than before are refused."""
+    folders = {"real": config.real, "synthetic": config.synthetic, "test": config.test}
+    if config.valid is not None:
+        folders["valid"] = config.valid
+    classes, found = read_sources(folders)
+    sources = {source.name: source for source in found}
+    boxes = {name: np.bincount(source.class_index, minlength=len(classes)).tolist() for name, source in sources.items()}
+    for name, counts in boxes.items():
+        if lacking := [repr(label) for label, count in zip(classes, counts, strict=True) if not count]:
+            raise DatasetError(
+                f"{name} has no box of the class {', '.join(lacking)}", path=sources[name].folder,
+                remedy="add pictures of it, or leave the class out of every dataset",
+            )  # fmt: skip
+    with reporting("checking pictures") as advance:
+        checked = check_pictures(found, progress=advance)
+    _check_apart(found, checked)
+    masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
+    study = Study(
+        config=config.model_copy(update={"train": config.train.model_copy(update={"masks": masks})}),
+        classes=classes,
+        datasets={
+            name: StudyData(folder=str(folders[name].resolve()), images=len(source), sha256=checked[name].sha256,
+                            boxes=dict(zip(classes, boxes[name], strict=True)))
+            for name, source in sources.items()
+        },
+    )  # fmt: skip
+    if (folder / STUDY_NAME).exists():
+        _check_unchanged(read_study(folder), study, folder)
+    for seed in config.seeds:
+        for fraction in config.fractions:
+            subset = subset_folder(folder, seed, fraction).parent
+            if not subset.exists():
+                write_subsets(config.real, subset, fractions=[fraction], seed=seed, stratified=config.stratified)
+    replace_file(folder / STUDY_NAME, orjson.dumps(study.model_dump(mode="json"), option=orjson.OPT_INDENT_2) + b"\n")
+    return study
+
+
+def read_study(folder: Path) -> Study:
+    """Read study.json of a study's folder."""
+    path = folder / STUDY_NAME
+    refuse = partial(ConfigError, path=path, remedy="name a folder of `hulldown study run`")
+    return validated(Study, read_json(path, dict[str, object], refuse, what="a study"), path)
+
+
+def study_warnings(study: Study, folder: Path) -> list[str]:
+    """Warnings about renders that drown photographs, and about shares without a box of some class."""
+    config, warnings = study.config, []
+    arms = [arm.base for arm in config.named_arms]
+    lowest = min(config.fractions) * study.datasets["real"].images
+    drowned = lowest < MIN_PHOTOGRAPH_SHARE * (lowest + study.datasets["synthetic"].images)
+    if drowned and "mixed" in arms and "balanced" not in arms:
+        part = 1.0 - MIN_PHOTOGRAPH_SHARE
+        warnings.append(f"mixed: renders have over {part:.0%} of some draws; add the arm balanced to compare")
+    for seed in config.seeds:
+        for fraction in config.fractions:
+            images = read_usable(subset_folder(folder, seed, fraction)).images
+            shown = {label.category for image in images for label in image.labels}
+            if lacking := [name for name in study.classes if name not in shown]:
+                warnings.append(
+                    f"seed {seed}: its {len(images)} photographs at {100 * fraction:g} % show no {', '.join(lacking)}; "
+                    "stratified = true may help"
+                )
+    return warnings
+
+
+def _check_unchanged(before: Study, now: Study, folder: Path) -> None:
+    """Refuse other data; changed settings are refused by the folders of runs."""
+    changed = [name for name, data in now.datasets.items() if before.datasets.get(name, data).sha256 != data.sha256]
+    if before.config.stratified != now.config.stratified:
+        changed.append("stratified")
+    if changed:
+        problem = f"the study in this folder has another {' and another '.join(changed)}"
+        raise ConfigError(problem, path=folder, remedy="name a new folder")
+
+
+def _check_apart(sources: Sequence[LabeledPictures], checked: Mapping[str, CheckedPictures]) -> None:
+    """Refuse pictures that are in two of training, validation, and test."""
+    alike = [
+        pair
+        for first, second in combinations(sources, 2)
+        if {first.name, second.name} & {"test", "valid"}
+        for pair in shared_pictures(first, second, checked)
+    ]
+    if alike:
+        more = f", and {len(alike) - MAX_LISTED_PAIRS} more" if len(alike) > MAX_LISTED_PAIRS else ""
+        raise DatasetError(
+            f"{', '.join(alike[:MAX_LISTED_PAIRS])}{more}: pictures for testing were also for training",
+            remedy="take each out of one of the two",
+        )
