@@ -16,7 +16,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-# An alias such as `join_datasets as join` makes a name public for type checkers.
+# An alias such as `join_datasets as join_datasets` makes a name public for type checkers.
 if TYPE_CHECKING:
     from hulldown.base.errors import HulldownError as HulldownError
     from hulldown.dataset.exports.export import export_dataset as export_dataset
