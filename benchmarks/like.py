@@ -16,7 +16,7 @@ from typing import Any
 
 from hulldown.base.files import replace_file
 from hulldown.benchmarks.stand_ins import SHARED, STAND_INS, SYNTHETIC, Side, make_side, write_stand_ins
-from hulldown.demo.make_assets import FILES, build_demo_assets
+from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.settings import load_settings
@@ -125,8 +125,7 @@ def main() -> None:
     parser.add_argument("set", choices=SETS)
     arguments = parser.parse_args()
     folder, name = arguments.folder, arguments.set
-    if not all((folder / file).exists() for file in FILES):
-        build_demo_assets(folder)
+    build_demo_assets(folder)
     photographs, runs = folder / f"{name}-photographs", folder / "runs"
     if not photographs.exists():
         write_stand_ins(make_side(stand_ins_of(name), folder), photographs, SHARES)

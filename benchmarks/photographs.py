@@ -17,7 +17,7 @@ from typing import Any
 
 from hulldown.base.files import replacing
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, GLOSS, PLAIN, SCENERY_FILES, TANK
-from hulldown.demo.make_assets import FILES, build_demo_assets
+from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.config_keys import config_text
 
 TOWNS = ("sceneries/town_1.blend", "sceneries/town_2.blend")
@@ -157,8 +157,7 @@ def main() -> None:
     for needed in (train, test, *([arguments.weights] if arguments.weights else [])):
         if not needed.exists():
             parser.exit(2, NEEDS.format(lacking=needed))
-    if not all((folder / file).exists() for file in FILES):
-        build_demo_assets(folder)
+    build_demo_assets(folder)
     for seed, file in enumerate(TOWNS):
         if file in shown.sceneries and not (folder / file).exists():
             town = [sys.executable, "-P", "-m", "hulldown.benchmarks.town", str(folder / file), str(seed)]

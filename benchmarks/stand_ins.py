@@ -27,7 +27,7 @@ from hulldown.dataset.exports.split import SPLITS
 from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import COCO_NAME, read_coco
 from hulldown.demo.catalog import CATEGORY
-from hulldown.demo.make_assets import FILES, build_demo_assets
+from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.config_keys import config_text
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
@@ -187,8 +187,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.stand_ins", description=__doc__)
     parser.add_argument("folder", type=Path)
     folder = parser.parse_args().folder
-    if not all((folder / file).exists() for file in FILES):
-        build_demo_assets(folder, progress=_say("asset"))
+    build_demo_assets(folder, progress=_say("asset"))
     for side in (STAND_INS, SYNTHETIC):
         make_side(side, folder)
     photographs = folder / "stand-in-photographs"

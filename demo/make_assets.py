@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,22 +20,22 @@ BUILT = "hulldown built "  # starts a line of the child process that names a fil
 def build_demo_assets(
     folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None
 ) -> tuple[Path, ...]:
-    """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`, replacing those that exist."""
+    """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`; existing files are kept."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    left = list(FILES)
-    for _ in range(ATTEMPTS):
+    left, attempts = [file for file in FILES if not os.path.lexists(folder / file)], ATTEMPTS
+    while left:
         code, output = _run(
             folder.resolve(), seed, left, lambda: progress and progress(len(FILES) - len(left), len(FILES))
         )
-        if not left:
-            return tuple(folder / file for file in FILES)
-        if code >= 0:
-            break  # an error, which its output explains; only a crash is worth another attempt
-    if remedy := remedy_for("".join(output)):
-        raise AssetError("building demo assets needs Blender", remedy=remedy)
-    last = output[-1].strip() if output else f"exit status {code}"
-    raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
+        attempts -= 1
+        if not left or (code < 0 and attempts):
+            continue  # an error is explained by its output; only a crash is worth another attempt
+        if remedy := remedy_for("".join(output)):
+            raise AssetError("building demo assets needs Blender", remedy=remedy)
+        last = output[-1].strip() if output else f"exit status {code}"
+        raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
+    return tuple(folder / file for file in FILES)
 
 
 def _run(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 from PIL import Image
 
+from hulldown.base.files import replacing
 from hulldown.geometry.color import linear_color
 from hulldown.reading.blender.api.add_nodes import add_node
 
@@ -221,7 +222,7 @@ def _painted(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Materia
 
 
 def block_pattern(path: Path, colors: Sequence[Color], *, rng: np.random.Generator) -> None:
-    """Write a tileable image of camouflage in square blocks, the paint that `image_paint` uses."""
+    """Write a tileable image of camouflage in square blocks, the paint that `image_paint` uses, if it isn't there."""
     cells = 96
     height = np.zeros((cells, cells))
     for octave, weight in ((6, 1.0), (12, 0.6), (32, 0.35)):
@@ -230,4 +231,6 @@ def block_pattern(path: Path, colors: Sequence[Color], *, rng: np.random.Generat
     level = np.searchsorted(np.quantile(height, np.linspace(0, 1, len(colors) + 1)[1:-1]), height)
     palette = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colors], np.uint8)
     path.parent.mkdir(parents=True, exist_ok=True)
-    Image.fromarray(np.kron(palette[level], np.ones((8, 8, 1), np.uint8))).save(path)
+    if not path.exists():
+        with replacing(path) as file:
+            Image.fromarray(np.kron(palette[level], np.ones((8, 8, 1), np.uint8))).save(file, "PNG")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.base.files import replacing
+from hulldown.base.files import replace_file, replacing
 from hulldown.geometry.color import LUMINANCE
 
 WIDTH = 2048  # pixels around the horizon
@@ -43,7 +42,9 @@ def copy_studio_hdri(name: str, folder: Path) -> Path:
     """Copy one of the HDRIs of the Blender package to folder/<name>.exr."""
     source = Path(bpy.utils.resource_path("LOCAL")) / "datafiles" / "studiolights" / "world"
     folder.mkdir(parents=True, exist_ok=True)
-    return Path(shutil.copyfile(source / f"{name}.exr", folder / f"{name}.exr"))
+    path = folder / f"{name}.exr"
+    replace_file(path, (source / path.name).read_bytes())
+    return path
 
 
 def write_sky(name: str, folder: Path) -> Path:

@@ -81,7 +81,7 @@ def _read(path: Path, folder: Path, **options: object) -> tuple[FileReport, Vehi
     return exported.report, shape
 
 
-def test_building_continues_after_a_crash(tmp_path, monkeypatch):
+def test_building_keeps_existing_files_and_continues_after_a_crash(tmp_path, monkeypatch):
     fake = tmp_path / "hulldown" / "demo"
     fake.mkdir(parents=True)
     for package in (fake.parent, fake):
@@ -92,17 +92,27 @@ def test_building_continues_after_a_crash(tmp_path, monkeypatch):
         "folder, only = pathlib.Path(sys.argv[1]), sys.argv[5:]\n"
         f"files = { {Path(file).stem: file for file in make_assets.FILES} }\n"
         "for name in only[:9]:\n"
-        f"    print('{make_assets.BUILT}' + str(folder / files[name]), flush=True)\n"
+        "    path = folder / files[name]\n"
+        "    path.parent.mkdir(exist_ok=True)\n"
+        "    path.write_text('built')\n"
+        f"    print('{make_assets.BUILT}' + str(path), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    mine = tmp_path / "out" / VEHICLE_FILES[1]
+    mine.parent.mkdir(parents=True)
+    mine.write_text("mine")
     steps: list[tuple[int, int]] = []
-    files = make_assets.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
-    assert files == tuple(tmp_path / "out" / file for file in make_assets.FILES)
-    assert steps == [(k + 1, 26) for k in range(26)]
+    for _ in range(2):  # the second finds nothing to build
+        files = make_assets.build_demo_assets(
+            tmp_path / "out", progress=lambda done, total: steps.append((done, total))
+        )
+        assert files == tuple(tmp_path / "out" / file for file in make_assets.FILES)
+        assert steps == [(k + 2, 26) for k in range(25)]
+    assert [file.read_text() for file in files] == ["built", "mine", *["built"] * 24]
     monkeypatch.setattr(make_assets, "ATTEMPTS", 2)
     with pytest.raises(AssetError, match="could not build"):
-        make_assets.build_demo_assets(tmp_path / "out")
+        make_assets.build_demo_assets(tmp_path / "other")
 
 
 def test_the_config_of_a_project_names_every_asset(tmp_path, monkeypatch):
