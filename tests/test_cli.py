@@ -19,7 +19,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import STDERR
 from hulldown.dataset.coco import CocoDataset
 from hulldown.tests.editing import render
-from hulldown.verbs.output import STDOUT
+from hulldown.verbs.output import FOUND, STDOUT
 
 
 def run_apart(*words, cwd, stdout=subprocess.PIPE):
@@ -145,7 +145,7 @@ def test_doctor_prints_json_in_any_folder(tmp_path):
     found = json.loads(ran.stdout)
     assert found["blender"].startswith("5.")
     assert found["devices"][-1]["kind"] == "CPU"
-    assert (ran.returncode, ran.stderr) == (cli.FOUND if found["problems"] else cli.DONE, "")
+    assert (ran.returncode, ran.stderr) == (FOUND if found["problems"] else cli.DONE, "")
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,14 @@ from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.cli import main
 from hulldown.tests.networks import tiny_weights, write_small_weights
 from hulldown.tests.test_augment import augmentation
+from hulldown.tests.test_study import config_of
 from hulldown.tests.test_train import in_child, nano, small, train_and_die
 from hulldown.tests.training_pictures import make_dataset
 from hulldown.training.inputs.data import DrawnExamples
 from hulldown.training.inputs.draws import make_draws
 from hulldown.training.inputs.sources import follow_masks, read_sources
 from hulldown.training.predict import load_detector
+from hulldown.training.study.study_folder import prepare_study, study_runs
 from hulldown.training.train import train_detector
 
 
@@ -167,9 +169,10 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
 
 
 def test_every_arm_of_a_study_follows_the_same_rule(tmp_path):
-    from hulldown.tests.test_study import settled
-
     for seed, name in enumerate(("real", "synthetic", "test")):
         make_dataset(tmp_path / name, 8, seed=seed, masks=name == "synthetic")
-    study = settled(tmp_path, tmp_path, arms=["real", "synthetic"], fractions=[1.0])
-    assert {run.settings.masks for run in study.runs} == {False}
+    (tmp_path / "study").mkdir()
+    study = prepare_study(
+        config_of(tmp_path, tmp_path, arms=["real", "synthetic"], fractions=[1.0]), tmp_path / "study"
+    )
+    assert {run.settings.masks for run in study_runs(study.config)} == {False}
