@@ -1,1 +1,1 @@
-"""Boxes, silhouettes, keypoints, and masks: the geometry of labels, known before rendering (paper, section 2.1.7)."""
+"""Labels: their fields, computation, check, and drawing, known before rendering (paper, section 2.1.7)."""

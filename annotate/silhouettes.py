@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
+from hulldown.annotate.visibility import TOUCHING_M
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import NEAR_M, Camera, directions
 from hulldown.geometry.arrays import checked
@@ -15,7 +16,6 @@ from hulldown.geometry.indices import numbered
 from hulldown.geometry.transforms import rotate
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
-from hulldown.scene.visibility import TOUCHING_M
 
 FIRST_LOOK = 256  # pixels that are tested first
 MOST_RAYS = 1 << 18  # cast together

@@ -21,10 +21,10 @@ import orjson
 from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
+from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.base.files import replacing
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLITS
-from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import COCO_NAME, read_coco
 from hulldown.demo.catalog import CATEGORY
 from hulldown.demo.make_assets import build_demo_assets

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from hulldown.annotate.visibility import Visibility, visible_fraction
 from hulldown.benchmarks.scenes import HD, sheet, vehicles
 from hulldown.benchmarks.tables import table
 from hulldown.camera.framing import frame_target
@@ -21,7 +22,6 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply, rigid, rotation_z
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
-from hulldown.scene.visibility import Visibility, visible_fraction
 from hulldown.tests.shapes import vertices_at
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)

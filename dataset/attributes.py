@@ -14,9 +14,10 @@ import numpy as np
 from jaxtyping import Float, Int
 from msgspec import UNSET, Struct, UnsetType
 
+from hulldown.annotate.labels.box_3d import BoxInCamera
+from hulldown.annotate.record_fields import LabelRecord, Pose, View, fields_of
+from hulldown.annotate.records import Image, Label
 from hulldown.camera.shell import shell_place
-from hulldown.dataset.images import Image, Label
-from hulldown.dataset.store.declared import Pose, View, fields_of
 
 SIDES = ("front", "side", "rear")
 
@@ -57,12 +58,13 @@ def numbers_of(
     labels: Sequence[Label], images: Sequence[Image], image: Int[np.ndarray, " g"]
 ) -> dict[str, Float[np.ndarray, " g"]]:
     """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown."""
-    fields = [label.fields for label in labels]
+    fields = [label.read(LabelRecord) for label in labels]
+    placed = [label.read(BoxInCamera) for label in labels]
     vehicles = poses([each.world_from_vehicle for each in fields])
     cameras = camera_poses(images)[image]
     # Centers of 3D boxes in the world; without one, vehicles' origins.
-    boxed = np.array([each.bbox_3d is not None for each in fields], dtype=bool)
-    in_camera = np.array([each.bbox_3d.center for each in fields if each.bbox_3d], dtype=np.float64).reshape(-1, 3)
+    boxed = np.array([each.bbox_3d is not None for each in placed], dtype=bool)
+    in_camera = np.array([each.bbox_3d.center for each in placed if each.bbox_3d], dtype=np.float64).reshape(-1, 3)
     centers = vehicles[:, :3, 3].copy()
     centers[boxed] = (cameras[boxed, :3, :3] @ in_camera[..., None])[..., 0] + cameras[boxed, :3, 3]
     distance, elevation, azimuth = seen_from(centers, vehicles, cameras)
@@ -70,11 +72,12 @@ def numbers_of(
         upright = vehicles[:, 2, 2] / np.linalg.norm(vehicles[:, :3, 2], axis=1)
     stored = {
         key: np.array([getattr(each, key) for each in fields], dtype=np.float64)
-        for key in ("visible_fraction", "truncated_fraction", "air_contrast", "distance")
+        for key in ("visible_fraction", "truncated_fraction", "air_contrast")
     }
+    stated = np.array([each.distance for each in placed], dtype=np.float64)
     return {
         **stored,
-        "distance": np.where(np.isnan(stored["distance"]), distance, stored["distance"]),
+        "distance": np.where(np.isnan(stated), distance, stated),
         "slope": np.degrees(np.arccos(np.clip(upright, -1.0, 1.0))),
         "elevation": elevation,
         "azimuth": azimuth,

@@ -6,8 +6,8 @@ from collections.abc import Iterable
 
 from msgspec import Struct
 
-from hulldown.dataset.images import Image
-from hulldown.dataset.store.declared import fields_of
+from hulldown.annotate.record_fields import fields_of
+from hulldown.annotate.records import Image
 
 
 class _Position(Struct):

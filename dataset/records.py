@@ -14,17 +14,12 @@ from typing import Literal
 import numpy as np
 from msgspec import Struct
 
+from hulldown.annotate.label_list import label_misfits, label_problems
+from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import extent
-from hulldown.assets.coco_types import Coco, Record
-from hulldown.base.errors import DatasetError, shortened
-from hulldown.base.files import stays_inside
-from hulldown.base.outside import typed
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
-from hulldown.dataset.images import Category, Image, Label, LabeledImages
-from hulldown.dataset.labels.types import LABEL_CHECKS
-from hulldown.dataset.store.declared import (
+from hulldown.annotate.record_fields import (
     PICTURE_KEY,
+    ROUNDING_PX,
     CategoryRecord,
     ImageRecord,
     LabelRecord,
@@ -32,11 +27,18 @@ from hulldown.dataset.store.declared import (
     fields_of,
     misfits,
 )
+from hulldown.annotate.records import Category, Image, Label, overhang_px
+from hulldown.assets.coco_types import Coco, Record
+from hulldown.base.errors import DatasetError, shortened
+from hulldown.base.files import stays_inside
+from hulldown.base.outside import typed
+from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
+from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.journal import read_journal
 from hulldown.dataset.store.reservations import reservations_of
-from hulldown.dataset.usable_labels import ROUNDING_PX, beyond
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
 GAP, GAP_SHARE = 2.0, 0.25
@@ -120,7 +122,7 @@ def unusable_records(
             yield Finding("error", where, f"image {image_id!r} does not exist")
         if not isinstance(category_id, int) or category_id not in known:
             yield Finding("error", where, f"category {category_id!r} does not exist")
-        yield from (Finding("error", where, problem) for problem in misfits(annotation, LabelRecord))
+        yield from (Finding("error", where, problem) for problem in label_misfits(annotation))
 
 
 def check_names(coco: Coco) -> Iterator[Finding]:
@@ -180,7 +182,7 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
             if (box := (label.category_id, *label.bbox.tolist())) in boxes:
                 yield Finding("warning", where, "repeats class and box of another one in the same image")
             boxes.add(box)
-            problems = (each for check in LABEL_CHECKS for each in check(label, image, classes.get(label.category_id)))
+            problems = label_problems(label, image, classes.get(label.category_id))
             yield from (Finding("error", where, problem) for problem in problems)
             yield from _hints(where, label, image)
     for number, times in numbers.items():
@@ -190,12 +192,12 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
 
 def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
     """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
-    if (by := beyond(label.bbox, *image.size)) > ROUNDING_PX:
+    if (by := overhang_px(label.bbox, *image.size)) > ROUNDING_PX:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
     if (gap := _gap(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
         yield Finding("warning", where, problem, gap)
-    left = label.fields.air_contrast
+    left = label.read(LabelRecord).air_contrast
     if left is not None and left < MIN_LABEL_CONTRAST and not label.crowd:
         problem = f"is a ghost: the air leaves {100.0 * left:.1f} % of its contrast"
         yield Finding("warning", where, problem, left)
@@ -203,7 +205,7 @@ def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
 
 def _gap(label: Label, image: Image) -> float:
     """Return by how many pixels a box is larger than the mask of a target in full view; 0.0 for as much as antennas."""
-    if label.visible_fraction != 1.0 or not (mask := label.fields.segmentation):
+    if label.visible_fraction != 1.0 or not (mask := label.read(VisibleMask).segmentation):
         return 0.0
     with contextlib.suppress(ValueError):  # found elsewhere
         box = extent(mask, *image.size)[1]

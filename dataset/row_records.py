@@ -8,14 +8,13 @@ import numpy as np
 import orjson
 from jaxtyping import Bool
 
+from hulldown.annotate.label_list import fields_from_poses, fields_from_scene
+from hulldown.annotate.label_type import SeenVehicle, VehicleInCamera
+from hulldown.annotate.labels.keypoints import category_fields
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.assets.coco_types import Record
 from hulldown.assets.scenery import Scenery
-from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.dataset.labels.box_3d import position_in_camera
-from hulldown.dataset.labels.seen_vehicle import SeenVehicle
-from hulldown.dataset.labels.types import fields_of_scene
 from hulldown.dataset.store.entries import new_category
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
@@ -36,15 +35,12 @@ def label_records(row: Row) -> list[Record]:
     """Return a dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
     records: list[Record] = []
     for vehicle in row.labeled:
-        encoded = orjson.loads(encode(vehicle))
-        ignored = int(vehicle.label == "ignored")
-        records.append(
-            {
-                **{key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded},
-                **position_in_camera(vehicle, row),
-                "iscrowd": ignored,
-            }
+        encoded, placed = (
+            orjson.loads(encode(vehicle)),
+            VehicleInCamera(row.camera, vehicle.world_from_vehicle, np.array(vehicle.bounds)),
         )
+        planned = {key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded}
+        records.append({**planned, **fields_from_poses(placed), "iscrowd": int(vehicle.label == "ignored")})
     return records
 
 
@@ -77,7 +73,7 @@ class Segmenter:
     def records(self, row: Row) -> list[Record]:
         """Annotation records of each labeled vehicle of a row, without ids."""
         return [
-            {**record, **fields_of_scene(self._seen(row, vehicle))}
+            {**record, **fields_from_scene(self._seen(row, vehicle))}
             for vehicle, record in zip(row.labeled, label_records(row), strict=True)
         ]
 
@@ -86,7 +82,7 @@ class Segmenter:
         posed, scene = self._scenes.posed(vehicle), self._scenes.scene(row)
         others = scene.with_vehicles([p for p, v in zip(scene.vehicles, row.vehicles, strict=True) if v is not vehicle])
         whole, visible = vehicle_masks(posed, row.camera, xywh=np.array(vehicle.bbox), world=others)
-        return SeenVehicle(row, posed, scene, whole, visible, self._keypoints)
+        return SeenVehicle(row.camera, posed, scene, whole, visible, self._keypoints)
 
     def mask(self, row: Row, vehicle: PlannedVehicle) -> Bool[np.ndarray, "h w"]:
         """Visible mask of a row's vehicle; of a target that is left out of the picture, as if it were there."""

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Shaped
 from PIL import Image as Pictures
 
+from hulldown.annotate.drawing import Overlay, draw
 from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
@@ -19,8 +20,8 @@ from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import image_record, label_records
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.notebooks import ShownInNotebooks
+from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.plan_file import Plan
 
 Columns = dict[str, Shaped[np.ndarray, " n"]]
@@ -112,13 +113,12 @@ class Dataset(ShownInNotebooks):
                 label.category_id,
                 label.category,
                 ignored=label.crowd,
-                segmentation=label.fields.segmentation if masks else None,
-                keypoints=label.fields.keypoints or (),
+                record=label.record,
             )
             for label in self.images[i].labels
         ]
         try:
-            return draw(image, boxes)
+            return draw(image, boxes, tint=masks)
         except ValueError as error:
             problem = f"{self.images[i].file_name}: {error}"
             raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error

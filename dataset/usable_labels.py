@@ -7,16 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
-import numpy as np
 from cyclopts import Parameter
-from jaxtyping import Float
 
+from hulldown.annotate.record_fields import MAX_OVERHANG_PX, ROUNDING_PX
+from hulldown.annotate.records import Image, Label, overhang_px
 from hulldown.base.arguments import AtLeastZero, Share
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.images import Image, Label
 
-ROUNDING_PX = 1e-6  # pixels: rounding error of decimal text
-MAX_OVERHANG_PX = 1.0  # pixels that a box may leave its image by without being refused
 MAX_LISTED_BOXES = 10  # boxes that an error names
 
 
@@ -34,7 +31,7 @@ def clipped(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]
         for label in image.labels:
             x, y, w, h = label.bbox.tolist()
             where = f"{image.file_name}: annotation {label.id}"
-            by = beyond(label.bbox, *image.size)
+            by = overhang_px(label.bbox, *image.size)
             if w <= 0 or h <= 0:
                 wrong.append(f"{where} has no area")
             elif by <= ROUNDING_PX:
@@ -68,12 +65,6 @@ def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "
         raise DatasetError(
             f"{counted} cannot be used: {', '.join(wrong[:MAX_LISTED_BOXES])}{more}", path=folder, remedy=remedy
         )
-
-
-def beyond(bbox: Float[np.ndarray, "4"], width: int, height: int) -> float:
-    """Return the pixels that a box reaches beyond its image; at most 0 if it doesn't."""
-    x, y, w, h = bbox.tolist()
-    return max(-x, -y, x + w - width, y + h - height)
 
 
 @Parameter(name="*")

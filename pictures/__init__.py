@@ -1,1 +1,1 @@
-"""Pictures for people: labels drawn on images, sheets of images, and displays in notebooks."""
+"""Pictures for people: sheets of images, and displays in notebooks."""

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hulldown.annotate.labels.keypoints import category_fields
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.fingerprint import fingerprint
 from hulldown.assets.library import Assets, GeometrySource, HdriSource, Source
-from hulldown.assets.skeleton import category_fields
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import AssetError, ConfigError

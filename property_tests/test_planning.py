@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from hulldown.annotate.boxes import surface_box
 from hulldown.annotate.masks import decode
+from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import ConfigError
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.attributes import numbers_of
-from hulldown.dataset.images import Image, Label
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import apply

@@ -6,6 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hulldown.annotate.visibility import visible_fraction
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
@@ -13,7 +14,6 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.transforms import rigid
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
-from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.shapes import box, random_rotations
 from hulldown.tests.test_visibility import HERE, TANK
 

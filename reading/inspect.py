@@ -10,13 +10,14 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw
 
+from hulldown.annotate.drawing import lettering
 from hulldown.assets.picture_files import read_pixels
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.camera.response import CARD_ALBEDO, metered
-from hulldown.pictures.drawing import contact_sheet, lettering
 from hulldown.pictures.own_files import save_picture
+from hulldown.pictures.sheets import contact_sheet
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
 from hulldown.reading.vehicle.seen_colors import BACKGROUND_LEVEL

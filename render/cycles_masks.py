@@ -14,11 +14,12 @@ from jaxtyping import Bool, UInt8
 from rich.markup import escape
 from rich.table import Table
 
+from hulldown.annotate.labels.mask import AmodalMask, VisibleMask
 from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.annotate.records import Label
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import tracked
-from hulldown.dataset.images import Label
 from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
@@ -111,7 +112,7 @@ def verify_masks(
                 findings.append(Finding("error", where, problem))
                 continue
             rows.append(measured)
-            findings += [finding] if (finding := _judged(measured, label.fields.area or 0.0)) else []
+            findings += [finding] if (finding := _judged(measured, label.read(VisibleMask).area or 0.0)) else []
     return MaskReport(tuple(rows), tuple(findings))
 
 
@@ -132,8 +133,8 @@ def compared(
     overlaps = [
         iou(decode(mask, width, height), shown) if mask else math.nan
         for mask, shown in (
-            (label.fields.segmentation, visible),
-            (label.fields.segmentation_amodal, alone),
+            (label.read(VisibleMask).segmentation, visible),
+            (label.read(AmodalMask).segmentation_amodal, alone),
         )
     ]
     return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, *overlaps)

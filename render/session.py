@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import UNFINISHED_NAME
 from hulldown.dataset.coco import CocoDataset
@@ -26,7 +27,6 @@ from hulldown.dataset.provenance import (
     write_failures,
 )
 from hulldown.dataset.row_records import Segmenter, image_record, plan_categories
-from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.placed_pictures import confined, publish, writing
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan

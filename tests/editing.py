@@ -8,8 +8,8 @@ from typing import Any
 
 from PIL import Image
 
+from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.store.declared import PICTURE_KEY
 
 PLAN = "a" * 64  # the key of a plan
 

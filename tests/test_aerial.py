@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from hulldown import cli
 from hulldown.camera.shell import camera_pose
-from hulldown.dataset.labels.box_3d import position_in_camera
+from hulldown.dataset.row_records import label_records
 from hulldown.plan.config.schema import Config
 from hulldown.planning.check import check_plan
 from hulldown.planning.write import write_plan
@@ -51,10 +51,11 @@ def test_straight_down_can_be_planned_and_has_a_defined_azimuth(tmp_path):
 @pytest.mark.parametrize("azimuth", [0.0, 1.0, -2.5])
 def test_the_azimuth_straight_down_is_the_limit_from_nearby(plan, azimuth):
     row = plan[0]
-    target, away = replace(row.target, world_from_vehicle=np.eye(4)), []
+    target, away = replace(row.target, world_from_vehicle=np.eye(4), label="full"), []
     middle = (np.array(target.bounds.low) + np.array(target.bounds.high)) / 2
     for elevation in (math.pi / 2, math.pi / 2 - 1e-3):
         pose = camera_pose(middle, 100.0, azimuth, elevation)
         pose[:3, 3] = np.round(pose[:3, 3], 9)  # rounded as in plans, which decides the direction
-        away.append(position_in_camera(target, replace(row, world_from_camera=pose))["azimuth_seen"])
+        seen = replace(row, world_from_camera=pose, planned=[target], background=False)
+        away.append(label_records(seen)[0]["azimuth_seen"])
     assert away == pytest.approx([azimuth, azimuth], abs=1e-5)

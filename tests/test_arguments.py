@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
+from hulldown.annotate.visibility import visible_fraction
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.projection import Camera, project
@@ -26,7 +27,6 @@ from hulldown.placement.terrain import Terrain
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import NO_OBSTACLES, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
-from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.shapes import box, sheet, vehicle_of
 
 ONE, DOWN = np.eye(4)[None], [0.0, 0.0, -1.0]

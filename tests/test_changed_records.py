@@ -5,11 +5,11 @@ import os
 
 import pytest
 
+from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.join import join_datasets
-from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.document import read_coco
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import PLAN, edit, render, write_dataset

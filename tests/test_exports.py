@@ -14,10 +14,10 @@ from pycocotools.coco import COCO
 from hulldown import cli
 from hulldown.annotate.masks import decode, encode, mask_box
 from hulldown.annotate.outlines import polygons
+from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export_dataset
 from hulldown.dataset.exports.layouts.kitti import label_line
-from hulldown.dataset.images import Label
 from hulldown.tests.editing import edit, write_dataset
 from hulldown.verbs.command import command_line
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from hulldown.dataset.images import Label
+from hulldown.annotate.records import Label
 from hulldown.dataset.records import check_labels, sound_images
 from hulldown.dataset.usable_labels import LabelFloors
 

@@ -7,9 +7,8 @@ from PIL import Image
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from hulldown.annotate.keypoint_visibility import keypoints_in_image
+from hulldown.annotate.labels.keypoints import category_fields, keypoints_in_image
 from hulldown.assets.bundle import load_vehicle, save
-from hulldown.assets.skeleton import category_fields
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from hulldown.annotate.drawing import IGNORED, Overlay, color_of, draw
 from hulldown.annotate.masks import encode
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
-from hulldown.pictures.drawing import IGNORED, Overlay, color_of, contact_sheet, draw
 from hulldown.pictures.own_files import refuse_foreign, save_picture
+from hulldown.pictures.sheets import contact_sheet
 from hulldown.tests.editing import append, write_dataset
 
 
@@ -54,7 +55,9 @@ def test_names_are_inside_the_picture(bbox):
 def test_masks_are_tinted_exactly():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
-    drawn = np.asarray(draw(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", segmentation=encode(mask))]))
+    drawn = np.asarray(
+        draw(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode(mask)})])
+    )
     assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(color_of(1)))).all()
     assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from hulldown.annotate.drawing import Overlay, draw
 from hulldown.assets.picture_files import read_picture, read_pixels, rgb
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.table import Dataset
-from hulldown.pictures.drawing import Overlay, draw
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import write_dataset
 from hulldown.training.inputs.sources import read_sources

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.masks import decode, encode
-from hulldown.dataset.images import Label
+from hulldown.annotate.records import Label
 from hulldown.render.cycles_masks import compared, verify_masks
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.render_plans import CUBES, make_row, write_plan

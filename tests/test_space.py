@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
+from hulldown.annotate.label_list import label_misfits
+from hulldown.annotate.labels.box_3d import Box3D, BoxInCamera
+from hulldown.annotate.records import Image, Label
 from hulldown.dataset.exports.layouts.kitti import label_line
-from hulldown.dataset.images import Label
-from hulldown.dataset.labels.box_3d import box_3d_problems, position_in_camera
 from hulldown.dataset.row_records import label_records
-from hulldown.dataset.store.declared import Box3D, LabelRecord, misfits
 from hulldown.geometry.transforms import apply
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 from hulldown.tests.shapes import vertices_at
@@ -34,8 +34,8 @@ def points_of(assets, vehicle, row):
 
 def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, rows):
     for row in rows:
-        for vehicle in row.vehicles:
-            box = Box3D(**position_in_camera(vehicle, row)["bbox_3d"])
+        for vehicle, record in zip(row.labeled, label_records(row), strict=True):
+            box = Box3D(**record["bbox_3d"])
             inside = (points_of(assets, vehicle, row) - box.center) @ np.array(box.rotation)
             np.testing.assert_allclose(inside.min(axis=0), -np.array(box.size) / 2, rtol=0, atol=1e-7)
             np.testing.assert_allclose(inside.max(axis=0), np.array(box.size) / 2, rtol=0, atol=1e-7)
@@ -84,9 +84,11 @@ def turned(box):
 def test_an_invalid_box_is_found(rows, change, problem):
     label = copy.deepcopy(label_records(rows[0])[0])
     label |= {"id": 1, "image_id": 1, "category_id": 1}
+    image = Image.of({"id": 1, "file_name": "1.png", "width": 32, "height": 24}, ())
 
     def problems():
-        return list(misfits(label, LabelRecord)) or list(box_3d_problems(Label.of(label, {}), None, None))
+        found = Label.of(label, {})
+        return list(label_misfits(label)) or list(found.read(BoxInCamera).problems(found, image, None))
 
     assert problems() == []
     change(label)

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image as Pictures
 
+from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import DONE_NAME, UNFINISHED_NAME
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLITS, share_out
 from hulldown.dataset.image_positions import group_of
-from hulldown.dataset.images import Image, Label
 from hulldown.dataset.records import read_usable
 from hulldown.tests.editing import write_dataset
 

@@ -5,6 +5,7 @@ import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.annotate.visibility import visible_fraction
 from hulldown.benchmarks.visibility import error_bound
 from hulldown.camera.framing import turned as aimed_off
 from hulldown.camera.intrinsics import Intrinsics
@@ -17,7 +18,6 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid, rotation_z
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster, points_around
-from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.planning_assets import vehicle
 from hulldown.tests.shapes import box, vehicle_of
 

@@ -5,6 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from hulldown.annotate.visibility import visible_fraction
 from hulldown.assets.library import Assets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
@@ -18,7 +19,6 @@ from hulldown.planning.search.stage import make_stage
 from hulldown.scene.clearance import CameraRoom
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
-from hulldown.scene.visibility import visible_fraction
 from hulldown.tests.planning_assets import bare, hills, plan, small_config, vehicle, with_water
 from hulldown.tests.shapes import box, sheet
 

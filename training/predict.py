@@ -17,12 +17,12 @@ import orjson
 from cyclopts import Parameter
 from PIL import Image
 
+from hulldown.annotate.drawing import Overlay, draw
 from hulldown.base.arguments import AnyPath, Count, Overlap, parsed
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
 from hulldown.base.outside import json_of
 from hulldown.base.terminal import reporting
-from hulldown.pictures.drawing import Overlay, draw
 from hulldown.training.detectors.detector import Detector, chosen_device, weights_digest, weights_of
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
 from hulldown.training.evaluation.labels import Labels

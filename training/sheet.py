@@ -8,11 +8,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from hulldown.annotate.drawing import Overlay, draw
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.terminal import tracked
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.own_files import make_room_for_picture, save_picture
+from hulldown.pictures.sheets import contact_sheet
 from hulldown.training.inputs.extra import require_extra
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.inputs.sources import Sample, read_sources

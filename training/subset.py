@@ -10,13 +10,13 @@ from typing import Annotated
 
 import orjson
 
+from hulldown.annotate.records import Image
 from hulldown.base.arguments import AnyPath, parsed
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import reporting
 from hulldown.dataset.exports.split import shuffle_key
 from hulldown.dataset.image_positions import positions
-from hulldown.dataset.images import Image
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.placed_pictures import link_or_copy

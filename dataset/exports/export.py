@@ -13,7 +13,9 @@ import orjson
 from cyclopts import Parameter
 
 from hulldown.annotate import outlines
+from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import extent
+from hulldown.annotate.records import Image, Label
 from hulldown.base.arguments import AnyPath, AtLeastZero, parsed
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
@@ -21,7 +23,6 @@ from hulldown.base.terminal import reporting, say
 from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, voc, yolo
 from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, share_out
-from hulldown.dataset.images import Image, Label
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped, refuse_all
 
@@ -156,7 +157,7 @@ def _check_masks(images: Sequence[Image], folder: Path) -> None:
     wrong = []
     for image in images:
         for label in image.labels:
-            if mask := label.fields.segmentation:
+            if mask := label.read(VisibleMask).segmentation:
                 try:
                     extent(mask, *image.size)
                 except ValueError as error:
@@ -166,6 +167,6 @@ def _check_masks(images: Sequence[Image], folder: Path) -> None:
 
 def _outlined(label: Label, size: tuple[int, int], within: float) -> Label:
     """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
-    if label.crowd or not (mask := label.fields.segmentation):
+    if label.crowd or not (mask := label.read(VisibleMask).segmentation):
         return label
     return label.changed(segmentation=outlines.polygons(mask, *size, within=within))

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
 
+from hulldown.annotate.records import Image
 from hulldown.dataset.image_positions import positions
-from hulldown.dataset.images import Image
 
 SPLITS = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more

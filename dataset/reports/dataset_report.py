@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pictures
 from PIL import ImageDraw
 
+from hulldown.annotate.drawing import IGNORED, color_of
 from hulldown.assets.photographs import read_photographs
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
 from hulldown.base.errors import DatasetError
@@ -24,7 +25,6 @@ from hulldown.dataset.reports.comparison import Comparison, compare_with_photogr
 from hulldown.dataset.reports.page import Tile, render
 from hulldown.dataset.table import CONDITIONS, Dataset
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import IGNORED, color_of
 from hulldown.pictures.own_files import refuse_foreign
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.pictures.preview import Artist

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
+from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.records import Image
 from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
-from hulldown.dataset.images import Image
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.placed_pictures import own_picture
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash

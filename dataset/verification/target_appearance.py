@@ -13,11 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, UInt8
 
+from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import decode
+from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.records import Image
 from hulldown.assets.coco_types import Record
-from hulldown.dataset.images import Image
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.geometry.color import LUMINANCE
 
 MIN_CONTRAST = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
@@ -48,7 +49,7 @@ def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Itera
     masked = []
     for label in image.labels:
         with contextlib.suppress(ValueError):  # found elsewhere
-            masked.append((label, decode(label.fields.segmentation, width, height)))
+            masked.append((label, decode(label.read(VisibleMask).segmentation, width, height)))
     covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
     for label, mask in masked:
         if not label.crowd and (seen := target_appearance(pixels, mask, covering > mask)) is not None:

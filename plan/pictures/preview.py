@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
+from hulldown.annotate.drawing import Overlay, draw
 from hulldown.assets.library import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.errors import ConfigError
@@ -18,8 +19,8 @@ from hulldown.camera.response import CARD_ALBEDO, card_radiance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import spread
-from hulldown.pictures.drawing import Overlay, contact_sheet, draw
 from hulldown.pictures.own_files import make_room_for_picture, save_picture
+from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.lines import PlanFile

@@ -10,6 +10,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.silhouettes import show_pixels
+from hulldown.annotate.visibility import visible_fraction
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put, take
@@ -21,7 +22,6 @@ from hulldown.planning.search.cameras import CameraCandidates, CameraRule, Camer
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.sizing import filled_fraction, no_boxes, vehicle_boxes
 from hulldown.planning.search.stage import Site
-from hulldown.scene.visibility import visible_fraction
 
 SIZE_TOLERANCE = 1e-9  # relative, of solved sizes: the solver and the box's projection round differently
 SURELY_VISIBLE_PX2 = 1000.0  # visible area of a box above which some pixel center surely shows the target

@@ -12,13 +12,13 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
+from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
-from hulldown.dataset.labels.oriented_box import visible_corners
 from hulldown.dataset.reports.charts import BLUE, COLORS, GREEN, INK, MAX_NAME_CHARACTERS, RED, axes_of, short
 from hulldown.dataset.reports.page import render
-from hulldown.pictures.drawing import BACKGROUND, contact_sheet
+from hulldown.pictures.sheets import BACKGROUND, contact_sheet
 from hulldown.training.evaluation.detector_report import DetectorReport
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.labels import Labels

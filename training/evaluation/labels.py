@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.annotate.labels.mask import area_of
+from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.image_positions import group_of
-from hulldown.dataset.images import Image, Label, LabeledImages
-from hulldown.dataset.labels.mask import area_of
+from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
 
 

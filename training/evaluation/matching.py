@@ -17,7 +17,7 @@ import shapely
 from faster_coco_eval import COCO, COCOeval_faster
 from jaxtyping import Bool, Float, Int
 
-from hulldown.dataset.labels.oriented_box import visible_corners
+from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 

@@ -14,10 +14,12 @@ import numpy as np
 import orjson
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import decode, run_lengths
+from hulldown.annotate.records import Label
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
-from hulldown.dataset.images import Label, LabeledImages
+from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import clipped
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
@@ -179,7 +181,7 @@ def _checked(folder: Path) -> LabeledImages:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
     for image in found.images:
         for label in image.labels:
-            if not label.crowd and (mask := label.fields.segmentation):
+            if not label.crowd and (mask := label.read(VisibleMask).segmentation):
                 try:
                     run_lengths(mask, *image.size)
                 except ValueError as error:
@@ -210,14 +212,14 @@ def _source(name: str, folder: Path, found: LabeledImages, classes: Sequence[str
         starts=np.concatenate(([0], np.cumsum([len(labels) for labels in boxes], dtype=np.int64))),
         xywh=np.array([label.bbox for label in ordered], dtype=np.float64).reshape(-1, 4),
         class_index=np.array([classes.index(label.category) for label in ordered], dtype=np.int64),
-        segmentations=tuple(label.fields.segmentation or None for label in ordered),
+        segmentations=tuple(label.read(VisibleMask).segmentation or None for label in ordered),
         digest=hashlib.sha256(orjson.dumps(learned)).hexdigest(),
     )
 
 
 def _learned(label: Label) -> list[object]:
     """Return what training sees of a label."""
-    return [label.record["bbox"], label.category, label.fields.segmentation]
+    return [label.record["bbox"], label.category, label.read(VisibleMask).segmentation]
 
 
 def _listed(names: Sequence[str]) -> str:

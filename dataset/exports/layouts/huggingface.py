@@ -12,9 +12,9 @@ from pathlib import Path
 
 import orjson
 
+from hulldown.annotate.labels.mask import VisibleMask, area_of
+from hulldown.annotate.records import Label
 from hulldown.dataset.exports.layouts.splits import Splits, rings_of
-from hulldown.dataset.images import Label
-from hulldown.dataset.labels.mask import area_of
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
@@ -27,7 +27,7 @@ def write(splits: Splits, out: Path) -> None:
     mask its box). Readers infer types from the lines, so a split without any label doesn't fit the others.
     """
     labels = [label for items in splits.items.values() for item in items for label in item.image.labels]
-    outlined = any(isinstance(label.fields.segmentation, list) for label in labels)
+    outlined = any(isinstance(label.read(VisibleMask).segmentation, list) for label in labels)
     for split, items in splits:
         folder = out / FOLDERS[split]
         folder.mkdir()

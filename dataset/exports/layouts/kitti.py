@@ -14,9 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from hulldown.annotate.labels.box_3d import BoxInCamera
+from hulldown.annotate.records import Label
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Splits
-from hulldown.dataset.images import Label
 
 UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
 UNKNOWN_ALPHA = -10.0
@@ -69,7 +70,7 @@ def label_line(label: Label) -> str:
     hidden = 3 if math.isnan(seen) else 0 if seen >= SEEN_WHOLE else 1 if seen >= SEEN_HALF else 2
     alpha = UNKNOWN_ALPHA
     numbers: tuple[float, ...] = UNKNOWN
-    if (box := label.fields.bbox_3d) is not None:
+    if (box := label.read(BoxInCamera).bbox_3d) is not None:
         length, width, height = box.size
         rotation = np.array(box.rotation)
         ground = np.array(box.center) - rotation[:, 2] * height / 2

@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path, PurePosixPath
 
+from hulldown.annotate.labels.mask import VisibleMask
+from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import DECODER_THREADS, read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import sha256_of
-from hulldown.dataset.images import Category, Image, Label
-from hulldown.dataset.store.declared import PICTURE_KEY
 from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.usable_labels import refuse_all
 
@@ -110,7 +111,7 @@ def flat_names(images: Sequence[Image]) -> list[str]:
 
 def rings_of(label: Label) -> list[list[float]]:
     """Return a label's polygons, or the corners of its box if it has none."""
-    if isinstance(rings := label.fields.segmentation, list) and rings:
+    if isinstance(rings := label.read(VisibleMask).segmentation, list) and rings:
         return rings
     x, y, w, h = label.bbox.tolist()
     return [[x, y, x + w, y, x + w, y + h, x, y + h]]

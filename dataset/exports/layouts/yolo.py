@@ -18,11 +18,13 @@ from typing import TypeAlias
 import numpy as np
 from jaxtyping import Float
 
+from hulldown.annotate.labels.keypoints import Keypoints
+from hulldown.annotate.labels.mask import VisibleMask
+from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.annotate.outlines import bridged
+from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits, rings_of
-from hulldown.dataset.images import Label
-from hulldown.dataset.labels.oriented_box import visible_corners
 
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
@@ -34,7 +36,7 @@ def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     expect one or the other in a file. Several polygons are bridged into one.
     """
     labels = [label for label in item.image.labels if not label.crowd]
-    masks = [label.fields.segmentation for label in labels]
+    masks = [label.read(VisibleMask).segmentation for label in labels]
     if any(isinstance(mask, list) and mask for mask in masks):
         corners = [bridged([np.reshape(ring, (-1, 2)) for ring in rings_of(label)]) for label in labels]
         shares = [(each / item.image.size).ravel() for each in corners]
@@ -104,7 +106,7 @@ def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> li
     lines = []
     for label in item.image.labels:
         if not label.crowd:
-            points = np.reshape(label.fields.keypoints or np.zeros(3 * keypoints), (-1, 3))
+            points = np.reshape(label.read(Keypoints).keypoints or np.zeros(3 * keypoints), (-1, 3))
             shares = " ".join(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.image.size, 1])
             lines.append(f"{_line(numbers[label.category_id], _center(label, item.image.size))} {shares}")
     return lines

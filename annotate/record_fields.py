@@ -19,8 +19,10 @@ Share = Annotated[float, Meta(ge=0, le=1)]
 Meters = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Box = tuple[Pixel, Pixel, Pixel, Pixel]
 Three = tuple[Meters, Meters, Meters]
-Rows = tuple[Three, Three, Three]
+Vectors = tuple[Three, Three, Three]
 Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
+ROUNDING_PX = 1e-6  # pixels: rounding error of decimal text
+MAX_OVERHANG_PX = 1.0  # pixels that a box may leave its image by without being refused
 PICTURE_KEY = "picture_sha256"  # of a rendered image's record: the hash of its picture's file
 Declared = TypeVar("Declared", bound=Struct)
 
@@ -37,7 +39,7 @@ class Optics(Struct):
     """Fields of an image's camera; see `camera.intrinsics.Intrinsics.of_fields`."""
 
     fov_x_deg: Annotated[float, Meta(ge=1e-6, le=179.999)] | None = None
-    K: Rows | None = None
+    K: Vectors | None = None
     dist: tuple[Meters, Meters, Meters, Meters, Meters] | None = None
 
 
@@ -51,16 +53,8 @@ class View(Optics):
     picture_sha256: str | None = None
 
 
-class Box3D(Struct):
-    """An oriented box in the camera's frame."""
-
-    center: Three
-    size: Three
-    rotation: Rows
-
-
 class LabelRecord(Struct, kw_only=True):
-    """Fields of a label; docs/dataset.md describes them, and `dataset.labels` computes and checks them."""
+    """Fields of a label that all readers use; `annotate.labels` has those of the other types."""
 
     image_id: int
     category_id: int
@@ -71,27 +65,16 @@ class LabelRecord(Struct, kw_only=True):
     air_contrast: Share | None = None
     world_from_vehicle: Pose | None = None
     vehicle: str | None = None
-    bbox_amodal: Box | None = None
-    distance: Annotated[float, Meta(ge=0, le=1e9)] | None = None
-    azimuth_seen: Annotated[float, Meta(ge=-10, le=10)] | None = None
-    bbox_3d: Box3D | None = None
-    bbox_3d_corners: Annotated[list[tuple[Pixel, Pixel] | None], Meta(min_length=8, max_length=8)] | None = None
-    segmentation: object = None  # in one of the forms that `annotate.masks.decode` checks
-    area: Side | None = None
-    segmentation_amodal: dict[str, object] | None = None
-    obb: tuple[Pixel, Pixel, Side, Side, Pixel] | None = None
-    keypoints: list[Pixel] | None = None
-    num_keypoints: int | None = None
 
 
-class Keypoints(Struct):
+class CategoryKeypoints(Struct):
     """Fields of a class's keypoints: their names, and pairs of their numbers, from 1."""
 
     keypoints: list[str] | None = None
     skeleton: list[tuple[int, int]] | None = None
 
 
-class CategoryRecord(Keypoints, kw_only=True):
+class CategoryRecord(CategoryKeypoints, kw_only=True):
     """Fields of a class."""
 
     name: Annotated[str, Meta(min_length=1)]

@@ -1,0 +1,1 @@
+"""Types of labels, one module each: record fields, their computation, their check, and how they're drawn."""

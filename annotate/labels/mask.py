@@ -1,0 +1,92 @@
+"""Masks of what is visible of a vehicle, as COCO's run lengths or polygons, and of the whole vehicle."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Bool, Float
+from msgspec import Meta
+
+from hulldown.annotate.label_type import LabelType, SeenVehicle
+from hulldown.annotate.masks import covers, decode, encode, extent
+from hulldown.annotate.record_fields import Side
+from hulldown.annotate.records import Category, Image, Label
+
+MAX_MASK_OVERHANG_PX = 1.0  # pixels that a mask may reach beyond its box
+
+
+class VisibleMask(LabelType):
+    """The mask of what is visible, and its area."""
+
+    # In one of the forms that `annotate.masks.decode` checks.
+    segmentation: Annotated[object, Meta(description="[mask](boxes.md#masks) of what is visible in the image")] = None
+    area: Annotated[Side | None, Meta(description="its number of pixels")] = None
+
+    @classmethod
+    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
+        """Return run lengths of the visible pixels, and their number."""
+        return {"segmentation": encode(vehicle.visible), "area": int(np.count_nonzero(vehicle.visible))}
+
+    def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
+        """Find a damaged mask, one outside of its box, and another number of pixels."""
+        if not (mask := self.segmentation):
+            return
+        try:
+            pixels, box = extent(mask, *image.size)
+        except ValueError as error:
+            yield str(error)
+            return
+        yield from _outside(label, box, "its mask")
+        if isinstance(mask, Mapping) and self.area is not None and self.area != pixels:
+            yield f"area is {label.record['area']}, its mask has {pixels} pixels"
+
+    def tinted_pixels(self, width: int, height: int) -> Bool[np.ndarray, "h w"] | None:
+        """Return the mask's pixels."""
+        return decode(self.segmentation, width, height) if self.segmentation else None
+
+
+class AmodalMask(LabelType):
+    """The mask of the whole vehicle in the image, hidden or not."""
+
+    segmentation_amodal: Annotated[
+        dict[str, object] | None, Meta(description="[mask](boxes.md#masks) of the whole vehicle, hidden or not")
+    ] = None
+
+    @classmethod
+    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
+        """Return run lengths of the vehicle's pixels."""
+        return {"segmentation_amodal": encode(vehicle.whole)}
+
+    def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
+        """Find a damaged amodal mask, one outside of the box, and one that lacks visible pixels."""
+        if (whole := self.segmentation_amodal) is None:
+            return
+        try:
+            _, box = extent(whole, *image.size)
+        except ValueError as error:
+            yield f"segmentation_amodal: {error}"
+            return
+        yield from _outside(label, box, "its amodal mask")
+        try:
+            if (visible := label.read(VisibleMask).segmentation) and not covers(whole, visible, *image.size):
+                yield "its amodal mask lacks pixels of its mask"
+        except ValueError:
+            return  # the visible mask is damaged, which is found there
+
+
+def area_of(label: Label) -> float:
+    """Return a label's area in pixels: that in its record, or without one its box's."""
+    area = label.read(VisibleMask).area
+    return float(label.bbox[2] * label.bbox[3]) if area is None else area
+
+
+def _outside(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
+    """Find a mask, by its extent as of `annotate.masks.extent`, that reaches out of the label's box."""
+    if extent is None:
+        return
+    x, y, w, h = label.bbox
+    low, high = extent[:2] - (x, y), extent[:2] + extent[2:] - (x + w, y + h)
+    if low.min() < -MAX_MASK_OVERHANG_PX or high.max() > MAX_MASK_OVERHANG_PX:
+        yield f"{what} covers {extent.tolist()}, beyond its bbox {label.record['bbox']}"

@@ -1,0 +1,77 @@
+"""The oriented box of a label: the smallest rectangle around its visible mask."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from msgspec import Meta
+
+from hulldown.annotate.label_type import LabelType, SeenVehicle
+from hulldown.annotate.labels.mask import VisibleMask
+from hulldown.annotate.masks import encode, runs
+from hulldown.annotate.record_fields import Pixel, Side
+from hulldown.annotate.records import Category, Image, Label
+from hulldown.annotate.rectangles import fits, mask_rectangle, rectangle_corners
+from hulldown.base.errors import DatasetError
+
+Rectangle = tuple[Pixel, Pixel, Side, Side, Pixel]  # center x, center y, width, height, and angle
+
+
+class OrientedBox(LabelType):
+    """The smallest rectangle around the visible mask."""
+
+    obb: Annotated[
+        Rectangle | None,
+        Meta(description="smallest rectangle around the mask: [oriented boxes](labels.md#oriented-boxes)"),
+    ] = None
+
+    @classmethod
+    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
+        """Return the rectangle, rounded to 1e-6 pixels and 1e-9 radians; None for an empty mask."""
+        height, width = vehicle.visible.shape
+        rectangle = mask_rectangle(encode(vehicle.visible), width, height)
+        if rectangle is None:
+            return {"obb": None}
+        return {"obb": [*np.round(rectangle[:4], 6).tolist(), round(float(rectangle[4]), 9)]}
+
+    def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
+        """Find a rectangle that isn't the smallest one around the mask."""
+        given, mask = self.obb, label.read(VisibleMask).segmentation
+        if given is None or not isinstance(mask, Mapping):
+            return
+        try:
+            first, _ = runs(mask, *image.size)
+        except ValueError:
+            return  # found by the mask's check
+        if not len(first):
+            return
+        if not min(given[2:4]) > 0:
+            yield f"obb {list(given)} has no area"
+        elif not fits(given, mask, *image.size):
+            yield f"obb {list(given)} isn't the smallest rectangle around its mask"
+
+
+def visible_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
+    """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box."""
+    if (given := rectangle_of(label)) is not None:
+        return rectangle_corners(given)
+    if mask := label.read(VisibleMask).segmentation:
+        try:
+            rectangle = mask_rectangle(mask, *image.size)
+        except ValueError as error:
+            problem, path = f"annotation {label.id}: {error}", Path(image.file_name)
+            raise DatasetError(problem, path=path, remedy="check the dataset with `hulldown verify`") from None
+        if rectangle is not None:
+            return rectangle_corners(rectangle)
+    x, y, w, h = label.bbox
+    return rectangle_corners([x + w / 2, y + h / 2, w, h, 0.0])
+
+
+def rectangle_of(label: Label) -> Rectangle | None:
+    """Return a label's `obb` if it has one with an area."""
+    given = label.read(OrientedBox).obb
+    return given if given is not None and min(given[2:4]) > 0 else None
