@@ -13,10 +13,10 @@ import numpy as np
 from jaxtyping import Bool, Float
 from PIL import Image, ImageDraw, ImageFont
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.label_list import LABEL_TYPES
 from hulldown.annotate.label_type import Pen
 from hulldown.annotate.record_fields import fields_of
-from hulldown.assets.coco_types import Record
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by color-blind readers too. Black is left out.
 PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))

@@ -7,6 +7,7 @@ from itertools import chain
 
 from msgspec import Struct
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.label_type import LabelType, SeenVehicle, VehicleInCamera
 from hulldown.annotate.labels.box import SurfaceBox
 from hulldown.annotate.labels.box_3d import BoxInCamera
@@ -15,7 +16,6 @@ from hulldown.annotate.labels.mask import AmodalMask, VisibleMask
 from hulldown.annotate.labels.oriented_box import OrientedBox
 from hulldown.annotate.record_fields import LabelRecord, misfits
 from hulldown.annotate.records import Category, Image, Label
-from hulldown.assets.coco_types import Record
 
 # In the order of a record's fields.
 LABEL_TYPES: tuple[type[LabelType], ...] = (SurfaceBox, BoxInCamera, VisibleMask, AmodalMask, OrientedBox, Keypoints)

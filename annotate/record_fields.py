@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar, get_type_hints
 import msgspec
 from msgspec import Meta, Struct
 
-from hulldown.assets.coco_types import Record
+from hulldown.annotate.coco_types import Record
 from hulldown.base.outside import typed
 
 Pixel = Annotated[float, Meta(ge=-1e9, le=1e9)]

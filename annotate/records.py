@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import CategoryKeypoints, Declared, LabelRecord, Optics, Pose, fields_of
-from hulldown.assets.coco_types import Record
 from hulldown.base.outside import typed
 from hulldown.camera.intrinsics import Intrinsics
 

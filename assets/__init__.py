@@ -1,1 +1,1 @@
-"""Vehicles, sceneries, skies, and photographs as plain arrays, and the files that hold them."""
+"""Vehicles, sceneries, and skies as plain arrays, and the files that hold them."""

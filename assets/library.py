@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from msgspec import Struct
 
 from hulldown.assets.fingerprint import Fingerprint
-from hulldown.assets.photographs import Photographs
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skylight import EVEN, SkyLight
 from hulldown.assets.vehicle import VehicleShape
@@ -48,8 +47,6 @@ class Assets:
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
     # light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory
     skies: Mapping[str, SkyLight] = field(default_factory=dict)
-    # photographs that cameras follow; None: the planner reads those that the config names
-    photographs: Photographs | None = None
 
     def __post_init__(self) -> None:
         for name in ("vehicles", "sceneries", "hdris"):

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.records import Category, Image, Label
-from hulldown.assets.coco_types import Coco, Record
 
 
 @dataclass(frozen=True, eq=False, slots=True)

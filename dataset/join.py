@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 
 from msgspec.structs import replace
 
-from hulldown.assets.coco_types import Record
+from hulldown.annotate.coco_types import Record
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import reporting

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 from msgspec import Struct
 
+from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.label_list import label_misfits, label_problems
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import extent
@@ -28,7 +29,6 @@ from hulldown.annotate.record_fields import (
     misfits,
 )
 from hulldown.annotate.records import Category, Image, Label, overhang_px
-from hulldown.assets.coco_types import Coco, Record
 from hulldown.base.errors import DatasetError, shortened
 from hulldown.base.files import stays_inside
 from hulldown.base.outside import typed

@@ -8,11 +8,11 @@ import numpy as np
 import orjson
 from jaxtyping import Bool
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.label_list import fields_from_poses, fields_from_scene
 from hulldown.annotate.label_type import SeenVehicle, VehicleInCamera
 from hulldown.annotate.labels.keypoints import category_fields
 from hulldown.annotate.silhouettes import vehicle_masks
-from hulldown.assets.coco_types import Record
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.dataset.store.entries import new_category

@@ -11,8 +11,8 @@ import numpy as np
 from jaxtyping import Shaped
 from PIL import Image as Pictures
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.drawing import Overlay, draw
-from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, conditions_of, numbers_of, sides_of

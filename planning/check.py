@@ -53,7 +53,7 @@ def check_plan(
     plan = plan if isinstance(plan, Plan) else read_plan(plan)
     assets = assets or load_planned_library(plan, cache=cache, limits=limits).assets
     planner = Planner(plan.config, assets, poses=plan.header.poses)
-    followed, photographs = plan.header.photographs, planner.assets.photographs
+    followed, photographs = plan.header.photographs, planner.photographs
     if followed is not None and (photographs is None or photographs.sha256 != followed.sha256):
         raise ConfigError(
             f"the boxes of camera.like ({followed.path}) aren't what they were when this was planned",

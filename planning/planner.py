@@ -5,15 +5,14 @@ Row i depends only on config, assets, and i. Blocks, workers, and restarts don't
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Bool
 
 from hulldown.assets.library import Assets
-from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import ConfigError
+from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.geometry.columns import take
 from hulldown.plan.config.schema import Config
 from hulldown.plan.given_poses import GivenPoses
@@ -44,11 +43,11 @@ class Planner:
         strict: bool = False,
         pairs: Pairs | None = None,
         poses: GivenPoses | None = None,
+        photographs: Photographs | None = None,
     ) -> None:
-        like = config.camera.like
-        if like is not None and assets.photographs is None:
-            assets = replace(assets, photographs=read_photographs(config.folder / like))
-        self.config, self.assets = config, assets
+        self.config, self.assets, self.photographs = config, assets, photographs
+        if photographs is None and config.camera.like is not None:
+            self.photographs = read_photographs(config.folder / config.camera.like)
         weights = {str(entry.name): entry.weight for entry in config.assets.vehicles}
         self.budget = make_budget(config.budget, {name: assets.categories[name] for name in assets.vehicles}, weights)
         if poses is not None:
@@ -56,7 +55,7 @@ class Planner:
         self._draws = RandomStreams(config.seed)
         self._hdri_weights = hdri_weights(config.light, assets.hdris)
         self.stage = make_stage(config, assets)
-        self.likeness = None if assets.photographs is None else Likeness(assets.photographs, config)
+        self.likeness = None if self.photographs is None else Likeness(self.photographs, config)
         self.strict = strict
         self.pairs = pairs or make_pairs(self.stage, self.budget, self._draws, strict=strict)
         vehicles = [self.budget.vehicles.index(name) for name in assets.vehicles]

@@ -12,7 +12,6 @@ import warnings
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
-from dataclasses import replace
 from functools import partial
 from multiprocessing.connection import wait
 from pathlib import Path
@@ -22,11 +21,11 @@ import numpy as np
 from msgspec.structs import asdict
 
 from hulldown.assets.library import Assets, HdriSource, Source
-from hulldown.assets.photographs import read_photographs
 from hulldown.base.arguments import PATH, AnyPath, Count
 from hulldown.base.code import version_of
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import make_room
+from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.plan.config.asset_sections import CACHE_NAME
 from hulldown.plan.config.schema import Config
 from hulldown.plan.given_poses import GivenPoses
@@ -113,7 +112,7 @@ def plan_dataset(
         warnings.warn(line, stacklevel=2)
     if stated := sum(map(len, doubts.values())) - sum(map(len, unstated.values())):
         warnings.warn(f"{stated} doubts aren't repeated, since `init` wrote them into {config.path}", stacklevel=2)
-    assets = replace(library.assets, photographs=photographs)
+    assets = library.assets
     with reporting("planning", progress) as advance:
         made = write_plan(
             config,
@@ -122,6 +121,7 @@ def plan_dataset(
             workers=workers or os.cpu_count() or 1,
             strict=strict,
             poses=given,
+            photographs=photographs,
             progress=advance,
         )
     if config.light.backdrop == "hdri" and (seen := land_above_horizon(made, assets))[0]:
@@ -152,13 +152,14 @@ def write_plan(
     workers: int = 1,
     strict: bool = False,
     poses: GivenPoses | None = None,
+    photographs: Photographs | None = None,
     progress: Progress | None = None,
 ) -> Plan:
     """Plan with assets in memory and write the plan, or continue it; parameters as of `plan_dataset` and `Planner`."""
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:
-        planner = Planner(config, assets, strict=strict, poses=poses)
+        planner = Planner(config, assets, strict=strict, poses=poses, photographs=photographs)
     except ConfigError as error:
         # Functions that get a section don't know the config's file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
@@ -185,7 +186,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
     def recorded(kind: str, name: str) -> Source:
         return assets.files.get(kind, {}).get(name, Source())
 
-    photographs = assets.photographs
+    photographs = planner.photographs
     return Header(
         hulldown_plan=PLAN_FORMAT,
         images=planner.budget.n_images,
@@ -236,7 +237,7 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
     # Not forked from this process: locks held by its threads, such as Embree's, would stay locked.
     context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
     context.set_forkserver_preload([__name__])
-    made_with = {key: getattr(planner, key) for key in ("strict", "pairs", "poses")}
+    made_with = {key: getattr(planner, key) for key in ("strict", "pairs", "poses", "photographs")}
     make = partial(Planner, planner.config, planner.assets, **made_with)
     pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(make,))
     running: deque[Future[tuple[bytes, int]]] = deque()

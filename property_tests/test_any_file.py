@@ -17,10 +17,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from hulldown.assets.foreign_labels import foreign_reader
-from hulldown.assets.photographs import read_photographs
 from hulldown.assets.picture_files import read_picture
+from hulldown.dataset.foreign_labels import foreign_reader
 from hulldown.dataset.images import LabeledImages
+from hulldown.dataset.photographs import read_photographs
 from hulldown.dataset.provenance import read_provenance
 from hulldown.dataset.records import refuse_unusable
 from hulldown.planning.inputs.camera_file import read_camera

@@ -1,13 +1,11 @@
 """Plans that follow photographs: sizes, positions, and shapes of boxes, within the limits of the config."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
-from hulldown.assets.photographs import read_photographs
 from hulldown.base.errors import ConfigError
+from hulldown.dataset.photographs import read_photographs
 from hulldown.plan.plan_file import read_plan
 from hulldown.plan.summary import summarize
 from hulldown.planning.check import check_plan
@@ -22,10 +20,11 @@ NEAR_PX = 1.0  # of positions, since turning the camera changes a box slightly
 LEVEL = (0.06, 0.1, 0.01)
 FROM_ABOVE = (0.03, 0.03, 0.06)  # heights follow from headings
 ROUNDED_PX = 2e-6  # boxes in plans
+ASSETS = small_assets(bare("bare"))
 
 
 def photographed(folder, boxes, names=("tank",)):
-    """The assets of a plan, with one photograph for each list of boxes (class, left, top, width, height)."""
+    """A photograph for each list of boxes (class, left, top, width, height)."""
     images = [{"file_name": f"{i}.jpg", "width": WIDTH, "height": HEIGHT} for i in range(len(boxes))]
     labels = [
         {"image_id": i, "category_id": names.index(name) + 1, "bbox": box}
@@ -33,11 +32,11 @@ def photographed(folder, boxes, names=("tank",)):
         for name, *box in of_image
     ]
     write_dataset(folder, images, labels, names=names, pictures=False)
-    return replace(small_assets(bare("bare")), photographs=read_photographs(folder))
+    return read_photographs(folder)
 
 
-def config_of(images=60, **camera):
-    camera = {"like": "photographs", "like_share": 1.0, "visibility_rays": 16, "distance_m": [2, 1e5], **camera}
+def config_of(known, images=60, **camera):
+    camera = {"like": str(known.path), "like_share": 1.0, "visibility_rays": 16, "distance_m": [2, 1e5], **camera}
     return small_config(camera=camera, budget={"images_per_class": images})
 
 
@@ -58,11 +57,11 @@ def features(rows):
 
 
 def test_a_plan_matches_sizes_positions_and_shapes_of_the_photographs(tmp_path):
-    assets = photographed(tmp_path, drawn_boxes(200))
-    known = assets.photographs
+    known = photographed(tmp_path, drawn_boxes(200))
     wanted = {"height": known.height, "x": known.center[:, 0], "y": known.center[:, 1], "aspect": known.aspect}
     found, other = (
-        features(list(plan(config_of(500, like_share=share, elevation_deg=[1, 8]), assets))) for share in (1.0, 0.0)
+        features(list(plan(config_of(known, 500, like_share=share, elevation_deg=[1, 8]), ASSETS)))
+        for share in (1.0, 0.0)
     )
     for key, values in wanted.items():
         distance = ks_2samp(found[key], values).statistic
@@ -72,9 +71,8 @@ def test_a_plan_matches_sizes_positions_and_shapes_of_the_photographs(tmp_path):
 
 @pytest.mark.parametrize("options", [{}, {"roll_deg": [-20, 20]}, {"size_measure": "area"}])
 def test_sizes_are_exact_and_positions_follow(tmp_path, options):
-    assets = photographed(tmp_path, drawn_boxes(5))
-    known = assets.photographs
-    for row in plan(config_of(like_spread=0.0, **options), assets):
+    known = photographed(tmp_path, drawn_boxes(5))
+    for row in plan(config_of(known, like_spread=0.0, **options), ASSETS):
         assert row.like.photograph == row.like.sampled
         i = known.file_names.index(row.like.photograph)
         x, y, w, h = row.target.bbox
@@ -87,13 +85,13 @@ def test_boxes_cut_by_the_frame_are_cut_at_the_same_sides(tmp_path):
         "left": ("tank", 0, 500, 90, 80), "bottom": ("tank", 700, 1120, 300, 80),
         "corner": ("tank", 1400, 0, 200, 80), "none": ("tank", 700, 500, 200, 80),
     }  # fmt: skip
-    assets = photographed(tmp_path, [[box] for box in cuts.values()])
+    known = photographed(tmp_path, [[box] for box in cuts.values()])
     sides = {"left": [1, 0, 0, 0], "bottom": [0, 0, 0, 1], "corner": [0, 1, 1, 0], "none": [0, 0, 0, 0]}
     shown, reached = set(), []
-    for row in plan(config_of(100, truncated_fraction=[0.0, 0.8], like_spread=0.0), assets):
+    for row in plan(config_of(known, 100, truncated_fraction=[0.0, 0.8], like_spread=0.0), ASSETS):
         if row.like.photograph is None:
             continue
-        i = assets.photographs.file_names.index(row.like.photograph)
+        i = known.file_names.index(row.like.photograph)
         shown.add(i)
         x, y, w, h = row.target.bbox_amodal
         ends = np.array([x, y, 1920 - x - w, 1080 - y - h]) <= NEAR_PX
@@ -111,9 +109,9 @@ def test_boxes_cut_by_the_frame_are_cut_at_the_same_sides(tmp_path):
 
 
 def test_other_values_follow_the_configured_ranges(tmp_path):
-    assets = photographed(tmp_path, drawn_boxes(1))
-    mixed = list(plan(config_of(like_share=0.5), assets))
-    alone = list(plan(config_of(like=None), replace(assets, photographs=None)))
+    known = photographed(tmp_path, drawn_boxes(1))
+    mixed = list(plan(config_of(known, like_share=0.5), ASSETS))
+    alone = list(plan(config_of(known, like=None), ASSETS))
     rest = [(one, other) for one, other in zip(mixed, alone, strict=True) if one.like is None]
     assert 0.3 * len(mixed) < len(rest) < 0.7 * len(mixed)
     assert all(one.target.bbox == other.target.bbox for one, other in rest)
@@ -121,14 +119,16 @@ def test_other_values_follow_the_configured_ranges(tmp_path):
 
 def test_limits_override_photographs_and_the_summary_counts_them(tmp_path):
     small, large = ("tank", 700, 500, 80, 40), ("tank", 300, 200, 1000, 700)
-    assets = photographed(tmp_path, [[small], [large]])
-    summary = summarize(plan(config_of(distance_m=[40, 1e5]), assets))
+    known = photographed(tmp_path, [[small], [large]])
+    summary = summarize(plan(config_of(known, distance_m=[40, 1e5]), ASSETS))
     like = summary.counts["like"]
     assert like["followed"] > 0
     assert like["another"] > 0
     assert any("limits won over" in note for note in summary.notes())
     # No camera can produce any of them.
-    none = summarize(plan(config_of(images=5, distance_m=[3000, 4000], target_fraction=0.001, min_box_px=1), assets))
+    none = summarize(
+        plan(config_of(known, images=5, distance_m=[3000, 4000], target_fraction=0.001, min_box_px=1), ASSETS)
+    )
     assert none.counts["like"] == {"none": 10}
 
 
@@ -141,30 +141,34 @@ def test_limits_override_photographs_and_the_summary_counts_them(tmp_path):
     ],
 )
 def test_photographs_without_a_box_within_the_limits_are_refused(tmp_path, box, limits, problem):
-    assets = photographed(tmp_path, [[box]])
+    known = photographed(tmp_path, [[box]])
     with pytest.raises(ConfigError, match=problem) as caught:
-        next(plan(config_of(**limits), assets))
+        next(plan(config_of(known, **limits), ASSETS))
     assert caught.value.remedy
     with pytest.raises(ConfigError, match="it has none"):
-        next(plan(config_of(), photographed(tmp_path, [[]])))
+        next(plan(config_of(photographed(tmp_path, [[]])), ASSETS))
 
 
 def test_classes_without_boxes_follow_all_photographs_and_are_named(tmp_path):
-    assets = photographed(tmp_path, [*drawn_boxes(25), [("tank", 0, 0, 20, 20)]], names=("tank", "bus"))
-    notes = Likeness(assets.photographs, config_of()).unused_notes(["tank", "truck"])
+    known = photographed(tmp_path, [*drawn_boxes(25), [("tank", 0, 0, 20, 20)]], names=("tank", "bus"))
+    notes = Likeness(known, config_of(known)).unused_notes(["tank", "truck"])
     assert len(notes) == 2
     assert "1 of 26 boxes aren't followed" in notes[0]
     assert "no box of class 'truck'" in notes[1]
-    assert {row.target.category for row in plan(config_of(5), assets) if row.like.photograph} == {"tank", "truck"}
+    assert {row.target.category for row in plan(config_of(known, 5), ASSETS) if row.like.photograph} == {
+        "tank",
+        "truck",
+    }
 
 
 def test_changed_photographs_are_refused(tmp_path):
-    assets = photographed(tmp_path, drawn_boxes(3))
-    made = write_plan(config_of(3, like=str(tmp_path)), replace(assets, photographs=None), tmp_path / "plan.jsonl")
+    known = photographed(tmp_path, drawn_boxes(3))
+    made = write_plan(config_of(known, 3), ASSETS, tmp_path / "plan.jsonl")
     assert all(row.like.photograph for row in read_plan(made.path))
-    assert check_plan(made, assets) == []
+    assert check_plan(made, ASSETS) == []
+    photographed(tmp_path, drawn_boxes(4))
     with pytest.raises(ConfigError, match=r"camera\.like"):
-        check_plan(made, photographed(tmp_path, drawn_boxes(4)))
+        check_plan(made, ASSETS)
 
 
 @pytest.mark.parametrize(
@@ -173,23 +177,23 @@ def test_changed_photographs_are_refused(tmp_path):
 )
 def test_companions_match_the_number_sizes_and_positions_of_other_boxes(tmp_path, beside, elevation_deg, level):
     boxes = [[("tank", 400, 600, 160, 60), beside], [("tank", 700, 500, 160, 60)]]
-    assets = photographed(tmp_path, boxes)
-    camera = {"like": "photographs", "like_share": 1.0, "like_spread": 0.0, "visibility_rays": 16}
+    known = photographed(tmp_path, boxes)
+    camera = {"like": str(known.path), "like_share": 1.0, "like_spread": 0.0, "visibility_rays": 16}
     config = small_config(
         camera={**camera, "elevation_deg": elevation_deg, "distance_m": [2, 1e5]},
         placement={"vehicles_per_image": [1, 3], "companion_distance": [2, 100]},
         budget={"images_per_class": 30, "images_per_position": 1},
     )
     wanted, found = [], []
-    for row in plan(config, assets):
-        i = assets.photographs.file_names.index(row.like.sampled)
+    for row in plan(config, ASSETS):
+        i = known.file_names.index(row.like.sampled)
         assert len(row.companions) + row.left_out == len(boxes[i]) - 1
         if not row.companions or row.like.photograph != row.like.sampled or row.companions[0].bbox is None:
             continue
         x, y, w, h = row.companions[0].bbox
         target = row.target.bbox
-        of_target = int(np.abs(assets.photographs.center[:2, 0] * 1920 - target.x - target.width / 2).argmin())
+        of_target = int(np.abs(known.center[:2, 0] * 1920 - target.x - target.width / 2).argmin())
         found.append([(x + w / 2) / 1920, (y + h / 2) / 1080, h / 1080])
-        wanted.append([*assets.photographs.center[1 - of_target], assets.photographs.height[1 - of_target]])
+        wanted.append([*known.center[1 - of_target], known.height[1 - of_target]])
     off = np.median(np.abs(np.array(found) - np.array(wanted)), axis=0)
     assert (off < level).all(), off

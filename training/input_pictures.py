@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import UInt8
 
 from hulldown.annotate.records import Image
-from hulldown.assets.foreign_labels import PICTURES, foreign_reader
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
+from hulldown.dataset.foreign_labels import PICTURES, foreign_reader
 from hulldown.dataset.store.document import COCO_NAME, is_own
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.videos import VIDEOS, Video, frames_of, read_video

@@ -13,10 +13,10 @@ from matplotlib.figure import Figure
 from PIL import Image as Pictures
 from scipy.stats import ks_2samp
 
-from hulldown.assets.photographs import Photographs
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import reporting
+from hulldown.dataset.photographs import Photographs
 from hulldown.dataset.reports.charts import two_histograms
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.color import LUMINANCE

@@ -14,12 +14,12 @@ from PIL import Image as Pictures
 from PIL import ImageDraw
 
 from hulldown.annotate.drawing import IGNORED, color_of
-from hulldown.assets.photographs import read_photographs
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.terminal import reporting
 from hulldown.dataset.attributes import SCALES, SIZE, camera_poses, poses
+from hulldown.dataset.photographs import read_photographs
 from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
 from hulldown.dataset.reports.comparison import Comparison, compare_with_photographs
 from hulldown.dataset.reports.page import Tile, render

@@ -17,11 +17,11 @@ from typing import BinaryIO, cast
 import msgspec
 import orjson
 
-from hulldown.assets.coco_types import Coco, Record
-from hulldown.assets.foreign_labels import foreign_reader, refuse_nameless
+from hulldown.annotate.coco_types import Coco, Record
 from hulldown.base.code import version_of
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, converted, json_of, json_parts, json_records, read_file
+from hulldown.dataset.foreign_labels import foreign_reader, refuse_nameless
 from hulldown.dataset.store.entries import place_of
 from hulldown.dataset.store.journal import last_merged, read_journal, replaced
 from hulldown.dataset.store.reservations import Reservation, reservations_of

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from hulldown.assets.coco_types import Record
+from hulldown.annotate.coco_types import Record
 from hulldown.base.files import UNFINISHED_NAME, stays_inside
 from hulldown.geometry.arrays import are_numbers
 

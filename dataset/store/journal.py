@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 import orjson
 
-from hulldown.assets.coco_types import Record
+from hulldown.annotate.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import open_in_place, open_regular, replacing, sync_folder
 from hulldown.base.outside import json_of

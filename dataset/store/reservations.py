@@ -7,7 +7,7 @@ from typing import Annotated, TypeAlias
 
 import msgspec
 
-from hulldown.assets.coco_types import Record
+from hulldown.annotate.coco_types import Record
 from hulldown.base.outside import converted, sha256_of
 
 _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
+from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Image
-from hulldown.assets.coco_types import Coco, Record
 from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside

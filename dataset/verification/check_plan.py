@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.masks import decode
-from hulldown.assets.coco_types import Coco, Record
 from hulldown.base.errors import HulldownError
 from hulldown.dataset.records import Finding
 from hulldown.dataset.row_records import Segmenter, image_record, label_records

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, UInt8
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import decode
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Image
-from hulldown.assets.coco_types import Record
 from hulldown.dataset.records import Finding
 from hulldown.geometry.color import LUMINANCE
 

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.assets.photographs import Photographs
 from hulldown.base.errors import ConfigError
+from hulldown.dataset.photographs import Photographs
 from hulldown.plan.config.schema import Config
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose

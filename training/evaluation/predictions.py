@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from msgspec import Struct
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import Pixel, Share, Side, misfits
 from hulldown.annotate.rectangles import rectangle_corners
-from hulldown.assets.coco_types import Record
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, read_json, typed
 from hulldown.training.evaluation.labels import Labels

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import orjson
 
-from hulldown.assets.coco_types import Record
+from hulldown.annotate.coco_types import Record
 from hulldown.dataset.exports.layouts.splits import Splits
 from hulldown.dataset.store.document import COCO_NAME
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from itertools import count
 from pathlib import Path, PurePosixPath
 
+from hulldown.annotate.coco_types import Record
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Category, Image, Label
-from hulldown.assets.coco_types import Record
 from hulldown.assets.picture_files import DECODER_THREADS, read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import sha256_of

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 from msgspec import Meta, Struct
 
-from hulldown.assets.coco_types import Coco, Record
+from hulldown.annotate.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import TEXT, read_file, read_text, typed, xml_of, yaml_of

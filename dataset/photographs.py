@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import hashlib
-from collections import Counter
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import orjson
 from jaxtyping import Bool, Float, Int
 from msgspec import Meta, Struct
 
-from hulldown.assets.foreign_labels import foreign_reader
+from hulldown.annotate.record_fields import Box
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, json_of, read_file, typed
+from hulldown.base.outside import sha256_of, typed
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, read_coco
 
-NAMES = ("annotations.json", "_annotations.coco.json")
 EDGE_SHARE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
 
 
@@ -58,33 +56,16 @@ class Photographs:
         return np.bincount(self.image, minlength=len(self.file_names))
 
 
-_Side = Annotated[float, Meta(gt=0, le=1e6)]
-_Pixels = Annotated[float, Meta(ge=-1e9, le=1e9)]
-
-
-class _Record(Struct):
-    id: int | str
-    width: _Side
-    height: _Side
-    file_name: str = ""
+class _Size(Struct):
+    width: Annotated[float, Meta(gt=0, le=1e6)]
+    height: Annotated[float, Meta(gt=0, le=1e6)]
 
 
 class _Box(Struct):
-    image_id: int | str
-    category_id: int | str
-    bbox: tuple[_Pixels, _Pixels, _Pixels, _Pixels]
+    image_id: int
+    category_id: int
+    bbox: Box
     truncated_fraction: float | None = None
-
-
-class _Category(Struct):
-    id: int | str
-    name: str
-
-
-class _Coco(Struct):
-    images: list[_Record]
-    annotations: list[Any]
-    categories: list[_Category]
 
 
 def read_photographs(path: Path) -> Photographs:
@@ -93,20 +74,23 @@ def read_photographs(path: Path) -> Photographs:
     Regions of many (`iscrowd`) and boxes without area in the frame are left out. Where a record states
     `truncated_fraction`, as this package's do, 0 means that no side cuts the box off, however near it is.
     """
-    path, content = _labels(path)
+    path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
+    coco = read_coco(path)
+    digest = hashlib.sha256(orjson.dumps(coco)).hexdigest() if path.is_dir() else sha256_of(path)
+    names = {category["id"]: str(category.get("name")) for category in coco["categories"]}
+    index = {image["id"]: i for i, image in enumerate(coco["images"])}
+    if len(index) < len(coco["images"]):
+        raise DatasetError("two images have the same id", path=path, remedy="give each its own id")
     try:
-        coco = json_of(content, _Coco)
-        boxes = typed([record for record in coco.annotations if _is_box(record)], list[_Box])
+        sizes = typed(coco["images"], list[_Size])
+        shown = (record for record in coco["annotations"] if record.get("bbox") and not record.get("iscrowd"))
+        boxes = typed(list(shown), list[_Box])
     except ValueError as error:
         raise DatasetError(f"isn't a COCO file ({error})", path=path, remedy="export your labels as COCO") from None
-    if twice := [i for i, times in Counter(image.id for image in coco.images).items() if times > 1]:
-        raise DatasetError(f"two images have the id {twice[0]!r}", path=path, remedy="give each its own id")
-    index = {image.id: i for i, image in enumerate(coco.images)}
-    names = {category.id: category.name for category in coco.categories}
     if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in names), None):
         problem = f"a box has image {lost.image_id!r} and category {lost.category_id!r}, and one of them isn't listed"
         raise DatasetError(problem, path=path, remedy="list all images and categories")
-    size = np.array([(image.width, image.height) for image in coco.images], dtype=np.float64).reshape(-1, 2)
+    size = np.array([(image.width, image.height) for image in sizes], dtype=np.float64).reshape(-1, 2)
     image = np.array([index[box.image_id] for box in boxes], dtype=np.int64)
     xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4) / np.tile(size[image], 2)
     low, high = np.clip(xywh[:, :2], 0.0, 1.0), np.clip(xywh[:, :2] + xywh[:, 2:], 0.0, 1.0)
@@ -117,30 +101,11 @@ def read_photographs(path: Path) -> Photographs:
     rows = rows[((high - low) > 0.0).all(axis=1)[rows]]
     return Photographs(
         path,
-        hashlib.sha256(content).hexdigest(),
-        tuple(image.file_name for image in coco.images),
+        digest,
+        tuple(str(image.get("file_name", "")) for image in coco["images"]),
         size,
         image[rows],
         np.concatenate([low, high - low], axis=1)[rows],
         tuple(names[boxes[i].category_id] for i in rows.tolist()),
         cut[rows],
     )
-
-
-def _labels(path: Path) -> tuple[Path, bytes]:
-    """Return the file or folder of labels, and its COCO as JSON."""
-    if path.is_dir():
-        coco_path = next((path / name for name in NAMES if (path / name).exists()), None)
-        if coco_path is None:
-            reader = foreign_reader(path)
-            if reader is None:
-                remedy = "name a COCO file, or a folder of COCO, YOLO, or VOC as `hulldown train` reads it"
-                raise DatasetError(f"no {' and no '.join(NAMES)} here", path=path, remedy=remedy)
-            return path, orjson.dumps(reader())
-        path = coco_path
-    refuse = partial(DatasetError, path=path, remedy="name a COCO file, or a folder with annotations.json")
-    return path, read_file(path, refuse, most=DATA)
-
-
-def _is_box(record: Any) -> bool:
-    return not isinstance(record, dict) or (bool(record.get("bbox")) and not record.get("iscrowd"))
