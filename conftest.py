@@ -31,7 +31,7 @@ CHECKED = {
         "hulldown.placement.terrain",
         "hulldown.placement.settle",
         "hulldown.camera.intrinsics",
-        "hulldown.camera.projection",
+        "hulldown.camera.cameras",
         "hulldown.annotate.boxes",
     ],
     "all": [f"hulldown.{name.removesuffix('.py')}" for name in PACKAGES if name not in ("__init__.py", "py.typed")],

@@ -52,9 +52,9 @@ from hulldown.annotate.clipping import extremes_of_mesh
 from hulldown.annotate.curves import CurvedView, extremes_of_curved
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.arrays import checked
 
 MAX_BATCH_POSES = 4096  # poses whose matrices are in memory at a time
@@ -75,7 +75,7 @@ class Boxes:
 
 
 def surface_box(
-    vertices_world: ArrayLike, faces: ArrayLike, camera: Camera, *, frame: bool = True
+    vertices_world: ArrayLike, faces: ArrayLike, camera: Cameras, *, frame: bool = True
 ) -> Float[np.ndarray, "4"] | None:
     """Tight box of a triangle mesh's surface: the exact rule.
 
@@ -99,7 +99,7 @@ def surface_box(
     >>> import math
     >>> import numpy as np
     >>> from hulldown.camera.intrinsics import Intrinsics
-    >>> camera = Camera(Intrinsics(640, 480, math.pi / 2), np.eye(4))
+    >>> camera = Cameras(Intrinsics(640, 480, math.pi / 2), np.eye(4))
     >>> triangle = np.array([[-1.0, -1.0, 10.0], [1.0, -1.0, 10.0], [0.0, 1.0, 10.0]])
     >>> surface_box(triangle, [[0, 1, 2]], camera).round(6).tolist()
     [288.0, 208.0, 64.0, 64.0]
@@ -112,7 +112,7 @@ def surface_box(
     used, number = np.unique(triangles, return_inverse=True)
     triangles = number.reshape(-1, 3)
     points = (camera.world_from_camera[:3, :3].T @ (vertices[used] - camera.position).T).copy()
-    intrinsics = camera.intrinsics
+    intrinsics = camera.lenses
     if intrinsics.distorted:
         return _known(_curved_box(points, triangles, intrinsics, frame=frame))
     return _known(_xywh(extremes_of_mesh(points, triangles, Frustum(intrinsics, frame=frame))))
@@ -138,7 +138,7 @@ class VehicleBoxes:
     ...     np.zeros((1, 2)), np.eye(4),
     ... )
     >>> looking_along_x = np.array([[0.0, 0, 1, -10], [-1, 0, 0, 0], [0, -1, 0, 1.5], [0, 0, 0, 1]])
-    >>> camera = Camera(Intrinsics(640, 480, math.pi / 2), looking_along_x)
+    >>> camera = Cameras(Intrinsics(640, 480, math.pi / 2), looking_along_x)
     >>> VehicleBoxes(rigid).box(np.eye(4), camera).round(6).tolist()
     [256.0, 192.0, 128.0, 96.0]
     """
@@ -150,7 +150,7 @@ class VehicleBoxes:
     def box(
         self,
         world_from_vehicle: ArrayLike,
-        camera: Camera,
+        camera: Cameras,
         articulation: Mapping[str, float] | None = None,
         *,
         frame: bool = True,
@@ -173,55 +173,53 @@ class VehicleBoxes:
         xywh in continuous pixels, or None if no surface counts.
         """
         pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
-        found = self.boxes(pose, camera.world_from_camera[None], camera.intrinsics, [articulation or {}])
+        found = self.boxes(pose, camera.at_poses(camera.world_from_camera[None]), [articulation or {}])
         return _known((found.xywh if frame else found.amodal)[0])
 
     def boxes(
         self,
         world_from_vehicle: ArrayLike,
-        world_from_camera: ArrayLike,
-        intrinsics: Intrinsics,
+        cameras: Cameras,
         articulations: Sequence[Mapping[str, float]] | Float[np.ndarray, "n p"] | None = None,
     ) -> Boxes:
         """Return boxes of n poses at once.
 
         Parameters
         ----------
-        world_from_vehicle, world_from_camera
+        world_from_vehicle
             (n, 4, 4) rigid poses.
-        intrinsics
-            One for all, or one for each.
+        cameras
+            n cameras.
         articulations
             One for each, part name -> radians, or (n, p) angles; none: all parts at rest.
         """
         vehicles = checked(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
-        cameras = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
-        n = len(vehicles)
-        size, fov_x = intrinsics.size, intrinsics.fov_x
-        lenses = fov_x if isinstance(fov_x, np.ndarray) else [fov_x] * n
+        n, lenses = len(vehicles), cameras.lenses
         turned = [{}] * n if articulations is None else articulations
-        for name, given in (("world_from_camera", cameras), ("intrinsics", lenses), ("articulations", turned)):
+        for name, given in (("cameras", cameras), ("articulations", turned)):
             if len(given) != n:
                 raise ValueError(f"{name}: expected {n}, one for each vehicle pose, got {len(given)}")
         angles = turned if isinstance(turned, np.ndarray) else self.shape.angles(turned)
         xywh, amodal = np.full((n, 4), np.nan), np.full((n, 4), np.nan)
         for start in range(0, n, MAX_BATCH_POSES):
             rows = slice(start, min(start + MAX_BATCH_POSES, n))
-            camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras[rows], angles[rows])
-            if intrinsics.distorted:
+            camera_from_parts = self._parts.camera_from_parts(
+                vehicles[rows], cameras.world_from_camera[rows], angles[rows]
+            )
+            if lenses.distorted:
                 for i, pose in enumerate(camera_from_parts, start=start):
-                    xywh[i], amodal[i] = self._curved_boxes(pose, intrinsics)
+                    xywh[i], amodal[i] = self._curved_boxes(pose, lenses)
                 continue
-            hull, nearest, farthest = self._hull(camera_from_parts, intrinsics.rows(rows))
+            hull, nearest, farthest = self._hull(camera_from_parts, lenses.take(rows))
             low, high = hull[:, 0], hull[:, 1]
             boxes = np.concatenate([low, high - low], axis=1)
             in_front = nearest >= NEAR_M  # wholly; so are the others
-            framed = in_front & (low >= 0.0).all(axis=1) & (high <= size).all(axis=1)
-            out_of_frame = in_front & ((high < -CLEAR_MARGIN_PX) | (low > size + CLEAR_MARGIN_PX)).any(axis=1)
+            framed = in_front & (low >= 0.0).all(axis=1) & (high <= lenses.size).all(axis=1)
+            out_of_frame = in_front & ((high < -CLEAR_MARGIN_PX) | (low > lenses.size + CLEAR_MARGIN_PX)).any(axis=1)
             xywh[rows][framed], amodal[rows][in_front] = boxes[framed], boxes[in_front]
             for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
                 for i in np.flatnonzero(~known & (farthest >= NEAR_M)).tolist():
-                    frustum = Frustum(intrinsics.rows(np.array(start + i)), frame=frame)
+                    frustum = Frustum(lenses.take(np.array(start + i)), frame=frame)
                     points = self._points(camera_from_parts[i])
                     out[start + i] = _xywh(extremes_of_mesh(points, self._parts.faces, frustum))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))

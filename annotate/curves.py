@@ -16,10 +16,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.clipping import clipped, extremes_of_points, next_corner, union
+from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.distortion import bend, distorted
 from hulldown.camera.frustum import NEAR_PLANE
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M
 from hulldown.geometry.portable import sin_cos
 
 BOX_TOLERANCE_PX = 1e-7  # pixels that edges may still widen a box by when halving ends

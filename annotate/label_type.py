@@ -11,7 +11,7 @@ from numpy import ndarray
 from PIL.ImageDraw import ImageDraw
 
 from hulldown.annotate.records import Category, Image, Label
-from hulldown.camera.projection import Camera
+from hulldown.camera.cameras import Cameras
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
@@ -20,7 +20,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 class VehicleInCamera:
     """A labeled vehicle and its camera, which suffice for some types."""
 
-    camera: Camera
+    camera: Cameras
     world_from_vehicle: Float[ndarray, "4 4"]
     bounds: Float[ndarray, "2 3"]  # lowest and highest corner in its own frame, parts turned
 
@@ -29,7 +29,7 @@ class VehicleInCamera:
 class SeenVehicle:
     """A labeled vehicle in its scene."""
 
-    camera: Camera
+    camera: Cameras
     posed: PosedVehicle
     scene: Scene  # everything in the image, this vehicle included
     # whole, visible: pixels whose center is on the vehicle, and those of them that nothing hides

@@ -9,8 +9,7 @@ from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
 from hulldown.annotate.visibility import TOUCHING_M
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M, Camera, directions
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.indices import numbered
 from hulldown.geometry.transforms import rotate
@@ -22,21 +21,22 @@ MOST_RAYS = 1 << 18  # cast together
 
 
 def vehicle_masks(
-    vehicle: PosedVehicle, camera: Camera, *, xywh: ArrayLike | None = None, world: Scene | None = None
+    vehicle: PosedVehicle, camera: Cameras, *, xywh: ArrayLike | None = None, world: Scene | None = None
 ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Return the pixels whose center is on the vehicle, and those of them that nothing hides.
 
     `xywh`: the vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
     `world`: occluders: ground, obstacles, and other vehicles. None: nothing hides it.
     """
-    size = np.array([camera.intrinsics.width, camera.intrinsics.height])
+    size = np.array([camera.lenses.width, camera.lenses.height])
     whole, mask = np.zeros((2, *size[::-1]), dtype=bool)
     box = np.append([0.0, 0.0], size) if xywh is None else checked(xywh, "xywh", (4,))
     first, end = _pixels_in(box, size)
     rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
     if not len(rows):
         return whole, mask
-    along = directions(camera.intrinsics, np.stack([columns, rows], axis=1) + 0.5) @ camera.world_from_camera[:3, :3].T
+    pixels = np.stack([columns, rows], axis=1) + 0.5
+    along = camera.lenses.pixel_directions(pixels) @ camera.world_from_camera[:3, :3].T
     origins = camera.position + NEAR_M * along
     distance = vehicle.cast(origins, along).distance
     seen = np.flatnonzero(np.isfinite(distance))
@@ -48,42 +48,38 @@ def vehicle_masks(
 
 
 def show_pixels(
-    subjects: Sequence[PosedVehicle],
-    world_from_camera: Float[np.ndarray, "n 4 4"],
-    intrinsics: Intrinsics,
-    *,
-    xywh: Float[np.ndarray, "n 4"],
-    world: Scene,
+    subjects: Sequence[PosedVehicle], cameras: Cameras, *, xywh: Float[np.ndarray, "n 4"], world: Scene
 ) -> Bool[np.ndarray, " n"]:
     """Return whether any pixel's center shows each camera's subject; a few pixels are tested first."""
     shown = np.zeros(len(xywh), dtype=bool)
-    first, end = _pixels_in(xywh, intrinsics.size)
+    first, end = _pixels_in(xywh, cameras.lenses.size)
     width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
     few = pixels // FIRST_LOOK + 1
 
-    def look(cameras: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
+    def look(rows: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
         """Test every step-th pixel of these cameras' boxes."""
-        count = -(-pixels[cameras] // step)
+        count = -(-pixels[rows] // step)
         row, number = numbered(count)
         pixel = number * step[row]
-        camera = cameras[row]
+        camera = rows[row]
         uv = np.stack([pixel % width[camera], pixel // width[camera]], axis=1) + first[camera] + 0.5
-        poses = world_from_camera[camera]
-        along = rotate(poses[:, :3, :3], directions(intrinsics.rows(camera), uv[:, None]))[:, 0]
+        each = cameras.take(camera)
+        poses, along = each.world_from_camera, each.lenses.pixel_directions(uv[:, None])
+        along = rotate(poses[:, :3, :3], along)[:, 0]
         start, distance = poses[:, :3, 3] + NEAR_M * along, np.full(len(row), np.inf)
         for subject in subjects:
-            met = subject.rows(cameras).cast(start, along, row=row)
+            met = subject.take(rows).cast(start, along, row=row)
             distance = np.minimum(distance, met.distance)
         seen = np.flatnonzero(np.isfinite(distance))
         reach = distance[seen] - TOUCHING_M
-        hidden = world.rows(cameras).occluded(start[seen], along[seen], row=row[seen], max_distance=reach)
+        hidden = world.take(rows).occluded(start[seen], along[seen], row=row[seen], max_distance=reach)
         shown[camera[seen[~hidden]]] = True
 
     for step in (few, np.ones_like(few)):
-        cameras = np.flatnonzero(~shown & (pixels > 0) & ((step is few) | (few > 1)))
+        left = np.flatnonzero(~shown & (pixels > 0) & ((step is few) | (few > 1)))
         # As many cameras together as have some hundred thousand rays between them.
-        block = np.cumsum(-(-pixels[cameras] // step[cameras])) // MOST_RAYS
-        for some in np.split(cameras, np.flatnonzero(np.diff(block)) + 1):
+        block = np.cumsum(-(-pixels[left] // step[left])) // MOST_RAYS
+        for some in np.split(left, np.flatnonzero(np.diff(block)) + 1):
             if len(some):
                 look(some, step[some])
     return shown

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from numpy.typing import ArrayLike
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.arrays import checked
 from hulldown.geometry.indices import numbered
 from hulldown.geometry.transforms import apply
 from hulldown.scene.posed_scene import Scene
@@ -38,9 +37,8 @@ class Visibility:
 
 def visible_fraction(
     subjects: Sequence[PosedVehicle],
-    world_from_camera: ArrayLike,
+    cameras: Cameras,
     *,
-    intrinsics: Intrinsics,
     world: Scene = NOTHING,
     rays: int = 256,
     seed: int = 0,
@@ -53,8 +51,7 @@ def visible_fraction(
 
     Returns: nan for subjects out of the frame.
     """
-    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
-    n = len(poses)
+    n = len(cameras)
     for subject in subjects:
         if subject.row is None and len(subject.world_from_vehicle) not in (1, n):
             raise ValueError(f"subjects: expected 1 or {n} poses, got {len(subject.world_from_vehicle)}")
@@ -64,8 +61,8 @@ def visible_fraction(
     hits, visible, area = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
     size = max(1, BLOCK // rays)
     for index in (np.arange(i, min(i + size, n)) for i in range(0, n, size)):
-        posed = [subject.rows(index) for subject in subjects]
-        found = _count(posed, world.rows(index), poses[index], intrinsics.rows(index), pattern)
+        posed = [subject.take(index) for subject in subjects]
+        found = _count(posed, world.take(index), cameras.take(index), pattern)
         hits[index], visible[index], area[index] = found
     return Visibility(visible / np.where(hits > 0, hits, np.nan), hits, area * hits / rays)
 
@@ -85,12 +82,11 @@ def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
 def _count(
     subjects: list[PosedVehicle],
     world: Scene,
-    world_from_camera: Float[np.ndarray, "n 4 4"],
-    intrinsics: Intrinsics,
+    cameras: Cameras,
     pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """For each camera: rays on its subject, how many of these see it, and the area that all rays go through."""
-    n, r = len(world_from_camera), len(pattern)
+    n, r, world_from_camera, lenses = len(cameras), len(pattern), cameras.world_from_camera, cameras.lenses
     low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
     for subject in subjects:
         camera, parts = subject.seen_from(world_from_camera)
@@ -98,8 +94,8 @@ def _count(
             box = box_at_unit_depth(apply(pose, part.around))
             low[camera] = np.minimum(low[camera], box[:, 0])
             high[camera] = np.maximum(high[camera], box[:, 1])
-    first, last = intrinsics.window
-    camera_rays, area = _rays(np.maximum(low, first), np.minimum(high, last), intrinsics, pattern)
+    first, last = lenses.window
+    camera_rays, area = _rays(np.maximum(low, first), np.minimum(high, last), lenses, pattern)
     distance, asked = np.full(n * r, np.inf), np.repeat(area > 0.0, r)
     for subject in subjects:
         distance = np.minimum(distance, subject.first_hits(camera_rays, world_from_camera, asked).distance)
@@ -112,20 +108,20 @@ def _count(
 def _rays(
     low: Float[np.ndarray, "n 2"],
     high: Float[np.ndarray, "n 2"],
-    intrinsics: Intrinsics,
+    lenses: Intrinsics,
     pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
     """Return rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
     extent = np.clip(high - low, 0.0, None)
-    if not intrinsics.distorted:
-        return CameraRays(low, extent, pattern), extent.prod(axis=1) * intrinsics.focal.prod(axis=-1)
+    if not lenses.distorted:
+        return CameraRays(low, extent, pattern), extent.prod(axis=1) * lenses.focal.prod(axis=-1)
     seen = (extent > 0.0).all(axis=1)
     rows, patterns = np.flatnonzero(seen), np.zeros((len(low), *pattern.shape))
-    intrinsics, area = intrinsics.rows(rows), np.zeros(len(low))
-    first, last = intrinsics.image_of(low[rows], high[rows])
+    lenses, area = lenses.take(rows), np.zeros(len(low))
+    first, last = lenses.image_of(low[rows], high[rows])
     size = np.clip(last - first, 0.0, None)
     area[rows] = size.prod(axis=1)
-    at = intrinsics.at_unit_depth(first[:, None] + size[:, None] * pattern)
+    at = lenses.at_unit_depth(first[:, None] + size[:, None] * pattern)
     low[rows] = at.min(axis=1)
     extent[rows] = np.maximum(at.max(axis=1) - low[rows], 1e-300)
     patterns[rows] = (at - low[rows, None]) / extent[rows, None]

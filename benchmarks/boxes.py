@@ -15,8 +15,8 @@ from hulldown.annotate.posing import PosedParts, move
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.benchmarks.scenes import HD
 from hulldown.benchmarks.tables import table
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.frustum import Frustum
-from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_z
@@ -164,36 +164,36 @@ class _Rules:
             "hulldown": self.boxes.box,
         }
 
-    def eight_corners(self, pose: np.ndarray, camera: Camera, _turned: dict) -> np.ndarray | None:
+    def eight_corners(self, pose: np.ndarray, camera: Cameras, _turned: dict) -> np.ndarray | None:
         world = apply(pose, self.corners)
         low, high = world.min(axis=0), world.max(axis=0)
         box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         return _clamped(*(apply(camera.camera_from_world, box)).T, camera)
 
-    def oriented_box(self, pose: np.ndarray, camera: Camera, _turned: dict) -> np.ndarray | None:
+    def oriented_box(self, pose: np.ndarray, camera: Cameras, _turned: dict) -> np.ndarray | None:
         return _clamped(*apply(camera.camera_from_world @ pose, self.corners).T, camera)
 
     def dropped(
-        self, points: np.ndarray, slices: list, pose: np.ndarray, camera: Camera, turned: dict
+        self, points: np.ndarray, slices: list, pose: np.ndarray, camera: Cameras, turned: dict
     ) -> np.ndarray | None:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
         return _clamped(*move(points, slices, poses)[:, 0], camera)
 
-    def clip_all(self, pose: np.ndarray, camera: Camera, turned: dict) -> np.ndarray | None:
+    def clip_all(self, pose: np.ndarray, camera: Cameras, turned: dict) -> np.ndarray | None:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
         points = move(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
-        u0, v0, u1, v1 = extremes_of_mesh(points, self.parts.faces, Frustum(camera.intrinsics, frame=True))
+        u0, v0, u1, v1 = extremes_of_mesh(points, self.parts.faces, Frustum(camera.lenses, frame=True))
         return np.array([u0, v0, u1 - u0, v1 - v0]) if u0 <= u1 else None
 
 
-def _clamped(x: np.ndarray, y: np.ndarray, z: np.ndarray, camera: Camera) -> np.ndarray | None:
+def _clamped(x: np.ndarray, y: np.ndarray, z: np.ndarray, camera: Cameras) -> np.ndarray | None:
     """Return a box as most tools do: drop what is behind the camera, project the rest, clamp to the image."""
     ahead = z > 1e-6
     if not ahead.any():
         return None
-    f, width, height = camera.intrinsics.f_px, camera.intrinsics.width, camera.intrinsics.height
+    f, width, height = camera.lenses.f_px, camera.lenses.width, camera.lenses.height
     u = x[ahead] / z[ahead] * f + width / 2
     v = y[ahead] / z[ahead] * f + height / 2
     if u.min() >= width or u.max() <= 0 or v.min() >= height or v.max() <= 0:
@@ -203,7 +203,7 @@ def _clamped(x: np.ndarray, y: np.ndarray, z: np.ndarray, camera: Camera) -> np.
     return np.array([u0, v0, u1 - u0, v1 - v0])
 
 
-def _views(kind: str, count: int, shape: VehicleShape) -> list[tuple[np.ndarray, Camera, dict]]:
+def _views(kind: str, count: int, shape: VehicleShape) -> list[tuple[np.ndarray, Cameras, dict]]:
     """Random poses of a kind, on gentle slopes, seen from low and moderate angles as the paper has it."""
     rng = np.random.default_rng(KINDS.index(kind))
     boxes, found = VehicleBoxes(shape), []
@@ -212,7 +212,7 @@ def _views(kind: str, count: int, shape: VehicleShape) -> list[tuple[np.ndarray,
         turned = {"turret": float(rng.uniform(-3, 3)), "gun": float(rng.uniform(-0.1, 0.3))}
         distance = rng.uniform(0.5, 4.0) if kind == KINDS[2] else rng.uniform(8.0, 60.0)
         aside = rng.normal(size=3) * (0.0 if kind == KINDS[0] else 0.2 * distance)
-        camera = Camera(HD, camera_pose(pose[:3, 3] + aside, distance, rng.uniform(0, 7), rng.uniform(0, 0.7)))
+        camera = Cameras(HD, camera_pose(pose[:3, 3] + aside, distance, rng.uniform(0, 7), rng.uniform(0, 0.7)))
         box, amodal = boxes.box(pose, camera, turned), boxes.box(pose, camera, turned, frame=False)
         depth = apply(camera.camera_from_world @ pose, vertices_at(shape, turned))[:, 2]
         crossing = depth.min() < 0.1 < depth.max()
@@ -239,9 +239,9 @@ def _errors(count: int) -> dict:
     return results
 
 
-def _batch(rules: _Rules, views: list[tuple[np.ndarray, Camera, dict]]) -> np.ndarray:
+def _batch(rules: _Rules, views: list[tuple[np.ndarray, Cameras, dict]]) -> np.ndarray:
     poses, cameras, turned = zip(*views, strict=True)
-    return rules.boxes.boxes(poses, [camera.world_from_camera for camera in cameras], HD, list(turned)).xywh
+    return rules.boxes.boxes(poses, Cameras(HD, np.array([c.world_from_camera for c in cameras])), list(turned)).xywh
 
 
 def _error(found: list, truth: list) -> dict[str, float]:

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from hulldown.annotate.visibility import Visibility, visible_fraction
 from hulldown.benchmarks.scenes import HD, sheet, vehicles
 from hulldown.benchmarks.tables import table
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
-from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge
@@ -56,15 +56,15 @@ class Woods:
         )
         at_rest = np.concatenate([part.hull for part in self.caster.parts])
         hull = apply(self.world_from_vehicle, at_rest)
-        self.world_from_camera = frame_target(poses, hull, HD, rng=rng)
+        self.world_from_camera = frame_target(Cameras(HD, poses), hull, rng=rng).world_from_camera
         above = self.world_from_camera[:, 2, 3] - _height(*self.world_from_camera[:, :2, 3].T)
         self.world_from_camera[above < 0.5, 2, 3] += 0.5 - above[above < 0.5]
 
     def seen(self, rows: slice, rays: int, seed: int = 0, *, world: Scene) -> Visibility:
         """Return hulldown's visible shares."""
         target = PosedVehicle(self.caster, self.world_from_vehicle[rows], self.articulation[rows])
-        cameras = self.world_from_camera[rows]
-        return visible_fraction([target], cameras, intrinsics=HD, world=world, rays=rays, seed=seed)
+        cameras = Cameras(HD, self.world_from_camera[rows])
+        return visible_fraction([target], cameras, world=world, rays=rays, seed=seed)
 
     def fraction(self, rows: slice, rays: int, seed: int = 0, *, wood: bool = True) -> np.ndarray:
         """Visible shares, with the wood or without."""
@@ -78,8 +78,8 @@ class Woods:
 
     def by_pixels(self, i: int, pixels: np.ndarray, vehicle: RayCaster) -> tuple[int, int]:
         """Count rays through pixels of view i that hit the vehicle, and that hit it first, by code that isn't timed."""
-        camera = Camera(HD, self.world_from_camera[i])
-        along = camera.ray_directions(pixels)
+        camera = Cameras(HD, self.world_from_camera[i])
+        along = camera.rays(pixels)[1]
         origin = np.broadcast_to(camera.position, along.shape)
         distance = vehicle.cast(origin, along).distance
         met = np.isfinite(distance)
@@ -132,7 +132,7 @@ def _errors(world: Woods, views: int, quick: bool) -> dict:
     truth, hits, boxes, casters = np.full(views, np.nan), np.zeros(views), [], []
     for i in range(views):
         vehicle = world.placed(i)
-        pixels = project(HD, world.world_from_camera[i], vehicle.vertices).pixels
+        pixels = Cameras(HD, world.world_from_camera[i]).project(vehicle.vertices).pixels
         low, high = np.floor(pixels.min(axis=0)), np.ceil(pixels.max(axis=0))
         low, high = np.maximum(low, 0), np.minimum(high, [HD.width, HD.height])
         # At least 400 points across, so that small targets have an exact reference too.
@@ -259,10 +259,10 @@ def _blender_peer(world: Woods) -> Callable[[int], set[str]] | None:
         vehicle.matrix_world = Matrix(world.world_from_vehicle[i].tolist())
         bpy.context.view_layer.update()
         graph = bpy.context.evaluated_depsgraph_get()
-        camera = Camera(HD, world.world_from_camera[i])
+        camera = Cameras(HD, world.world_from_camera[i])
         origin = Vector(camera.position)
         found = set()
-        for direction in camera.ray_directions(pixels):
+        for direction in camera.rays(pixels)[1]:
             hit, _, _, _, met, _ = scene.ray_cast(graph, origin, Vector(direction))
             if hit:
                 found.add(met.name)

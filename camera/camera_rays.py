@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.camera.projection import NEAR_M
+from hulldown.camera.cameras import NEAR_M
 from hulldown.geometry.transforms import rotate
 
 

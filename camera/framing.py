@@ -10,8 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import directions, project
+from hulldown.camera.cameras import Cameras
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import exp, hypot, log
 from hulldown.geometry.transforms import rotate, rotation_z, tilt_to
@@ -24,10 +23,8 @@ LEVEL_ROUNDS = 12  # of Broyden's method, which takes 3 to 8
 LEAST_CHANGE = 0.1  # of the expected change of the box's place that must be seen: see `_Search.by_secants`
 
 
-def turned(
-    world_from_camera: ArrayLike, intrinsics: Intrinsics, pixel: ArrayLike, roll: ArrayLike = 0.0
-) -> Float[np.ndarray, "... 4 4"]:
-    """Return the camera turned on the spot so that what was on its optical axis falls on `pixel`, and rolled.
+def turned(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:
+    """Return the cameras turned on the spot so that what was on their optical axes falls on `pixel`, and rolled.
 
     A level horizon stays level but for the roll, as on a tripod, where the view is flat enough for that:
     cos(elevation) above sin(fov_x / 2). Steeper cameras, and those that aren't level, turn by the smallest rotation.
@@ -35,20 +32,16 @@ def turned(
     `pixel`: pixels, in the frame or out of it; leading axes broadcast against those of the poses.
     `roll`: radians about the optical axis, from x to y: positive lowers the camera's right side.
     """
-    pose = checked(world_from_camera, "world_from_camera", ("...", 4, 4))
     uv = checked(pixel, "pixel", ("...", 2))
-    return _turned(pose, intrinsics, directions(intrinsics, uv[..., None, :])[..., 0, :], roll)
+    through = cameras.lenses.pixel_directions(uv[..., None, :])[..., 0, :]
+    return cameras.at_poses(_turned(cameras, through, roll))
 
 
 def _turned(
-    pose: Float[np.ndarray, "... 4 4"],
-    intrinsics: Intrinsics,
-    through: Float[np.ndarray, "... 3"],
-    roll: ArrayLike,
-    *,
-    keep_level: bool = True,
+    cameras: Cameras, through: Float[np.ndarray, "... 3"], roll: ArrayLike, *, keep_level: bool = True
 ) -> Float[np.ndarray, "... 4 4"]:
-    """Turn cameras as `turned` does, by the camera's direction through the pixel."""
+    """Return poses of cameras turned as `turned` does, by the camera's direction through the pixel."""
+    pose = cameras.world_from_camera
     seen = through / np.linalg.norm(through, axis=-1, keepdims=True)
     about_axis = None
     if np.any(roll):
@@ -59,7 +52,7 @@ def _turned(
     rotation = np.array(out[..., :3, :3])
     seen = np.broadcast_to(seen, (*lead, 3))
     flat = hypot(rotation[..., 0, 2], rotation[..., 1, 2])
-    steep = flat <= intrinsics.sin_half_fov_x
+    steep = flat <= cameras.lenses.sin_half_fov_x
     level = np.asarray(keep_level & ~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0])))
     smallest = rotate(tilt_to(seen), rotation)
     out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
@@ -102,15 +95,14 @@ def _unit(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 
 
 def frame_target(
-    world_from_camera: ArrayLike,
+    cameras: Cameras,
     points_world: ArrayLike,
-    intrinsics: Intrinsics,
     *,
     rng: UniformNumbers,
     roll: ArrayLike = 0.0,
     spread: float = 1.0,
     truncated: tuple[float, float] = (0.0, 0.0),
-) -> Float[np.ndarray, "n 4 4"]:
+) -> Cameras:
     """Turn each camera so that the target's box has a random place in the frame, with the wanted part of it inside.
 
     The part to cut is drawn uniformly from `truncated`. With nothing to cut, the box's place is uniform over all that
@@ -120,18 +112,17 @@ def frame_target(
     `roll`: or (n,) radians; see `turned`.
     `truncated`: least and largest share of the box's area to be cut off, within 0 to 1.
     """
-    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("m", "k", 3))
-    if len(points) not in (1, len(poses)):
-        raise ValueError(f"points_world: expected 1 or {len(poses)} sets of points, got {len(points)}")
+    if len(points) not in (1, len(cameras)):
+        raise ValueError(f"points_world: expected 1 or {len(cameras)} sets of points, got {len(points)}")
     if not 0.0 <= spread <= 1.0:
         raise ValueError(f"spread: expected 0 to 1, got {spread}")
     if not 0.0 <= truncated[0] <= truncated[1] <= 1.0:
         raise ValueError(f"truncated: expected 0 <= low <= high <= 1, got {truncated}")
-    n, size = len(poses), intrinsics.size
+    n, size = len(cameras), cameras.lenses.size
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (n,))
-    first = turned(poses, intrinsics, intrinsics.center, rolls) if rolls.any() else poses
-    box = _box(first, points, intrinsics)
+    first = turned(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
+    box = _box(first, points)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
     uniform = rng.random((n, 5))
@@ -144,20 +135,19 @@ def frame_target(
         cut = np.where(cut_high[rows], size - inside[rows] * extent, (inside[rows] - 1.0) * extent)
         return np.where(np.isnan(inside[rows]), place[rows] * (size - extent), cut)
 
-    search = _Search(poses, points, intrinsics, rolls, corner)
+    search = _Search(cameras, points, rolls, corner)
     return search.by_secants(first, box) if truncated[1] > 0.0 else search.by_iteration(first, box)
 
 
 def place_boxes(
-    world_from_camera: ArrayLike,
+    cameras: Cameras,
     points_world: ArrayLike,
-    intrinsics: Intrinsics,
     *,
     corners: Float[np.ndarray, "n 4"],
     cut: Bool[np.ndarray, "n 4"],
     kept: ArrayLike = 0.0,
     roll: ArrayLike = 0.0,
-) -> Float[np.ndarray, "n 4 4"]:
+) -> Cameras:
     """Turn each camera so that the target's box is where another box is, for boxes of any sizes.
 
     Along an axis on which neither side of the frame cuts the other box off, their centers agree as far as the target
@@ -168,11 +158,10 @@ def place_boxes(
     `cut`: whether the frame cuts it off there.
     `kept`: or (n, 2) least share of the target's width and height in the frame.
     """
-    poses = checked(world_from_camera, "world_from_camera", ("n", 4, 4))
     points = checked(points_world, "points_world", ("n", "k", 3))
-    size, least = intrinsics.size, np.broadcast_to(kept, (len(poses), 2))
-    rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(poses),))
-    first = turned(poses, intrinsics, intrinsics.center, rolls) if rolls.any() else poses
+    size, least = cameras.lenses.size, np.broadcast_to(kept, (len(cameras), 2))
+    rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(cameras),))
+    first = turned(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
     (low, high), (cut_low, cut_high) = (np.split(each, 2, axis=1) for each in (corners, cut))
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
@@ -183,17 +172,16 @@ def place_boxes(
         kinds = [cut_low[rows] & cut_high[rows], cut_low[rows], cut_high[rows]]
         return np.select(kinds, places, np.clip(middle, np.minimum(room, 0.0), np.maximum(room, 0.0)))
 
-    search = _Search(poses, points, intrinsics, rolls, corner)
-    return search.by_iteration(first, _box(first, points, intrinsics))
+    search = _Search(cameras, points, rolls, corner)
+    return search.by_iteration(first, _box(first, points))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Search:
     """Cameras to be turned until each box has its upper left corner where `corner` wants it for a box of that size."""
 
-    poses: Float[np.ndarray, "n 4 4"]
+    cameras: Cameras
     points: Float[np.ndarray, "m k 3"]
-    lens: Intrinsics
     rolls: Float[np.ndarray, " n"]
     corner: Callable[[Int[np.ndarray, " r"], Float[np.ndarray, "r 2"]], Float[np.ndarray, "r 2"]]
 
@@ -201,22 +189,20 @@ class _Search:
         self, rows: Int[np.ndarray, " r"], pixel: Float[np.ndarray, "r 2"], *, keep_level: bool = True
     ) -> tuple[Float[np.ndarray, "r 4 4"], Float[np.ndarray, "r 2"]]:
         """Cameras turned to these pixels, and the pixels from each box to its place: nan if it isn't in view."""
-        lens = self.lens.rows(rows)
-        through = directions(lens, pixel[:, None])[:, 0]
+        cameras = self.cameras.take(rows)
+        through = cameras.lenses.pixel_directions(pixel[:, None])[:, 0]
         unseen = np.isnan(through[:, 0])  # beyond the fold of a distorted lens
         through[unseen] = 0.0, 0.0, 1.0
-        pose = _turned(self.poses[rows], lens, through, self.rolls[rows], keep_level=keep_level)
-        box = _box(pose, self.points if len(self.points) == 1 else self.points[rows], lens)
+        cameras = cameras.at_poses(_turned(cameras, through, self.rolls[rows], keep_level=keep_level))
+        box = _box(cameras, self.points if len(self.points) == 1 else self.points[rows])
         step = self.corner(rows, box[:, 1] - box[:, 0]) - box[:, 0]
         step[unseen] = math.nan
-        return pose, step
+        return cameras.world_from_camera, step
 
-    def by_iteration(
-        self, first: Float[np.ndarray, "n 4 4"], box: Float[np.ndarray, "n 2 2"]
-    ) -> Float[np.ndarray, "n 4 4"]:
+    def by_iteration(self, first: Cameras, box: Float[np.ndarray, "n 2 2"]) -> Cameras:
         """Turn cameras by as much as their boxes are off, again and again."""
-        n = len(self.poses)
-        best, best_pixel = first.copy(), np.tile(self.lens.center, (n, 1))
+        n = len(self.cameras)
+        best, best_pixel = first.world_from_camera.copy(), np.tile(self.cameras.lenses.center, (n, 1))
         best_miss = np.full(n, np.inf)
         # Finished cameras stay as they are, so a result doesn't depend on the other cameras.
         todo = np.flatnonzero(np.isfinite(box).all(axis=(1, 2)))
@@ -233,11 +219,9 @@ class _Search:
             pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel[todo]) / 2.0)
             on = best_miss[todo] > PLACED_PX
             todo, pixel = todo[on], pixel[on]
-        return best
+        return self.cameras.at_poses(best)
 
-    def by_secants(
-        self, first: Float[np.ndarray, "n 4 4"], box: Float[np.ndarray, "n 2 2"]
-    ) -> Float[np.ndarray, "n 4 4"]:
+    def by_secants(self, first: Cameras, box: Float[np.ndarray, "n 2 2"]) -> Cameras:
         """Turn cameras by Broyden's method, which gets there where the box changes as quickly as the camera turns.
 
         Out of the frame, the turn that keeps the horizon level may end before the box is there. By the smallest turn,
@@ -248,10 +232,10 @@ class _Search:
         C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Mathematics of Computation
         19(92), 1965, method 1.
         """
-        best, best_miss = first.copy(), np.full(len(self.poses), np.inf)
+        best, best_miss = first.world_from_camera.copy(), np.full(len(self.cameras), np.inf)
         todo = np.flatnonzero(np.isfinite(box).all(axis=(1, 2)))
         for keep_level, rounds in ((True, LEVEL_ROUNDS), (False, MAX_FRAMING_ROUNDS)):
-            pixel = np.tile(self.lens.center, (len(todo), 1))
+            pixel = np.tile(self.cameras.lenses.center, (len(todo), 1))
             last, last_step = pixel, np.zeros_like(pixel)
             turn = np.tile(np.eye(2), (len(todo), 1, 1))  # change of the pixel per change of the box's place
             for _ in range(rounds):
@@ -274,7 +258,7 @@ class _Search:
                 on = best_miss[todo] > PLACED_PX
                 todo, turn = todo[on], turn[on]
                 pixel, last, last_step = onward[on], last[on], last_step[on]
-        return best
+        return self.cameras.at_poses(best)
 
 
 def _applied(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
@@ -282,13 +266,9 @@ def _applied(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray, "r 2"
     return (matrix * vector[:, None]).sum(axis=2)
 
 
-def _box(
-    poses: Float[np.ndarray, "n 4 4"],
-    points: Float[np.ndarray, "m k 3"],
-    lens: Intrinsics,
-) -> Float[np.ndarray, "n 2 2"]:
+def _box(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "n 2 2"]:
     """Low and high corner of the projected points, nan if one of them is not in front."""
-    pixels = project(lens, poses, points).pixels
+    pixels = cameras.project(points).pixels
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
 
 

@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float, UInt8
 
+from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M
 
 NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR_M]])
 

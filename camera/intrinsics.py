@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,6 +20,13 @@ from hulldown.geometry.portable import arctan2, hypot, tan
 
 WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
 WINDOW_SIDE_PARTS = 8  # parts of a window's side at whose ends its image is measured
+
+
+class Projected(NamedTuple):
+    """Pixels and depths of points."""
+
+    pixels: np.ndarray  # (..., k, 2) continuous, may be outside the image; nan where depth <= 0
+    depth: np.ndarray  # (..., k) meters along the optical axis; negative behind the camera
 
 
 @dataclass(frozen=True)
@@ -135,13 +143,18 @@ class Intrinsics:
         pinhole = (fx * across, fy * down, cx * across, cy * down)
         return replace(self, width=width, height=height, pinhole=pinhole)
 
-    def rows(self, index: np.ndarray | slice) -> Intrinsics:
-        """Select cameras; unchanged if there is one for all."""
+    @property
+    def count(self) -> int | None:
+        """Number of the cameras; None: one for all."""
+        return len(self.fov_x) if isinstance(self.fov_x, np.ndarray) else None
+
+    def take(self, rows: np.ndarray | slice) -> Intrinsics:
+        """Return some rows; unchanged if there is one for all."""
         if not isinstance(self.fov_x, np.ndarray):
             return self
-        selected = replace(self, fov_x=self.fov_x[index])
-        vars(selected)["focal"] = self.focal[index]  # tangents aren't computed again
-        return selected
+        taken = replace(self, fov_x=self.fov_x[rows])
+        vars(taken)["focal"] = self.focal[rows]  # tangents aren't computed again
+        return taken
 
     @property
     def half_tangents(self) -> tuple[float, float]:
@@ -247,6 +260,21 @@ class Intrinsics:
         """Return points (..., n, 2) at unit depth that project to these pixels; nan where there are none."""
         unit = (pixels - self.center) / self.focal[..., None, :]
         return undistorted(unit, self.distortion, self.radius) if self.distorted else unit
+
+    def project_points(self, points_camera: np.ndarray) -> Projected:
+        """Project points (..., k, 3) of the camera's frame."""
+        depth = points_camera[..., 2]
+        ahead = np.where(depth > 0.0, depth, np.nan)[..., None]
+        # Just in front of the plane the quotient may overflow to infinity, the right limit.
+        with np.errstate(over="ignore"):
+            return Projected(self.pixels(points_camera[..., :2] / ahead), depth)
+
+    def pixel_directions(self, pixels: np.ndarray) -> np.ndarray:
+        """Return directions (..., k, 3) in the camera's frame with z = 1: depth times them is the point."""
+        unit = self.at_unit_depth(pixels)
+        through = np.ones((*unit.shape[:-1], 3))
+        through[..., :2] = unit
+        return through
 
     def image_of(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return corners (m, 2) in pixels of a box around the image of each window (m, 2) at unit depth.

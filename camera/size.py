@@ -9,8 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import project_camera
+from hulldown.camera.cameras import Cameras
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.portable import hypot
 from hulldown.geometry.transforms import rotate
@@ -24,8 +23,7 @@ MAX_SECANT_STEPS = 12  # of a distorting lens: 4 to 6
 
 
 def solve_distance(
-    intrinsics: Intrinsics,
-    world_from_camera: ArrayLike,
+    cameras: Cameras,
     points_world: ArrayLike,
     *,
     center: ArrayLike,
@@ -44,7 +42,7 @@ def solve_distance(
     """
     if measure not in get_args(Measure):
         raise ValueError(f"measure: expected one of {', '.join(get_args(Measure))}, got {measure!r}")
-    poses = checked(world_from_camera, "world_from_camera", ("m", 4, 4))
+    poses, lenses = cameras.world_from_camera, cameras.lenses
     points = checked(points_world, "points_world", ("k", "n", 3))
     m = len(poses)
     middle = np.broadcast_to(checked(center, "center", ("...", 3)), (m, 3))
@@ -60,15 +58,15 @@ def solve_distance(
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
     local = rotate(camera_axes, points - middle[:, None])
     # At distance D the pixel of a point is off the center's by f * aside / (D * ray_z + depth).
-    aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * intrinsics.focal[..., None, :]
+    aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * lenses.focal[..., None, :]
     target = np.sqrt(wanted) if measure == "area" else wanted
     distance = _solve(aside, local[..., 2], target, measure) / ray[:, 2]
-    if not intrinsics.distorted:
+    if not lenses.distorted:
         return distance
     points = local if len(local) == m else np.broadcast_to(local, (m, *local.shape[1:]))
 
     def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-        seen = project_camera(intrinsics.rows(rows), points[rows] + (ray[rows] * at[:, None])[:, None]).pixels
+        seen = lenses.take(rows).project_points(points[rows] + (ray[rows] * at[:, None])[:, None]).pixels
         sides = seen.max(axis=1) - seen.min(axis=1)
         return box_length(sides, measure)
 

@@ -17,8 +17,8 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from hulldown.assets.library import GeometrySource, HdriSource, Source
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera
 from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.coats import Coat
 from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses
@@ -245,9 +245,9 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
         return Intrinsics.of_fields(self.width, self.height, fov_x_deg=self.fov_x_deg, K=self.K, dist=self.dist)
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> Cameras:
         """The camera in the world."""
-        return Camera(self.intrinsics, self.world_from_camera)
+        return Cameras(self.intrinsics, self.world_from_camera)
 
 
 class ModelSource(GeometrySource, frozen=True, kw_only=True):

@@ -16,6 +16,7 @@ from hulldown.assets.library import Assets
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import reporting
+from hulldown.camera.cameras import Cameras
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan, read_plan
@@ -173,12 +174,11 @@ def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> dict
     config, k = stage.config, len(row.planned)
     # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
     subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
-    cameras = no_views(k)
-    cameras.world_from_camera[:] = row.world_from_camera
+    cameras = Cameras(row.intrinsics, np.tile(row.world_from_camera, (k, 1, 1)))
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=subject)
     views, pixels = views_of_others(
-        site, vehicles, others, cameras=cameras, intrinsics=row.intrinsics, visibility_m=visibility, config=config
+        site, vehicles, others, views=no_views(k), cameras=cameras, visibility_m=visibility, config=config
     )
     labels = labels_of(views, pixels, config)
     poses = vehicles.world_from_vehicle

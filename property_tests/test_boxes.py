@@ -19,8 +19,8 @@ from hulldown.annotate.masks import mask_box
 from hulldown.annotate.posing import PosedParts, move
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import apply, rigid, rotation_about
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
@@ -29,7 +29,7 @@ from hulldown.tests.oracles.curves import LENSES, dense_extent
 from hulldown.tests.shapes import PARTS, random_rotations, vehicle_of, vertices_at
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
-View = tuple[np.ndarray, Camera, dict[str, float]]  # the vehicle's pose, the camera, and angles of parts
+View = tuple[np.ndarray, Cameras, dict[str, float]]  # the vehicle's pose, the camera, and angles of parts
 FIELDS_OF_VIEW = [math.radians(degrees) for degrees in (0.1, 1.0, 30.0, 60.0, 120.0, 179.0)]
 
 
@@ -103,13 +103,13 @@ def large_vehicle() -> tuple[VehicleShape, VehicleBoxes]:
 
 
 @st.composite
-def cameras(draw: st.DrawFn, target: np.ndarray) -> Camera:
+def cameras(draw: st.DrawFn, target: np.ndarray) -> Cameras:
     """Cameras roughly towards the target, from inside it to far away, with any field of view and image size."""
     distance, rotation = 10.0 ** draw(numbers(-2.0, 2.5)), draw(rotations)
     aside = draw(arrays_of((3,))) * distance * draw(st.sampled_from([0.0, 0.05, 0.5]))
     width, height = draw(st.tuples(*[st.sampled_from([640, 1, 16, 1920])] * 2))
     position = target - distance * rotation[:, 2] + aside
-    return Camera(Intrinsics(width, height, draw(st.sampled_from(FIELDS_OF_VIEW))), rigid(rotation, position))
+    return Cameras(Intrinsics(width, height, draw(st.sampled_from(FIELDS_OF_VIEW))), rigid(rotation, position))
 
 
 @st.composite
@@ -121,7 +121,7 @@ def views(draw: st.DrawFn) -> View:
 
 
 def exact_box(
-    vertices: np.ndarray, faces: np.ndarray, camera: Camera, *, frame: bool, slack: float
+    vertices: np.ndarray, faces: np.ndarray, camera: Cameras, *, frame: bool, slack: float
 ) -> tuple[Fraction, ...] | None:
     """Clip every triangle in rational arithmetic, its planes moved outwards by `slack`; (u0, v0, u1, v1) or None."""
     axes = [[Fraction(float(n)) for n in column] for column in camera.world_from_camera[:3, :3].T]
@@ -130,8 +130,8 @@ def exact_box(
     for vertex in vertices:
         apart = [Fraction(float(n)) - p for n, p in zip(vertex, position, strict=True)]
         points.append([sum(a * b for a, b in zip(axis, apart, strict=True)) for axis in axes])
-    f = Fraction(camera.intrinsics.f_px)
-    cx, cy = Fraction(camera.intrinsics.width, 2), Fraction(camera.intrinsics.height, 2)
+    f = Fraction(camera.lenses.f_px)
+    cx, cy = Fraction(camera.lenses.width, 2), Fraction(camera.lenses.height, 2)
     planes = [(0, 0, 1, Fraction(slack) - Fraction(NEAR_M))]
     if frame:
         for normal in ((f, 0, cx), (-f, 0, cx), (0, f, cy), (0, -f, cy)):
@@ -193,22 +193,22 @@ def test_the_fast_box_equals_clipping(
     lenses = [camera]
     for distance, rotation, aside, fov_x in cut:
         position = pose[:3, 3] - distance * rotation[:, 2] + rotation[:, :2] @ aside * distance
-        lenses.append(Camera(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
+        lenses.append(Cameras(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
     vertices_world = apply(pose, vertices_at(shape, articulation))
     for depth, rotation, aside, fov_x in near:
         nearest = vertices_world[(vertices_world @ rotation[:, 2]).argmin()]
         position = nearest - depth * (rotation[:, 2] + rotation[:, :2] @ aside)
-        lenses.append(Camera(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
+        lenses.append(Cameras(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
     for rotation, edge, side, fov_x in edges:
         intrinsics, position = Intrinsics(640, 480, fov_x), pose[:3, 3] - 50.0 * rotation[:, 2]
         x, _, z = rotation.T @ (vertices_world - position).T
         shift = side(x - (edge - 320.0) * z / intrinsics.f_px)  # of the camera to its right
-        lenses.append(Camera(intrinsics, rigid(rotation, position + shift * rotation[:, 0])))
+        lenses.append(Cameras(intrinsics, rigid(rotation, position + shift * rotation[:, 0])))
     for lens in lenses:
         found = boxes.box(pose, lens, articulation, frame=frame)
         expected = surface_box(vertices_world, shape.mesh.faces, lens, frame=frame)
         # Coordinates of 1e4 m have rounding errors of 1e-12 m, which a long lens nearby magnifies to pixels.
-        far = 1e-15 * np.abs(vertices_world).max() * lens.intrinsics.f_px / NEAR_M
+        far = 1e-15 * np.abs(vertices_world).max() * lens.lenses.f_px / NEAR_M
         assert (expected is None) == (found is None)
         if expected is not None and found is not None:
             tolerance = (PIXEL_ERROR + far) * max(1.0, np.abs(expected).max()) ** 0.5
@@ -219,13 +219,13 @@ def test_the_fast_box_equals_clipping(
 def test_hull_vertices_give_the_bits_of_all_vertices(
     vehicle: Drawn, rotation: np.ndarray, position: np.ndarray, angles: np.ndarray
 ) -> None:
-    camera, shape = Camera(Intrinsics(1920, 1080, 1.0), rigid(np.eye(3), [0.0, 0.0, -60.0])), turning(*vehicle)
+    camera, shape = Cameras(Intrinsics(1920, 1080, 1.0), rigid(np.eye(3), [0.0, 0.0, -60.0])), turning(*vehicle)
     pose, posed = rigid(rotation, position), PosedParts(shape)
     angles = (angles * [0.0, 1.0, 1.0])[None, : len(shape.part_names)]
     articulation = dict(zip(shape.part_names[1:], angles[0, 1:].tolist(), strict=True))
     camera_from_parts = posed.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
     x, y, z = move(posed.vertices, posed.vertex_slices, camera_from_parts)[:, 0]
-    u, v = x / z * camera.intrinsics.f_px + 960.0, y / z * camera.intrinsics.f_px + 540.0
+    u, v = x / z * camera.lenses.f_px + 960.0, y / z * camera.lenses.f_px + 540.0
     assume(min(u.min(), v.min()) >= 0.0)
     assume(u.max() <= 1920.0)
     assume(v.max() <= 1080.0)
@@ -234,14 +234,14 @@ def test_hull_vertices_give_the_bits_of_all_vertices(
 
 
 @given(vehicles, st.lists(views(), max_size=5), cameras(np.zeros(3)))
-def test_a_batch_gives_the_bits_of_its_rows(vehicle: Drawn, rows: list[View], camera: Camera) -> None:
-    shape, first = turning(*vehicle), camera.intrinsics
+def test_a_batch_gives_the_bits_of_its_rows(vehicle: Drawn, rows: list[View], camera: Cameras) -> None:
+    shape, first = turning(*vehicle), camera.lenses
     boxes, poses = VehicleBoxes(shape), np.array([view[0] for view in rows]).reshape(-1, 4, 4)
     angles = [{name: angle for name, angle in view[2].items() if name in shape.part_names} for view in rows]
-    each = [replace(view[1], intrinsics=replace(first, fov_x=view[1].intrinsics.fov_x)) for view in rows]
-    lenses = replace(first, fov_x=np.array([camera.intrinsics.fov_x for camera in each]))
+    each = [replace(view[1], lenses=replace(first, fov_x=view[1].lenses.fov_x)) for view in rows]
+    lenses = replace(first, fov_x=np.array([camera.lenses.fov_x for camera in each]))
     world_from_camera = np.array([camera.world_from_camera for camera in each]).reshape(-1, 4, 4)
-    found = boxes.boxes(poses, world_from_camera, lenses, angles)
+    found = boxes.boxes(poses, Cameras(lenses, world_from_camera), angles)
     for i, camera in enumerate(each):
         for frame, together in ((True, found.xywh), (False, found.amodal)):
             alone = boxes.box(poses[i], camera, angles[i], frame=frame)
@@ -255,11 +255,11 @@ def test_the_box_contains_the_mask_and_touches_it_on_four_sides(
     vertices, faces = solid(subdivisions, ball=ball)
     shape, pose = vehicle_of(Mesh(vertices * stretch, faces)), rigid(rotation, position)
     view = rigid(np.eye(3), [0.0, 0.0, -8.0])
-    box = VehicleBoxes(shape).box(pose, Camera(Intrinsics(64, 48, 1.0), view))
+    box = VehicleBoxes(shape).box(pose, Cameras(Intrinsics(64, 48, 1.0), view))
     if box is None or box[2:].min() < 1.0:
         return
     # Eight rays a pixel and axis, since the pointed end of a surface can be between pixel centers.
-    fine = Camera(Intrinsics(8 * 64, 8 * 48, 1.0), view)
+    fine = Cameras(Intrinsics(8 * 64, 8 * 48, 1.0), view)
     around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
     inner = mask_box(vehicle_masks(PosedVehicle(VehicleCaster(shape), pose[None], {}), fine, xywh=around)[1])
     assert inner is not None
@@ -296,7 +296,7 @@ def test_curved_boxes_are_within_a_hundredth_of_a_pixel(
         triangles[..., 2] += place[5] * size - middle[2]
     faces = np.arange(3 * len(triangles)).reshape(-1, 3)
     for frame in (True, False):
-        box = surface_box(triangles.reshape(-1, 3), faces, Camera(intrinsics, np.eye(4)), frame=frame)
+        box = surface_box(triangles.reshape(-1, 3), faces, Cameras(intrinsics, np.eye(4)), frame=frame)
         wanted = dense_extent(triangles, intrinsics, frame=frame)
         if box is None or wanted is None:
             assert box is None, box

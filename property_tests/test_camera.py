@@ -8,9 +8,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target, turned
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import solve_distance
 from hulldown.tests.cameras import unproject
@@ -61,7 +61,7 @@ def test_unprojecting_inverts_projecting(
     places: np.ndarray,
     depths: np.ndarray,
 ) -> None:
-    camera = Camera(lens, camera_pose(center, distance, azimuth, elevation))
+    camera = Cameras(lens, camera_pose(center, distance, azimuth, elevation))
     pixels, depth = places * [lens.width, lens.height], distance * depths[:, 0]
     points = unproject(camera, pixels, depth)
     again, same = camera.project(points)
@@ -86,9 +86,10 @@ def test_the_center_projects_to_the_framing_offset(
     lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float, place: tuple
 ) -> None:
     pixel = np.array(place) * [lens.width, lens.height]
-    pose = turned(camera_pose(center, distance, azimuth, elevation), lens, pixel)
+    camera = turned(Cameras(lens, camera_pose(center, distance, azimuth, elevation)), pixel)
+    pose = camera.world_from_camera
     aside = 1 + float(np.abs((pixel - lens.center) / lens.f_px).max()) ** 2
-    found = Camera(lens, pose).project(center[None]).pixels[0]
+    found = camera.project(center[None]).pixels[0]
     np.testing.assert_allclose(found, pixel, atol=aside * rounding(center, lens, distance))
     np.testing.assert_allclose(pose[:3, :3] @ pose[:3, :3].T, np.eye(3), atol=1e-14)
 
@@ -102,18 +103,16 @@ def test_the_exact_distance_gives_the_exact_size(
     place: tuple, shares: np.ndarray,
 ) -> None:  # fmt: skip
     points = points + center
-    pose = camera_pose(center, 10.0, azimuth, elevation)
-    pose = turned(pose, lens, np.array(place) * [lens.width, lens.height])[None]
+    camera = Cameras(lens, camera_pose(center, 10.0, azimuth, elevation))
+    pose = turned(camera, np.array(place) * [lens.width, lens.height]).world_from_camera
+    cameras = Cameras(lens, np.tile(pose, (6, 1, 1)))
     sizes = np.sort(shares[:, 0]) * lens.height
     wanted = sizes**2 if measure == "area" else sizes
-    found = solve_distance(
-        lens, np.repeat(pose, 6, axis=0), points[None], center=center, pixels=wanted, measure=measure
-    )
+    found = solve_distance(cameras, points[None], center=center, pixels=wanted, measure=measure)
     assert np.isfinite(found).all()
     assert (np.diff(found) <= 1e-9 * found[1:]).all()
-    at = pose.repeat(6, axis=0)
-    at[:, :3, 3] = center + (at[:, :3, 3] - center) * found[:, None] / 10.0
-    width, height = np.ptp(project(lens, at, points).pixels, axis=1).T
+    cameras.position[:] = center + (cameras.position - center) * found[:, None] / 10.0
+    width, height = np.ptp(cameras.project(points).pixels, axis=1).T
     lengths = {"width": width, "height": height, "diagonal": np.hypot(width, height), "area": np.sqrt(width * height)}
     # A camera that almost touches the target loses digits by subtracting close numbers, mostly far from the origin.
     np.testing.assert_allclose(lengths[measure], sizes, rtol=1e-7 + 1e-8 * np.abs(center).max() ** 0.5)
@@ -136,12 +135,12 @@ def test_framed_cameras_cut_as_requested(
         elevation = float(np.clip(math.acos(lens.sin_half_fov_x) - below, 0, 1.5))
     points = rng.uniform(-1, 1, (12, 3)) * [3.5, 1.7, 1.2]
     poses = camera_pose([0, 0, 0], 3.5 * lengths / min(1.0, *lens.half_tangents), rng.uniform(0, 6, 200), elevation)
-    framed = frame_target(poses, points[None], lens, rng=rng, truncated=(least, most))
-    pixels, size = project(lens, framed, points).pixels, [lens.width, lens.height]
+    framed = frame_target(Cameras(lens, poses), points[None], rng=rng, truncated=(least, most))
+    pixels, size = framed.project(points).pixels, [lens.width, lens.height]
     low, high = pixels.min(axis=1), pixels.max(axis=1)
     kept = np.clip(np.minimum(high, size) - np.maximum(low, 0), 0, None)
-    np.testing.assert_array_equal(framed[:, :3, 3], poses[:, :3, 3])
-    axes = framed[:, :3, :3]
+    np.testing.assert_array_equal(framed.position, poses[:, :3, 3])
+    axes = framed.world_from_camera[:, :3, :3]
     np.testing.assert_allclose(axes @ np.swapaxes(axes, 1, 2), np.tile(np.eye(3), (200, 1, 1)), atol=1e-14)
     # With ordinary fields of view, a target that fits is cut exactly as requested, by shares from the whole band.
     fits = (high - low < size).all(axis=1)

@@ -12,8 +12,8 @@ from hulldown.annotate.boxes import surface_box
 from hulldown.annotate.masks import decode
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import ConfigError
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.attributes import numbers_of
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
@@ -277,8 +277,8 @@ def camera_within_limits(row, config):
     ground = TERRAINS[scenery.name].top_hits(camera[None, :2, 3]).z[0] if scenery.ground else 0.0
     assert camera[2, 3] - ground >= limits.ground_clearance - 1e-9
     vertices = apply(pose, vertices_at(shape, row.target.articulation))
-    found = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera))
-    amodal = surface_box(vertices, shape.mesh.faces, Camera(intrinsics, camera), frame=False)
+    found = surface_box(vertices, shape.mesh.faces, Cameras(intrinsics, camera))
+    amodal = surface_box(vertices, shape.mesh.faces, Cameras(intrinsics, camera), frame=False)
     assert row.target.bbox == pytest.approx(found, abs=1e-6)
     assert row.target.bbox_amodal == pytest.approx(amodal, abs=1e-6)
     assert within(row.target.truncated_fraction, limits.truncated_fraction)

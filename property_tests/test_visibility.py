@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from hulldown.annotate.visibility import visible_fraction
 from hulldown.camera.camera_rays import CameraRays
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.instances import InstancedScene
@@ -47,7 +48,7 @@ def test_on_an_open_plane_everything_in_the_frame_is_visible(
 ) -> None:
     # The target is a millimeter above the plane, since rays at the seam may go either way.
     target, world = PosedVehicle(TANK, HERE, {"turret": turn}), Scene(Plane(-1e-3))
-    seen = visible_fraction([target], cameras(seed, elevation), intrinsics=lens, world=world)
+    seen = visible_fraction([target], Cameras(lens, cameras(seed, elevation)), world=world)
     assert (seen.fraction == 1).all()
     assert (seen.hits > 0).all()
 
@@ -61,7 +62,7 @@ def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation
     walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
     for pose, wall in zip(poses, walls, strict=True):
         world = Scene(obstacles=InstancedScene([CUBE], [0], wall[None]))
-        seen = visible_fraction(target, pose[None], intrinsics=lens, world=world)
+        seen = visible_fraction(target, Cameras(lens, pose[None]), world=world)
         assert seen.fraction[0] == 0
 
 
@@ -71,8 +72,8 @@ def test_an_added_occluder_never_raises_the_fraction(
 ) -> None:
     scene = boulders(np.random.default_rng(seed), k)
     fewer = InstancedScene([CUBE], scene.instance_mesh[:-1], scene.world_from_instance[:-1])
-    options = {"intrinsics": lens, "rays": 64}
-    target, poses = [PosedVehicle(TANK, HERE, {"turret": turn})], cameras(seed, elevation)
+    options = {"rays": 64}
+    target, poses = [PosedVehicle(TANK, HERE, {"turret": turn})], Cameras(lens, cameras(seed, elevation))
     free = visible_fraction(target, poses, **options)
     some = visible_fraction(target, poses, world=Scene(obstacles=fewer), **options)
     more = visible_fraction(target, poses, world=Scene(obstacles=scene), **options)
@@ -107,9 +108,9 @@ def test_moving_the_world_changes_almost_nothing(seed: int, elevation: float) ->
     scene = boulders(np.random.default_rng(seed), 8)
     moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
     poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)
-    here = visible_fraction([PosedVehicle(TANK, HERE, {})], poses, intrinsics=lens, world=Scene(Plane(0.1), scene))
+    here = visible_fraction([PosedVehicle(TANK, HERE, {})], Cameras(lens, poses), world=Scene(Plane(0.1), scene))
     there = visible_fraction(
-        [PosedVehicle(TANK, shift[None], {})], shift @ poses, intrinsics=lens, world=Scene(Plane(50.1), moved)
+        [PosedVehicle(TANK, shift[None], {})], Cameras(lens, shift @ poses), world=Scene(Plane(50.1), moved)
     )
     np.testing.assert_allclose(here.hits, there.hits, atol=2)
     np.testing.assert_allclose(here.fraction, there.fraction, atol=0.04)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
-from hulldown.camera.projection import NEAR_M
+from hulldown.camera.cameras import NEAR_M
 from hulldown.geometry.cutouts import MIN_TRANSMITTANCE
 from hulldown.geometry.indices import rounds
 from hulldown.geometry.instances import InstancedScene, InstanceHits

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.camera.projection import NEAR_M
+from hulldown.camera.cameras import NEAR_M
 from hulldown.geometry.arrays import checked
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import apply, invert_rigid

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.camera_rays import CameraRays
-from hulldown.camera.projection import NEAR_M, Camera
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.columns import put
 from hulldown.geometry.cutouts import caster_of
 from hulldown.geometry.instances import InstancedScene, InstanceHits
@@ -120,16 +120,16 @@ class Scene:
         """Return the same ground and obstacles with these vehicles."""
         return replace(self, vehicles=vehicles)
 
-    def rows(self, index: Int[np.ndarray, " k"]) -> Scene:
+    def take(self, cameras: Int[np.ndarray, " k"]) -> Scene:
         """Select cameras, which become cameras 0, 1, ..."""
-        return self.with_vehicles([vehicle.rows(index) for vehicle in self.vehicles])
+        return self.with_vehicles([vehicle.take(cameras) for vehicle in self.vehicles])
 
     def nearest(self, origins: ArrayLike, directions: ArrayLike) -> SceneHits:
         """First hit of each ray; on ties ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         return self._first(along, lambda thing, reach: thing.cast(start, along, max_distance=reach))
 
-    def seen_by(self, camera: Camera, *, threads: int = 1) -> SceneHits:
+    def seen_by(self, camera: Cameras, *, threads: int = 1) -> SceneHits:
         """First hit at the center of each pixel of a camera, row by row; (n,) is (height * width,).
 
         As `nearest` for rays from the near plane on, with distances from the camera's position; faster in a wood,
@@ -137,7 +137,7 @@ class Scene:
 
         `threads`: how many threads share the work.
         """
-        width, height = camera.intrinsics.width, camera.intrinsics.height
+        width, height = camera.lenses.width, camera.lenses.height
         hits = SceneHits.missed(width * height)
         # Beyond the picture's last row and column, tiles repeat them.
         rows, columns = (
@@ -146,7 +146,7 @@ class Scene:
 
         def trace(band: Int[np.ndarray, " t"]) -> None:
             pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE_PX * TILE_PX)
-            at = camera.intrinsics.at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
+            at = camera.lenses.at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
             u, v = np.ascontiguousarray(np.moveaxis(at, -1, 0))  # NumPy takes extremes along it many times faster
             low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)
             extent = np.maximum(np.stack([u.max(axis=1), v.max(axis=1)], axis=1) - low, 1e-300)

@@ -81,12 +81,12 @@ class PosedVehicle:
             expected = len(self.world_from_vehicle)
             raise ValueError(f"articulation: expected one or {expected}, got {len(self.articulation)}")
 
-    def rows(self, index: Int[np.ndarray, " c"]) -> PosedVehicle:
+    def take(self, cameras: Int[np.ndarray, " c"]) -> PosedVehicle:
         """Select cameras, which become cameras 0, 1, ..."""
-        kept, row = index, None
+        kept, row = cameras, None
         if self.row is not None:
-            place = np.full(max(self.row.max(initial=0), index.max(initial=0)) + 1, -1)
-            place[index] = np.arange(len(index))
+            place = np.full(max(self.row.max(initial=0), cameras.max(initial=0)) + 1, -1)
+            place[cameras] = np.arange(len(cameras))
             kept = np.flatnonzero(place[self.row] >= 0)
             row = place[self.row[kept]]
         elif len(self.world_from_vehicle) == 1:

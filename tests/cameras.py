@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from hulldown.camera.projection import Camera, directions
+from hulldown.camera.cameras import Cameras
 from hulldown.geometry.transforms import apply
 
 
-def unproject(camera: Camera, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
+def unproject(camera: Cameras, pixels: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """World points (n, 3) at these pixels (n, 2) and meters (n,) along the optical axis."""
-    return apply(camera.world_from_camera, directions(camera.intrinsics, pixels) * depth[:, None])
+    return apply(camera.world_from_camera, camera.lenses.pixel_directions(pixels) * depth[:, None])

@@ -23,7 +23,7 @@ NOTEBOOK = Path(__file__).parents[1] / "docs" / "first_dataset.ipynb"
 
 HEAVY = {"bpy", "torch", "dask", "distributed", "numpy", "scipy", "PIL", "pandas", "matplotlib", "pydantic", "psutil"}
 # Besides the names of `import hulldown`.
-PROMISED = ["camera.intrinsics.Intrinsics", "camera.projection.Camera", "annotate.boxes.surface_box"]
+PROMISED = ["camera.intrinsics.Intrinsics", "camera.cameras.Cameras", "annotate.boxes.surface_box"]
 PROMISED += ["annotate.boxes.VehicleBoxes", "dataset.coco.CocoDataset"]
 
 

@@ -7,9 +7,9 @@ import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.annotate.visibility import visible_fraction
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose, draw_elevation
 from hulldown.camera.size import solve_distance
 from hulldown.geometry.arrays import checked, whole
@@ -61,11 +61,11 @@ def settled(width=3.5, n=1, **options):
 
 
 def solved(poses=AWAY, center=(0, 0, 0), pixels=10.0):
-    return solve_distance(VGA, poses, POINTS[None], center=center, pixels=pixels)
+    return solve_distance(Cameras(VGA, poses), POINTS[None], center=center, pixels=pixels)
 
 
 def framed(poses=AWAY, points=POINTS[None], **options):
-    return frame_target(poses, points, VGA, rng=rng(), **options)
+    return frame_target(Cameras(VGA, poses), points, rng=rng(), **options)
 
 
 def clear(**options):
@@ -143,7 +143,7 @@ WRONG = [
     (lambda: VGA.distance_for(1, -1), "target_fraction: expected positive numbers"),
     (lambda: Intrinsics.calibrated(1920, 1080, PINHOLE, (-0.2, 0, 0, 0, 0)), r"distortion: .*folds at 1.29"),
     *(
-        (lambda p=pose: Camera(VGA, p), "world_from_camera: expected a rigid 4x4 transform")
+        (lambda p=pose: Cameras(VGA, p), "world_from_camera: expected a rigid 4x4 transform")
         for pose in (np.diag([2.0, 2, 2, 1]), np.diag([1.0, 1, -1, 1]), np.eye(4) + 0.1 * np.eye(4, k=-3))
     ),
     (lambda: framed(spread=1.5), "spread: expected"),
@@ -152,9 +152,9 @@ WRONG = [
     (lambda: framed(points=np.zeros((3, 8, 3))), "points_world: expected 1 or 1 sets of points, got 3"),
     (lambda: solved(pixels=0.0), "pixels: expected"),
     (lambda: solved(center=[100.0, 0, 0]), "center: expected"),
-    (lambda: visible_fraction(SEEN, AWAY, intrinsics=VGA, rays=0), "rays: expected at least 1"),
+    (lambda: visible_fraction(SEEN, Cameras(VGA, AWAY), rays=0), "rays: expected at least 1"),
     (
-        lambda: visible_fraction([PosedVehicle(SEEN[0].caster, ONE.repeat(3, 0), {})], AWAY, intrinsics=VGA),
+        lambda: visible_fraction([PosedVehicle(SEEN[0].caster, ONE.repeat(3, 0), {})], Cameras(VGA, AWAY)),
         "subjects: expected 1 or 1 poses, got 3",
     ),
     (lambda: PosedVehicle(SEEN[0].caster, ONE, [{}, {}]), "articulation: expected one or 1, got 2"),
@@ -165,12 +165,12 @@ WRONG = [
         )
         for meters in (-0.1, math.nan)
     ),
-    (lambda: VehicleBoxes(CRATE).boxes(ONE[0], ONE, VGA), "world_from_vehicle: expected shape"),
-    (lambda: VehicleBoxes(CRATE).boxes(np.nan * ONE, ONE, VGA), "world_from_vehicle: expected finite numbers"),
-    (lambda: VehicleBoxes(CRATE).boxes(ONE, ONE.repeat(2, 0), VGA), "world_from_camera: expected 1, one for each"),
-    (lambda: VehicleBoxes(CRATE).boxes(ONE, ONE, THREE), "intrinsics: expected 1, one for each"),
-    (lambda: VehicleBoxes(CRATE).boxes(ONE, ONE, VGA, [{}, {}]), "articulations: expected 1, one for each"),
-    (lambda: surface_box(POINTS, [[0, 1, 4]], Camera(VGA, ONE[0])), "faces: expected indices below 4"),
+    (lambda: VehicleBoxes(CRATE).boxes(ONE[0], Cameras(VGA, ONE)), "world_from_vehicle: expected shape"),
+    (lambda: VehicleBoxes(CRATE).boxes(np.nan * ONE, Cameras(VGA, ONE)), "world_from_vehicle: expected finite numbers"),
+    (lambda: VehicleBoxes(CRATE).boxes(ONE, Cameras(VGA, ONE.repeat(2, 0))), "cameras: expected 1, one for each"),
+    (lambda: Cameras(THREE, ONE), "lenses: expected one, or one for each pose"),
+    (lambda: VehicleBoxes(CRATE).boxes(ONE, Cameras(VGA, ONE), [{}, {}]), "articulations: expected 1, one for each"),
+    (lambda: surface_box(POINTS, [[0, 1, 4]], Cameras(VGA, ONE[0])), "faces: expected indices below 4"),
 ]
 
 
@@ -190,13 +190,13 @@ NO_ROWS = [
     *((lambda s=scene: s.cast(RAYS, RAYS).distance, (0,)) for scene in SCENES),
     *((lambda s=scene: s.occluded(RAYS, RAYS), (0,)) for scene in SCENES),
     (lambda: Scene(obstacles=SCENES[2], vehicles=SEEN).nearest(RAYS, RAYS).normal, (0, 3)),
-    (lambda: visible_fraction(SEEN, ONE[:0], intrinsics=VGA, world=Scene(obstacles=SCENES[1])).fraction, (0,)),
+    (lambda: visible_fraction(SEEN, Cameras(VGA, ONE[:0]), world=Scene(obstacles=SCENES[1])).fraction, (0,)),
     (lambda: tries(n=0)[0], (0, 2)),
     (lambda: camera_pose(np.zeros(3), np.zeros(0), 0.0, 0.0), (0, 4, 4)),
-    (lambda: framed(ONE[:0]), (0, 4, 4)),
+    (lambda: framed(ONE[:0]).world_from_camera, (0, 4, 4)),
     (lambda: solved(ONE[:0]), (0,)),
-    (lambda: project(NO_CAMERA, ONE[:0], POINTS[None]).pixels, (0, 4, 2)),
-    (lambda: VehicleBoxes(CRATE).boxes(ONE[:0], ONE[:0], NO_CAMERA).xywh, (0, 4)),
+    (lambda: Cameras(NO_CAMERA, ONE[:0]).project(POINTS[None]).pixels, (0, 4, 2)),
+    (lambda: VehicleBoxes(CRATE).boxes(ONE[:0], Cameras(NO_CAMERA, ONE[:0])).xywh, (0, 4)),
     (lambda: first_equal(np.empty((0, 2))), (0,)),
     (lambda: SCENES[1].bounds, (0, 2, 3)),
 ]
@@ -216,7 +216,7 @@ def test_an_empty_world_and_ground_without_area_are_never_met():
     for empty in SCENES[:2]:
         assert not empty.cast(*ray).hit.any()
         assert not empty.occluded(*ray).any()
-    assert surface_box(POINTS, np.empty((0, 3), dtype=int), Camera(VGA, ONE[0])) is None
+    assert surface_box(POINTS, np.empty((0, 3), dtype=int), Cameras(VGA, ONE[0])) is None
     assert not support_plane(LINE, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
 
 

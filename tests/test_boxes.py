@@ -5,8 +5,8 @@ import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, truncated_fraction
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera
 from hulldown.geometry.transforms import rigid
 from hulldown.tests.shapes import CORNERS, box, vehicle_of
 
@@ -15,9 +15,9 @@ CUBE = 2.0 * CORNERS - 1.0
 INTRINSICS = Intrinsics(200, 100, math.pi / 2)
 
 
-def camera_at(x: float, y: float, z: float, intrinsics: Intrinsics = INTRINSICS) -> Camera:
+def camera_at(x: float, y: float, z: float, intrinsics: Intrinsics = INTRINSICS) -> Cameras:
     """A camera along +z of the world, with x right and y down."""
-    return Camera(intrinsics, rigid(np.eye(3), [x, y, z]))
+    return Cameras(intrinsics, rigid(np.eye(3), [x, y, z]))
 
 
 def vehicle() -> VehicleShape:
@@ -28,8 +28,8 @@ def vehicle() -> VehicleShape:
 
 def test_a_batch_has_a_row_per_pose_and_nan_for_invisible_targets():
     boxes = VehicleBoxes(vehicle())
-    cameras = [camera_at(0, 0, -8), camera_at(4, 0, -5), camera_at(0, 0, 5), camera_at(30, 0, -5)]
-    found = boxes.boxes(np.tile(np.eye(4), (4, 1, 1)), [c.world_from_camera for c in cameras], INTRINSICS)
+    cameras = Cameras(INTRINSICS, rigid(np.eye(3), [[0, 0, -8], [4, 0, -5], [0, 0, 5], [30, 0, -5]]))
+    found = boxes.boxes(np.tile(np.eye(4), (4, 1, 1)), cameras)
     assert found.truncated_fraction[0] == 0.0
     assert 0.0 < found.truncated_fraction[1] < 1.0
     assert found.truncated_fraction[2:].tolist() == [1.0, 1.0]

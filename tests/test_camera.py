@@ -9,9 +9,9 @@ import sys
 import numpy as np
 import pytest
 
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera, project
 from hulldown.camera.shell import camera_pose, shell_axes, shell_place
 from hulldown.camera.size import solve_distance
 from hulldown.geometry.transforms import rigid, rotation_about
@@ -41,7 +41,7 @@ def test_a_point_at_half_the_field_of_view_is_at_the_images_edge(fov_deg: float)
 
 
 def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:
-    pixels, depth = Camera(VGA, np.eye(4)).project([[1, 1, 0], [1, 1, -1], [0, 0, -0.0], [0, 0, 1e-300]])
+    pixels, depth = Cameras(VGA, np.eye(4)).project([[1, 1, 0], [1, 1, -1], [0, 0, -0.0], [0, 0, 1e-300]])
     assert np.isnan(pixels).all(axis=1).tolist() == [True, True, True, False]
     assert np.isfinite(pixels[3]).all()
     assert depth.tolist() == [0, -1, 0, 1e-300]
@@ -51,12 +51,12 @@ def test_stacks_of_cameras_broadcast() -> None:
     poses = camera_pose([0, 0, 0], np.full(2, 10.0), [0.0, 3.0], 0.3)
     points = np.random.default_rng(0).normal(size=(7, 3))
     for second in (VGA, Intrinsics(640, 480, 1.0)):
-        alone = [Camera(each, pose).project(points).pixels for each, pose in zip((VGA, second), poses, strict=True)]
+        alone = [Cameras(each, pose).project(points).pixels for each, pose in zip((VGA, second), poses, strict=True)]
         both = Intrinsics(640, 480, np.array([VGA.fov_x, second.fov_x]))
-        np.testing.assert_allclose(project(both, poses, points).pixels, alone, atol=1e-9)
-        swapped = project(both.rows(np.array([1, 0])), poses[::-1], points)
+        np.testing.assert_allclose(Cameras(both, poses).project(points).pixels, alone, atol=1e-9)
+        swapped = Cameras(both, poses).take(np.array([1, 0])).project(points)
         np.testing.assert_allclose(swapped.pixels, alone[::-1], atol=1e-9)
-    np.testing.assert_allclose(project(VGA, poses, points).pixels[0], alone[0], atol=1e-9)
+    np.testing.assert_allclose(Cameras(VGA, poses).project(points).pixels[0], alone[0], atol=1e-9)
 
 
 BLENDER = """
@@ -89,9 +89,9 @@ def test_projection_equals_blenders_world_to_camera_view_in_float32() -> None:
     for width, height, fov_deg in [(1920, 1080, 60), (640, 480, 20), (300, 900, 35), (1000, 1000, 110)]:
         pose = camera_pose(rng.uniform(-5, 5, 3), 20.0, rng.uniform(0, 6), rng.uniform(-1.5, 1.5))
         pose = pose @ rigid(rotation_about([0.0, 0.0, 1.0], 0.2), np.zeros(3))
-        camera = Camera(Intrinsics(width, height, math.radians(fov_deg)), pose)
+        camera = Cameras(Intrinsics(width, height, math.radians(fov_deg)), pose)
         points = unproject(camera, rng.uniform(-0.5, 1.5, (20, 2)) * [width, height], rng.uniform(2, 40, 20))
-        size = {"width": width, "height": height, "fov_x": camera.intrinsics.fov_x}
+        size = {"width": width, "height": height, "fov_x": camera.lenses.fov_x}
         cases.append({**size, "world_from_camera": pose.tolist(), "points": points.tolist()})
         pixels, depth = camera.project(points)
         expected.append(np.column_stack([pixels / [width, height] * [1, -1] + [0, 1], depth]))
@@ -130,8 +130,8 @@ def test_cuts_of_each_side_and_corner_are_as_frequent_and_as_deep_as_their_area(
     lens = Intrinsics(2000, 1000, math.radians(0.2))
     corners = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-2.5, 2.5)])
     pose = np.tile(camera_pose([0, 0, 0], 20 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
-    framed = frame_target(pose, corners[None], lens, rng=rng, truncated=(0.6, 0.6))
-    found = project(lens, framed, corners).pixels.min(axis=1)
+    framed = frame_target(Cameras(lens, pose), corners[None], rng=rng, truncated=(0.6, 0.6))
+    found = framed.project(corners).pixels.min(axis=1)
     beyond, expected = ((at + extent > size + 0.1).astype(int) - (at < -0.1) for at in (found, place))
     for sides in itertools.product((-1, 0, 1), repeat=2):
         here, there = (beyond == sides).all(axis=1), (expected == sides).all(axis=1)
@@ -145,8 +145,8 @@ def test_a_target_is_cut_as_far_as_a_distorted_lens_sees_it() -> None:
     folds = Intrinsics.calibrated(1920, 1080, (1420.0, 1420.0, 960.0, 540.0), (-0.2, 0.0, 0.0, 0.0, 0.0))
     corners = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
     poses = camera_pose([0, 0, 0], np.full(200, 14.0), np.linspace(0, 6, 200), 1.0)
-    framed = frame_target(poses, corners[None], folds, rng=np.random.default_rng(0), truncated=(0.8, 0.8))
-    pixels = project(folds, framed, corners).pixels
+    framed = frame_target(Cameras(folds, poses), corners[None], rng=np.random.default_rng(0), truncated=(0.8, 0.8))
+    pixels = framed.project(corners).pixels
     low, high = pixels.min(axis=1), pixels.max(axis=1)
     cut = 1 - (np.clip(np.minimum(high, folds.size) - np.maximum(low, 0), 0, None) / (high - low)).prod(axis=1)
     assert (cut <= 0.8 + 1e-5).all()
@@ -156,7 +156,8 @@ def test_a_target_is_cut_as_far_as_a_distorted_lens_sees_it() -> None:
 def test_cameras_inside_the_targets_box_are_unchanged() -> None:
     inside = camera_pose([0, 0, 0], np.ones(1), 0.3, 0.1)
     corners = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
-    np.testing.assert_array_equal(frame_target(inside, corners[None], VGA, rng=np.random.default_rng(0)), inside)
+    framed = frame_target(Cameras(VGA, inside), corners[None], rng=np.random.default_rng(0))
+    np.testing.assert_array_equal(framed.world_from_camera, inside)
 
 
 def test_a_size_that_no_distance_gives_is_nan() -> None:
@@ -164,6 +165,6 @@ def test_a_size_that_no_distance_gives_is_nan() -> None:
     arrow = np.array([[5.0, 0, 0], [-1, 1, 1], [-1, -1, 1], [-1, 0, -1]])
     poses = np.tile(camera_pose([0, 0, 0], 50.0, 0.0, 0.0), (2, 1, 1))
     wanted = 2 * VGA.f_px / 6 * np.array([0.999, 1.001])
-    found = solve_distance(VGA, poses, arrow[None], center=[0, 0, 0], pixels=wanted)
+    found = solve_distance(Cameras(VGA, poses), arrow[None], center=[0, 0, 0], pixels=wanted)
     assert np.isfinite(found).tolist() == [True, False]
-    assert np.isnan(solve_distance(VGA, poses, np.zeros((1, 1, 3)), center=[0, 0, 0], pixels=1.0)).all()
+    assert np.isnan(solve_distance(Cameras(VGA, poses), np.zeros((1, 1, 3)), center=[0, 0, 0], pixels=1.0)).all()

@@ -8,9 +8,9 @@ import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.base.errors import ConfigError
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.distortion import distorted, seen_radius, undistorted
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.transforms import rigid, rotation_about
 from hulldown.tests.cameras import unproject
@@ -45,7 +45,7 @@ def test_points_equal_opencvs_and_round_trip(name):
 def test_a_camera_projects_and_casts_rays_like_opencv(name):
     intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES[name])
     pose = rigid(rotation_about([0.6, 0.0, 0.8], 0.7), [1.0, 2.0, 3.0])
-    camera = Camera(intrinsics, pose)
+    camera = Cameras(intrinsics, pose)
     pixels = np.random.default_rng(1).uniform(0, [1920, 1080], (2000, 2))
     depth = np.random.default_rng(2).uniform(0.2, 100, 2000)
     points = unproject(camera, pixels, depth)
@@ -53,7 +53,7 @@ def test_a_camera_projects_and_casts_rays_like_opencv(name):
     seen, _ = cv2.projectPoints(points, cv2.Rodrigues(world[:3, :3])[0], world[:3, 3], intrinsics.matrix, lens)
     np.testing.assert_allclose(seen[:, 0], pixels, atol=1e-7)
     np.testing.assert_allclose(camera.project(points).pixels, pixels, atol=1e-8)
-    ahead = camera.ray_directions(pixels) * np.linalg.norm(points - camera.position, axis=1)[:, None]
+    ahead = camera.rays(pixels)[1] * np.linalg.norm(points - camera.position, axis=1)[:, None]
     np.testing.assert_allclose(camera.position + ahead, points, atol=1e-12)
 
 
@@ -61,7 +61,7 @@ def test_nothing_is_visible_beyond_the_fold():
     # 1 - 3 * 0.2 r^2 = 0
     fold = 1 / math.sqrt(3 * 0.2)
     assert seen_radius(LENSES["folding"]) == pytest.approx(0.999 * fold, rel=1e-12)
-    camera = Camera(Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES["folding"]), np.eye(4))
+    camera = Cameras(Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES["folding"]), np.eye(4))
     pixels, depth = camera.project([[1.2, 0.0, 1.0], [1.3, 0.0, 1.0], [0.0, 3.0, 1.0]])
     assert np.isnan(pixels[:, 0]).tolist() == [False, True, True]
     assert depth.tolist() == [1.0] * 3
@@ -76,7 +76,7 @@ def test_nothing_is_visible_beyond_the_fold():
 
 def test_boxes_of_objects_beside_the_camera_are_finite():
     intrinsics = Intrinsics.calibrated(160, 90, (140.0, 139.0, 82.0, 44.0), (-0.2, 0.05, 1e-3, -1e-3, 0.0))
-    camera = Camera(intrinsics, np.eye(4))
+    camera = Cameras(intrinsics, np.eye(4))
     wall = np.array([[2.0, -1.0, 0.0], [2.0, 1.0, 0.0], [2.0, 1.0, 9.0], [2.0, -1.0, 9.0]])
     x, y, w, h = surface_box(wall * 1e4, [[0, 1, 2], [0, 2, 3]], camera, frame=False)
     assert max(-x, -y, x + w, y + h) == 1e9  # plans have numbers up to 1e12
@@ -96,9 +96,9 @@ def test_a_vehicles_boxes_are_those_of_its_surface(name):
     boxes, rng = VehicleBoxes(shape), np.random.default_rng(3)
     for _ in range(20):
         pose = camera_pose(rng.normal(size=3) * 3, 10 ** rng.uniform(0, 1.8), rng.uniform(0, 6), rng.uniform(-0.5, 1.2))
-        found = boxes.boxes(np.eye(4)[None], pose[None], lens)
+        found = boxes.boxes(np.eye(4)[None], Cameras(lens, pose[None]))
         for frame, box in ((True, found.xywh[0]), (False, found.amodal[0])):
-            wanted = surface_box(shape.mesh.vertices, shape.mesh.faces, Camera(lens, pose), frame=frame)
+            wanted = surface_box(shape.mesh.vertices, shape.mesh.faces, Cameras(lens, pose), frame=frame)
             np.testing.assert_allclose(box, np.full(4, np.nan) if wanted is None else wanted, atol=1e-6, rtol=1e-9)
 
 

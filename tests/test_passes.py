@@ -76,7 +76,7 @@ def test_depths_and_normals_equal_those_of_the_ground(made):
         pixels, camera = np.stack([columns, rows], 1) + 0.5, row.camera
         axis, ray = (arrays[name][rows, columns].astype(float) for name in ("axis", "ray"))
         points = unproject(camera, pixels, axis)
-        assert np.allclose(points, camera.position + ray[:, None] * camera.ray_directions(pixels), rtol=0, atol=1e-3)
+        assert np.allclose(points, camera.position + ray[:, None] * camera.rays(pixels)[1], rtol=0, atol=1e-3)
         tops = terrains[row.scenery].top_hits(points[:, :2])
         assert np.abs(tops.z - points[:, 2]).max() < 1e-3
         normal = arrays["normal"][rows, columns]

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
-from hulldown.camera.projection import project
 from hulldown.planning.check import check_plan
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.write import write_plan
@@ -61,7 +60,7 @@ def test_given_values_are_used_and_others_planned(tmp_path):
     assert free.target.vehicle == "ural"
     assert looking.world_from_camera[:3, 3].tolist() == [-30.0, 45.0, 20.0]
     for row, point in ((looking, [-28.0, 5.0, 3.0]), (aimed, [0.0, -40.0, 2.0])):
-        center = project(row.intrinsics, row.world_from_camera, [point])[0][0]
+        center = row.camera.project([point])[0][0]
         assert center == pytest.approx([row.width / 2, row.height / 2], abs=1e-5), "its axis goes through the point"
     assert level.target.world_from_vehicle[:3, 3].tolist() == [4.0, 5.0, 0.0]
     assert level.target.slope_deg == 0.0

@@ -42,7 +42,7 @@ EAST, WEST = sky(0.9, 0.6, 0.0), sky(0.5, 0.9, 180.0)
 
 def picture(row, sky=EAST):
     """A noisy picture of an endless plain."""
-    along = row.camera.ray_directions(row.intrinsics.pixel_centers)
+    along = row.camera.rays(row.intrinsics.pixel_centers)[1]
     yaw = math.radians(row.hdri_yaw_deg)
     seen = displayed(radiance(sky, along, yaw=yaw, strength=row.strength, weather=row.weather))
     shown = np.where(along[:, 2:] < 0.0, 70.0, seen).reshape(row.height, row.width, 3)

@@ -4,8 +4,8 @@ import numpy as np
 
 from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid
@@ -16,12 +16,12 @@ from hulldown.tests.shapes import CORNERS, FACES, vehicle_of
 CUBE = 2.0 * CORNERS - 1.0
 # Looks along +y of the world with z up; fov_x of 90 degrees makes f_px half the width.
 AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-CAMERA = Camera(Intrinsics(200, 100, math.pi / 2), rigid(AXES, [0.0, -5.0, 0.0]))
+CAMERA = Cameras(Intrinsics(200, 100, math.pi / 2), rigid(AXES, [0.0, -5.0, 0.0]))
 SHAPE = vehicle_of(Mesh(CUBE, FACES), name="cube")
 HERE = PosedVehicle(VehicleCaster(SHAPE), np.eye(4)[None], {})
 
 
-def visible(vehicle: PosedVehicle, camera: Camera, **options) -> np.ndarray:
+def visible(vehicle: PosedVehicle, camera: Cameras, **options) -> np.ndarray:
     return vehicle_masks(vehicle, camera, **options)[1]
 
 
@@ -47,10 +47,10 @@ def test_objects_in_front_hide_and_objects_behind_do_not():
 
 
 def test_nothing_before_the_near_plane_is_visible():
-    close = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, -1.0 - NEAR_M / 2.0, 0.0]))
+    close = Cameras(CAMERA.lenses, rigid(AXES, [0.0, -1.0 - NEAR_M / 2.0, 0.0]))
     # The near face is cut away, so the walls behind it fill the image.
     assert visible(HERE, close).all()
-    away = Camera(CAMERA.intrinsics, rigid(AXES, [0.0, 1.0 - NEAR_M / 2.0, 0.0]))
+    away = Cameras(CAMERA.lenses, rigid(AXES, [0.0, 1.0 - NEAR_M / 2.0, 0.0]))
     assert not visible(HERE, away).any()
 
 

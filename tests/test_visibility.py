@@ -7,9 +7,9 @@ from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.annotate.visibility import visible_fraction
 from hulldown.benchmarks.visibility import error_bound
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.framing import turned as aimed_off
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.instances import InstancedScene
@@ -26,7 +26,7 @@ TANK = VehicleCaster(vehicle("t72"))
 HERE = np.eye(4)[None]
 CRATE = PosedVehicle(VehicleCaster(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2]))), HERE, {})
 # From +x, towards the crate's front of 3 m x 2 m.
-FRONT = camera_pose([0, 0, 1.0], 30.0, 0.0, 0.0)[None]
+FRONT = Cameras(VGA, camera_pose([0, 0, 1.0], 30.0, 0.0, 0.0)[None])
 
 
 def wall(y: tuple[float, float], z: tuple[float, float], x: float = 10.0) -> Mesh:
@@ -42,19 +42,19 @@ def scene_of(*meshes: Mesh) -> InstancedScene:
 def test_objects_behind_the_target_or_the_camera_hide_nothing() -> None:
     everywhere = ((-50.0, 50.0), (-50.0, 50.0))
     scene = scene_of(wall(*everywhere, x=-3.1), wall(*everywhere, x=30.1), wall(*everywhere, x=30 - NEAR_M / 2))
-    assert visible_fraction([CRATE], FRONT, intrinsics=VGA, world=Scene(obstacles=scene)).fraction[0] == 1
+    assert visible_fraction([CRATE], FRONT, world=Scene(obstacles=scene)).fraction[0] == 1
 
 
 def test_hidden_shares_are_counted_by_the_first_occluder_ground_obstacles_or_vehicles() -> None:
     # Parallel view from afar: the bottom fifth is behind a ridge, the left third of the rest behind a wall, ...
     lens = Intrinsics(640, 480, math.radians(0.5))
-    far = camera_pose([0, 0, 1.0], 2000.0, 0.0, 0.0)[None]
+    far = Cameras(lens, camera_pose([0, 0, 1.0], 2000.0, 0.0, 0.0)[None])
     ridge = RayCaster(wall((-50, 50), (-50, 0.4)))
     side = scene_of(wall((-50, -0.5), (-50, 50)))
     # ... and its right third behind another crate.
     other = PosedVehicle(CRATE.caster, rigid(np.eye(3), [10.0, 2.0, 0])[None], {})
     worlds = [Scene(ridge, side, [other]), Scene(ridge), Scene(obstacles=side), Scene(vehicles=[other])]
-    views = [visible_fraction([CRATE], far, intrinsics=lens, world=world, rays=10_000) for world in worlds]
+    views = [visible_fraction([CRATE], far, world=world, rays=10_000) for world in worlds]
     # Perspective at 2 km moves these edges by less than 1 %.
     np.testing.assert_allclose([seen.fraction[0] for seen in views], [0.8 / 3, 0.8, 2 / 3, 2 / 3], atol=0.006)
     for seen in views:
@@ -75,12 +75,12 @@ BARREL = Intrinsics.calibrated(960, 720, (720.0, 700.0, 456.0, 378.0), (-0.3, 0.
 @pytest.mark.parametrize("name", SCENES)
 @pytest.mark.parametrize(("lens", "turned"), [(VGA.resized(960, 720), {"turret": 1.0, "gun": 0.3}), (BARREL, {})])
 def test_visibility_is_the_share_of_pixels_that_show_the_vehicle(name: str, lens: Intrinsics, turned: dict) -> None:
-    pose = aimed_off(camera_pose([0, 0, 1.0], 16.0, 0.0, 0.02), lens, [700.0, 560.0])
-    camera, world = Camera(lens, pose), Scene(RayCaster(SCENES[name]))
+    camera = aimed_off(Cameras(lens, camera_pose([0, 0, 1.0], 16.0, 0.0, 0.02)), [700.0, 560.0])
+    world = Scene(RayCaster(SCENES[name]))
     target = PosedVehicle(TANK, rigid(rotation_z(0.6), np.zeros(3))[None], turned)
     box = VehicleBoxes(TANK.shape).box(target.world_from_vehicle[0], camera, turned)
     whole, left = (mask.sum() for mask in vehicle_masks(target, camera, xywh=box, world=world))
-    seen = visible_fraction([target], pose[None], intrinsics=lens, world=world, rays=20_000)
+    seen = visible_fraction([target], camera.at_poses(camera.world_from_camera[None]), world=world, rays=20_000)
     assert 0.1 < left / whole < 0.95
     assert seen.fraction[0] == pytest.approx(left / whole, abs=0.005)
     assert seen.area[0] == pytest.approx(whole, rel=0.01)
@@ -94,8 +94,8 @@ def test_the_stated_error_holds_and_is_reached_with_dust() -> None:
     vertices = (squares[None] + np.insert(grid, 0, 0, axis=1)[:, None] + [0, -1.5, -0.5]).reshape(-1, 3)
     quads = np.arange(len(vertices)).reshape(-1, 4)
     dust = RayCaster(Mesh(vertices, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])))
-    truth = visible_fraction([CRATE], FRONT, intrinsics=VGA, world=Scene(dust), rays=100_000).fraction[0]
-    views = [visible_fraction([CRATE], FRONT, intrinsics=VGA, world=Scene(dust), rays=64, seed=s) for s in range(250)]
+    truth = visible_fraction([CRATE], FRONT, world=Scene(dust), rays=100_000).fraction[0]
+    views = [visible_fraction([CRATE], FRONT, world=Scene(dust), rays=64, seed=s) for s in range(250)]
     off = np.array([v.fraction[0] for v in views]) - truth
     hits = np.mean([v.hits[0] for v in views])
     assert off.std() == pytest.approx(math.sqrt(truth * (1 - truth) / hits), rel=0.15)
@@ -107,7 +107,7 @@ def test_the_stated_error_holds_and_is_reached_with_dust() -> None:
 
 
 def test_straight_edges_are_several_times_better_than_the_bound() -> None:
-    options = {"intrinsics": VGA, "world": Scene(RayCaster(SCENES["a corner"]))}
+    options = {"world": Scene(RayCaster(SCENES["a corner"]))}
     tank = [PosedVehicle(TANK, HERE, {})]
     truth = visible_fraction(tank, FRONT, rays=100_000, **options).fraction[0]
     off = [visible_fraction(tank, FRONT, rays=256, seed=s, **options).fraction[0] - truth for s in range(60)]
@@ -122,10 +122,10 @@ def test_error_bounds() -> None:
 
 
 def test_targets_outside_the_frame_have_no_fraction() -> None:
-    away = FRONT.copy()
+    away = FRONT.world_from_camera.copy()
     away[:, :3, :3] = away[:, :3, :3] @ np.diag([1.0, -1, -1])  # turned around
     aside = camera_pose([0, 40.0, 1], 30.0, 0.0, 0.0)
-    seen = visible_fraction([CRATE], np.stack([away[0], aside]), intrinsics=VGA, world=Scene(Plane(0.0)))
+    seen = visible_fraction([CRATE], Cameras(VGA, np.stack([away[0], aside])), world=Scene(Plane(0.0)))
     assert np.isnan(seen.fraction).all()
     assert np.isnan(error_bound(seen.hits)).all()
     assert seen.hits.tolist() == [0, 0]
@@ -135,7 +135,7 @@ def test_targets_outside_the_frame_have_no_fraction() -> None:
 def test_cameras_inside_the_vehicle_or_with_the_vehicle_across_the_near_plane() -> None:
     inside = camera_pose([0, 0, 1.0], 0.5, 0.3, 0.1)
     across = camera_pose([3.0, 0, 1.0], NEAR_M / 2, 0.0, 0.0)
-    seen = visible_fraction([CRATE], np.stack([inside, across]), intrinsics=VGA)
+    seen = visible_fraction([CRATE], Cameras(VGA, np.stack([inside, across])))
     np.testing.assert_array_equal(seen.fraction, [1, 1])
     # From inside, the vehicle fills the frame.
     assert seen.hits.tolist() == [256, 256]
@@ -157,15 +157,16 @@ def test_few_points_stand_for_many(flat: bool) -> None:
 def test_results_do_not_depend_on_other_rows() -> None:
     n = 1500  # in two blocks
     rng = np.random.default_rng(0)
-    cameras = camera_pose([0, 0, 1], rng.uniform(5, 60, n), rng.uniform(0, 6, n), rng.uniform(0, 1.5, n))
+    poses = camera_pose([0, 0, 1], rng.uniform(5, 60, n), rng.uniform(0, 6, n), rng.uniform(0, 1.5, n))
+    cameras = Cameras(VGA, poses)
     vehicles = rigid(rotation_z(rng.uniform(0, 6, n)), np.zeros(3))
     scene = scene_of(box([8, -4, 0], [9, 1, 3]), box([-9, -4, 0], [-8, 4, 1]))
-    options = {"intrinsics": VGA, "world": Scene(Plane(0.3), scene)}
+    options = {"world": Scene(Plane(0.3), scene)}
     turned = [{"turret": angle} for angle in rng.uniform(-3, 3, n)]
     many = visible_fraction([PosedVehicle(TANK, vehicles, turned)], cameras, **options)
     for i in (0, 1, 300, 1499):
         target = PosedVehicle(TANK, vehicles[i : i + 1], turned[i])
-        one = visible_fraction([target], cameras[i : i + 1], **options)
+        one = visible_fraction([target], cameras.take(slice(i, i + 1)), **options)
         assert one.fraction[0] == many.fraction[i]
         assert one.hits[0] == many.hits[i]
     assert 0.2 < many.fraction.mean() < 0.98
@@ -174,7 +175,7 @@ def test_results_do_not_depend_on_other_rows() -> None:
 @pytest.mark.parametrize(("fov_deg", "distance"), [(0.1, 30.0), (179, 30.0), (50, 3000.0), (50, 300_000.0)])
 def test_extreme_lenses_and_targets_smaller_than_a_pixel(fov_deg: float, distance: float) -> None:
     lens, half = Intrinsics(640, 480, math.radians(fov_deg)), scene_of(wall((-50, 0), (-50, 50)))
-    pose = camera_pose([0, 0, 1.0], distance, 0.0, 0.0)[None]
-    seen = visible_fraction([CRATE], pose, intrinsics=lens, world=Scene(obstacles=half))
+    camera = Cameras(lens, camera_pose([0, 0, 1.0], distance, 0.0, 0.0)[None])
+    seen = visible_fraction([CRATE], camera, world=Scene(obstacles=half))
     assert seen.fraction[0] == pytest.approx(0.5, abs=0.05)
     assert seen.hits[0] > 200

@@ -7,6 +7,7 @@ import pytest
 
 from hulldown.annotate.visibility import visible_fraction
 from hulldown.assets.library import Assets
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.instances import InstancedScene
@@ -112,11 +113,9 @@ def test_a_camera_is_above_water_by_the_clearance_and_the_near_plane():
 def test_water_hides_submerged_parts_like_an_opaque_surface():
     """One meter of a tank of 2.3 m is below the water of a ford: about half is hidden, seen from the side."""
     ford, lens = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0)), Intrinsics(640, 480, 0.7)
-    camera = camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None]
+    camera = Cameras(lens, camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None])
     for world, low, high in ((Scene.of(ford), 0.4, 0.8), (Scene(), 0.0, 0.0)):
-        seen = visible_fraction(
-            [PosedVehicle(VehicleCaster(TANK), np.eye(4)[None], {})], camera, intrinsics=lens, world=world, rays=900
-        )
+        seen = visible_fraction([PosedVehicle(VehicleCaster(TANK), np.eye(4)[None], {})], camera, world=world, rays=900)
         assert low <= 1.0 - seen.fraction[0] <= high
 
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M, Camera
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
@@ -115,9 +115,9 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
     toward = np.array([0.0, 0.0, 1.0]) - position
     across = np.cross(toward, [0.0, 0.0, 1.0])
     axes = np.stack([across, np.cross(toward, across), toward])
-    camera = Camera(intrinsics, rigid((axes / np.linalg.norm(axes, axis=1)[:, None]).T, np.array(position)))
+    camera = Cameras(intrinsics, rigid((axes / np.linalg.norm(axes, axis=1)[:, None]).T, np.array(position)))
     pixel = np.indices((intrinsics.height, intrinsics.width))[::-1].reshape(2, -1).T + 0.5
-    along = camera.ray_directions(pixel)
+    along = camera.rays(pixel)[1]
     before = NEAR_M / (along @ camera.world_from_camera[:3, 2])
     rays = WORLD.nearest(camera.position + before[:, None] * along, along)
     for threads in (1, 3):

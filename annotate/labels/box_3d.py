@@ -13,8 +13,8 @@ from msgspec import Meta, Struct
 from hulldown.annotate.label_type import LabelType, VehicleInCamera
 from hulldown.annotate.record_fields import Pixel, Three, Vectors
 from hulldown.annotate.records import Category, Image, Label
+from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M, project_camera
 from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import product
 
@@ -87,7 +87,7 @@ class BoxInCamera(LabelType):
         box = Box3D(
             *((np.round(values, DECIMAL_DIGITS) + 0.0).tolist() for values in (center, high - low, rotation))
         )  # no -0.0
-        corners = np.round(box_corners(box, vehicle.camera.intrinsics), PIXEL_DIGITS) + 0.0
+        corners = np.round(box_corners(box, vehicle.camera.lenses), PIXEL_DIGITS) + 0.0
         return {
             "distance": round(distance, DECIMAL_DIGITS),
             "azimuth_seen": round(float(arctan2(left, ahead)[0]), DECIMAL_DIGITS),
@@ -121,5 +121,5 @@ class BoxInCamera(LabelType):
 def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
     """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane."""
     from_center = product(np.array(box.rotation), (_CORNERS * box.size).T).T
-    pixels, depth = project_camera(intrinsics, np.array(box.center) + from_center)
+    pixels, depth = intrinsics.project_points(np.array(box.center) + from_center)
     return np.where((depth >= NEAR_M)[:, None], np.clip(pixels, -PIXEL_LIMIT, PIXEL_LIMIT), np.nan)

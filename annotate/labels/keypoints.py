@@ -16,7 +16,7 @@ from hulldown.annotate.record_fields import Pixel
 from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import ConfigError
-from hulldown.camera.projection import NEAR_M, Camera
+from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.transforms import apply
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
@@ -71,12 +71,12 @@ class Keypoints(LabelType):
                 pen.canvas.ellipse(around, fill=fill, outline=outline, width=pen.width)
 
 
-def keypoints_in_image(vehicle: PosedVehicle, camera: Camera, world: Scene) -> Float[np.ndarray, "k 3"]:
+def keypoints_in_image(vehicle: PosedVehicle, camera: Cameras, world: Scene) -> Float[np.ndarray, "k 3"]:
     """Pixel and COCO's v of each keypoint of a vehicle: 2 if it's visible, 1 if it's hidden, 0 outside of the image."""
     shape, world_from_vehicle = vehicle.caster.shape, vehicle.world_from_vehicle[0]
     points = apply(world_from_vehicle, shape.keypoints_at(vehicle.articulation))
     pixels, depth = camera.project(points)
-    size = (camera.intrinsics.width, camera.intrinsics.height)
+    size = (camera.lenses.width, camera.lenses.height)
     with np.errstate(invalid="ignore"):
         framed = np.flatnonzero((depth >= NEAR_M) & (pixels >= 0.0).all(axis=1) & (pixels < size).all(axis=1))
     keypoints = np.zeros((len(points), 3))

@@ -24,7 +24,6 @@ from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import make_room, replace_file
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import tracked
-from hulldown.camera.projection import directions
 from hulldown.geometry.indices import spread
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.lines import PlanFile
@@ -133,7 +132,7 @@ def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pix
     """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
     hits = artist.scene(row).seen_by(camera, threads=os.cpu_count() or 1)
-    through = directions(camera.intrinsics, camera.intrinsics.pixel_centers)
+    through = camera.lenses.pixel_directions(camera.lenses.pixel_centers)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
     instance, table = _instances(row, hits, sceneries[row.scenery])
     return Pixels(

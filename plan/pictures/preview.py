@@ -14,7 +14,7 @@ from hulldown.assets.library import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import tracked
-from hulldown.camera.projection import Camera
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import CARD_ALBEDO, card_radiance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
@@ -144,7 +144,7 @@ class Artist:
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Return colors from 0 to 1, without boxes."""
-        camera = Camera(row.intrinsics.resized(width, height), row.world_from_camera)
+        camera = Cameras(row.intrinsics.resized(width, height), row.world_from_camera)
         colors = look(
             self.scene(row),
             camera,

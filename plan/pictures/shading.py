@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hulldown.camera.projection import Camera
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.color import linear_color
@@ -25,7 +25,7 @@ _TILES_M = 5.0  # width of the ground's faint checkers, which show sizes
 
 def look(
     world: Scene,
-    camera: Camera,
+    camera: Cameras,
     *,
     paints: Sequence[Float[np.ndarray, "3"]],
     sun: Float[np.ndarray, "3"],
@@ -36,7 +36,7 @@ def look(
 
     `paints`: color of each vehicle of the world.
     """
-    along = camera.ray_directions(camera.intrinsics.pixel_centers)
+    along = camera.rays(camera.lenses.pixel_centers)[1]
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
     hits = world.seen_by(camera)

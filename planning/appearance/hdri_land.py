@@ -8,7 +8,7 @@ from collections import defaultdict
 import numpy as np
 
 from hulldown.assets.library import Assets
-from hulldown.camera.projection import Camera
+from hulldown.camera.cameras import Cameras
 from hulldown.geometry.indices import spread
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
@@ -34,8 +34,8 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     for scenery, of_scenery in rows.items():
         world = Scene.of(assets.sceneries[scenery], fallback_z=fallback_z)
         for row in of_scenery:
-            camera = Camera(row.intrinsics.resized(COLUMNS, ROWS), row.world_from_camera)
-            along = camera.ray_directions(camera.intrinsics.pixel_centers)
+            camera = Cameras(row.intrinsics.resized(COLUMNS, ROWS), row.world_from_camera)
+            along = camera.rays(camera.lenses.pixel_centers)[1]
             down = along[along[:, 2] < BELOW]
             missed = ~world.nearest(np.tile(camera.position, (len(down), 1)), down).hit
             count += int(missed.sum()) > MIN_LAND_SHARE * COLUMNS * ROWS

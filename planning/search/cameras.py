@@ -15,6 +15,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target, turned
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes, shell_place
@@ -60,13 +61,17 @@ class CameraCandidates:
     """Cameras of n tries before they're checked."""
 
     rule: UInt8[np.ndarray, " n"]  # a `CameraRule`
-    intrinsics: Intrinsics  # one camera's or n intrinsics
+    lenses: Intrinsics  # one for all, or n
     roll: Float[np.ndarray, " n"]  # about the optical axis, radians
     distance: Float[np.ndarray, " n"]  # meters from the target's center; nan: no distance gives the size
     # level and aimed at the target's center by the first two rules, which are framed later; final by the others
     world_from_camera: Float[np.ndarray, "n 4 4"]
     fraction: Float[np.ndarray, " n"]  # share of the image that the target should fill
     boxes: TargetBoxes | None  # the boxes of photographs; None without photographs
+
+    def cameras(self, rows: Int[np.ndarray, " k"]) -> Cameras:
+        """Return the cameras of tries that have one."""
+        return Cameras(self.lenses.take(rows), self.world_from_camera[rows])
 
     @property
     def is_framed(self) -> Bool[np.ndarray, " n"]:
@@ -88,7 +93,7 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
     of_sequence = draws.uniform(Purpose.SEQUENCE, np.maximum(given.sequence, 0), 0, count=2)
     lens = np.where(given.in_sequence, of_sequence[:, 0], lens)
     turn = np.where(given.in_sequence, of_sequence[:, 1], turn)
-    intrinsics, fraction = sample_intrinsics(config, lens), between(*limits.target_fraction, size)
+    lenses, fraction = sample_lenses(config, lens), between(*limits.target_fraction, size)
     roll = np.radians(between(*limits.roll_deg, turn))
 
     rule = np.where(given.has_camera, CameraRule.GIVEN, CameraRule.EQUATION if measure == "paper" else CameraRule.SIZE)
@@ -105,7 +110,7 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
     distance[i] = np.maximum(away, MIN_CAMERA_DISTANCE_M)
     i = np.flatnonzero(rule == CameraRule.EQUATION)
     smallest = targets.fleet.size.min(axis=1)[targets.model[i]]
-    distance[i] = intrinsics.rows(i).distance_for(smallest, fraction[i]) * between(*limits.distance_factor, factor[i])
+    distance[i] = lenses.take(i).distance_for(smallest, fraction[i]) * between(*limits.distance_factor, factor[i])
     i = np.flatnonzero(rule <= CameraRule.EQUATION)
     poses[i] = camera_pose(targets.take(i).centers, distance[i], azimuth[i], elevation[i])
     if measure != "paper":
@@ -114,13 +119,13 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
             poses[i], distance[i] = size_cameras(
                 targets.take(i),
                 hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
-                intrinsics=intrinsics.rows(i),
+                lenses=lenses.take(i),
                 pixels=fraction[i] * image_size(measure, config.render),
                 measure=measure,
                 azimuth=azimuth[i],
                 elevation=elevation[i],
                 roll=roll[i],
-                frame=partial(frame_targets, block, tries, rows=i, intrinsics=intrinsics, roll=roll),
+                frame=partial(frame_targets, block, tries, rows=i, roll=roll[i]),
             )
     if boxes is not None:
         i = np.flatnonzero(rule == CameraRule.PHOTOGRAPH)
@@ -128,41 +133,34 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
             targets.take(i),
             take(boxes, i),
             limits,
-            intrinsics=intrinsics.rows(i),
+            lenses=lenses.take(i),
             roll=roll[i],
             rng=candidate_directions(draws, tries.image[i], tries.attempt[i]),
         )
-    return CameraCandidates(rule.astype(np.uint8), intrinsics, roll, distance, poses, fraction, boxes)
+    return CameraCandidates(rule.astype(np.uint8), lenses, roll, distance, poses, fraction, boxes)
 
 
 def frame_targets(
-    block: Block,
-    tries: CameraTries,
-    poses: Float[np.ndarray, "k 4 4"],
-    *,
-    rows: Int[np.ndarray, " k"],
-    intrinsics: Intrinsics,
-    roll: Float[np.ndarray, " n"],
-) -> Float[np.ndarray, "k 4 4"]:
+    block: Block, tries: CameraTries, cameras: Cameras, *, rows: Int[np.ndarray, " k"], roll: Float[np.ndarray, " k"]
+) -> Cameras:
     """Turn the cameras of some tries so that their targets are in frame, or to the points that users give."""
     limits, given = block.config.camera, take(tries.given, rows)
-    intrinsics, roll = intrinsics.rows(rows), roll[rows]
-    aimed = frame_target(
-        poses,
+    framed = frame_target(
+        cameras,
         tries.targets.take(rows).corners(),
-        intrinsics,
         roll=roll,
         rng=RowStreams(block.draws, Purpose.FRAMING, tries.image[rows], tries.attempt[rows]),
         spread=limits.framing,
         truncated=limits.truncated_fraction,
     )
     at = np.flatnonzero(given.has_look_at)
-    position, own = poses[at, :3, 3], intrinsics.rows(at)
-    axes = shell_axes(*shell_place(position - given.look_at[at])[1:])[1]
-    aimed[at] = turned(rigid(axes, position), own, own.center, roll[at])
-    return aimed
+    aimed = cameras.take(at)
+    axes = shell_axes(*shell_place(aimed.position - given.look_at[at])[1:])[1]
+    aimed = turned(aimed.at_poses(rigid(axes, aimed.position)), aimed.lenses.center, roll[at])
+    framed.world_from_camera[at] = aimed.world_from_camera
+    return framed
 
 
-def sample_intrinsics(config: Config, uniform: Float[np.ndarray, " n"]) -> Intrinsics:
+def sample_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Intrinsics:
     """Return the calibrated camera, or n cameras with fields of view in proportion to numbers in [0, 1)."""
     return config.intrinsics(rounded("fov_x_deg", between(*config.camera.fov_x_deg, uniform)))

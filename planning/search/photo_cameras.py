@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float, Int
 
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import place_boxes, turned
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import directions
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 from hulldown.geometry.portable import exp, hypot, log, sin_cos
 from hulldown.geometry.transforms import BOX_CORNERS, rotate
@@ -43,13 +43,13 @@ def match_cameras(
     boxes: TargetBoxes,
     limits: CameraSection,
     *,
-    intrinsics: Intrinsics,
+    lenses: Intrinsics,
     roll: Float[np.ndarray, " n"],
     rng: RowStreams,
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return cameras that reproduce size and place of photographs' boxes, and their distances; nan without one."""
     n = len(targets)
-    azimuth, elevation, distance = choose_directions(targets, boxes, limits, intrinsics=intrinsics, rng=rng)
+    azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)
     poses = np.full((n, 4, 4), np.nan)
     least, most = limits.distance_m
     # Estimated distances far beyond the limits are rejected without solving.
@@ -65,7 +65,6 @@ def match_cameras(
             frame = partial(
                 place_boxes,
                 points_world=hull[chosen],
-                intrinsics=intrinsics.rows(i),
                 corners=boxes.corners[i],
                 cut=boxes.cut[i],
                 kept=boxes.least_kept(limits.truncated_fraction[1])[i],
@@ -74,7 +73,7 @@ def match_cameras(
             poses[i], distance[i] = size_cameras(
                 targets.take(i),
                 hull[chosen],
-                intrinsics=intrinsics.rows(i),
+                lenses=lenses.take(i),
                 pixels=boxes.pixels[i],
                 measure="width" if wide else "height",
                 azimuth=azimuth[i],
@@ -86,7 +85,7 @@ def match_cameras(
 
 
 def choose_directions(
-    targets: Instances, boxes: TargetBoxes, limits: CameraSection, *, intrinsics: Intrinsics, rng: RowStreams
+    targets: Instances, boxes: TargetBoxes, limits: CameraSection, *, lenses: Intrinsics, rng: RowStreams
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Sample elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance.
 
@@ -109,7 +108,7 @@ def choose_directions(
     )
     measured = np.where(boxes.wide[:, None], np.ptp(x, axis=2), np.ptp(y, axis=2))
     # Perspective changes the aspect ratio of near targets: apply it at about the wanted size.
-    distance = measured * intrinsics.focal[..., 1:] / boxes.pixels[:, None]
+    distance = measured * lenses.focal[..., 1:] / boxes.pixels[:, None]
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(boxes.aspect)[:, None]
     across, down = boxes.cut_across[:, None], boxes.cut_down[:, None]
@@ -137,7 +136,7 @@ def companion_poses(
     boxes: TargetBoxes,
     *,
     number: Int[np.ndarray, " n"],
-    intrinsics: Intrinsics,
+    lenses: Intrinsics,
     rng: RowStreams,
 ) -> Float[np.ndarray, "n 3"]:
     """Return places and headings on level ground at which companions fill the other boxes of the photographs.
@@ -147,20 +146,20 @@ def companion_poses(
     """
     photographs, limits = likeness.photographs, likeness.config
     poses = np.full((len(number), 3), np.nan)
-    azimuth, elevation, distance = choose_directions(targets, boxes, limits.camera, intrinsics=intrinsics, rng=rng)
-    turn = rng.random((len(number) * CAMERA_DIRECTIONS,)).reshape(-1, CAMERA_DIRECTIONS)
+    azimuth, elevation, distance = choose_directions(targets, boxes, limits.camera, lenses=lenses, rng=rng)
+    uniform = rng.random((len(number) * CAMERA_DIRECTIONS,)).reshape(-1, CAMERA_DIRECTIONS)
     # Companions of an image have the same random numbers.
-    yaw = 2.0 * math.pi * (turn + GOLDEN_RATIO * number[:, None])
+    yaw = 2.0 * math.pi * (uniform + GOLDEN_RATIO * number[:, None])
     has = np.flatnonzero(number < likeness.companion_counts(boxes.box))
     start = np.searchsorted(photographs.image, photographs.image[boxes.box])
     box, of_target = (start + number + (start + number >= boxes.box))[has], boxes.box[has]
-    distance, yaw, intrinsics = distance[has], yaw[has], intrinsics.rows(has)
+    distance, yaw, lenses = distance[has], yaw[has], lenses.take(has)
     size, tall = (each.fleet.size[each.model[has]] for each in (others, targets))
 
     # Relative to the target's center, with the target where its box is.
     level = camera_pose(np.zeros((len(has), 3)), distance, azimuth[has], elevation[has])
-    camera = turned(level, intrinsics, photographs.center[of_target] * intrinsics.size)
-    ray = rotate(camera[:, :3, :3], directions(intrinsics, (photographs.center[box] * intrinsics.size)[:, None]))[:, 0]
+    turn = turned(Cameras(lenses, level), photographs.center[of_target] * lenses.size).world_from_camera[:, :3, :3]
+    ray = rotate(turn, lenses.pixel_directions((photographs.center[box] * lenses.size)[:, None]))[:, 0]
     ray /= np.sqrt((ray * ray).sum(axis=1, keepdims=True))
     by_height = distance * size[:, 2] / tall[:, 2] * photographs.height[of_target] / photographs.height[box]
     to_ground = (level[:, 2, 3] + (tall[:, 2] - size[:, 2]) / 2.0) / np.maximum(-ray[:, 2], MIN_RAY_FALL)
@@ -170,7 +169,7 @@ def companion_poses(
     sy, cy = (part[..., None] for part in sin_cos(yaw))
     x, y, z = np.moveaxis(BOX_CORNERS * (size[:, None] / 2.0), 2, 0)[:, :, None]
     corners = np.stack(np.broadcast_arrays(cy * x - sy * y, sy * x + cy * y, z), axis=-1) + away[:, None, None]
-    right, down, ahead = np.moveaxis(corners @ camera[:, None, :3, :3], 3, 0)
+    right, down, ahead = np.moveaxis(corners @ turn[:, None], 3, 0)
     ahead = np.maximum(ahead, 0.1 * distance[:, None, None])
     aspect = np.ptp(right / ahead, axis=2) / np.ptp(down / ahead, axis=2)
     whole = ~photographs.cut[box].any(axis=1, keepdims=True)

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import ConfigError
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.columns import join, put, take
 from hulldown.geometry.indices import batches, joined
@@ -23,7 +24,7 @@ from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
 from hulldown.placement.settle import Settled
 from hulldown.planning.search.block import Block, InstanceTable, instances_of
-from hulldown.planning.search.cameras import CameraTries, sample_intrinsics
+from hulldown.planning.search.cameras import CameraTries, sample_lenses
 from hulldown.planning.search.extras import MOST_EXTRAS, Role, offsets
 from hulldown.planning.search.likeness import QUARTER_PLACES
 from hulldown.planning.search.photo_cameras import candidate_directions, companion_poses
@@ -223,7 +224,7 @@ class _Search:
             self.table.at(extras),
             likeness.target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
-            intrinsics=sample_intrinsics(self.config, first[:, 0]),
+            lenses=sample_lenses(self.config, first[:, 0]),
             rng=candidate_directions(self.draws, image, attempt),
         )
         return poses
@@ -309,12 +310,13 @@ class _Search:
         for batch in batches(len(image), MAX_BATCH_CAMERAS):
             others, which = standing.beside(self.owner[image[batch]])
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
+            views = take(self.views, image[batch])
             views, pixels = views_of_others(
                 self.block.site,
                 self.table.take(instance[batch]),
                 others.at(not_itself),
-                cameras=take(self.views, image[batch]),
-                intrinsics=self.config.intrinsics(self.views.fov_x_deg[image[batch]]),
+                views=views,
+                cameras=Cameras(self.config.intrinsics(views.fov_x_deg), views.world_from_camera),
                 visibility_m=self._visibility_m[image[batch]],
                 config=self.config,
             )

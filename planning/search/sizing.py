@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.annotate.boxes import Boxes
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import turned
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
@@ -45,16 +46,12 @@ def no_boxes(n: int) -> Boxes:
     return Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
 
 
-def vehicle_boxes(instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], intrinsics: Intrinsics) -> Boxes:
+def vehicle_boxes(instances: Instances, cameras: Cameras) -> Boxes:
     """Return the boxes of n vehicles, each in its own camera."""
     boxes = no_boxes(len(instances))
     for model, i in instances.by_model():
         angles = instances.model_angles(model, i)
-        put(
-            boxes,
-            i,
-            model.boxes.boxes(instances.world_from_vehicle[i], world_from_camera[i], intrinsics.rows(i), angles),
-        )
+        put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], cameras.take(i), angles))
     return boxes
 
 
@@ -62,39 +59,40 @@ def size_cameras(
     targets: Instances,
     hull: Float[np.ndarray, "n h 3"],
     *,
-    intrinsics: Intrinsics,
+    lenses: Intrinsics,
     pixels: Float[np.ndarray, " n"],
     measure: Measure,
     azimuth: Float[np.ndarray, " n"],
     elevation: Float[np.ndarray, " n"],
     roll: Float[np.ndarray, " n"],
-    frame: Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"]],
+    frame: Callable[[Cameras], Cameras],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return cameras in these directions from n targets of one model, framed, at distances with the wanted box sizes.
 
     Pose and distance are nan if no distance with the whole vehicle in front of the camera gives that size.
     """
     centers = targets.centers
-    level = camera_pose(centers, 1.0, azimuth, elevation)
-    outward, looking = -level[:, :3, 2], turned(level, intrinsics, intrinsics.center, roll)
+    level = Cameras(lenses, camera_pose(centers, 1.0, azimuth, elevation))
+    outward = -level.world_from_camera[:, :3, 2]
 
-    def solved(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, " n"]:
-        return solve_distance(intrinsics, poses, hull, center=centers, pixels=pixels, measure=measure)
+    def solved(cameras: Cameras) -> Float[np.ndarray, " n"]:
+        return solve_distance(cameras, hull, center=centers, pixels=pixels, measure=measure)
 
-    distance = solved(looking)
+    distance = solved(turned(level, lenses.center, roll))
     for _ in range(SIZING_ROUNDS):
         # Rows without a distance are kept, so that every row keeps its own random numbers.
         poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
-        poses = frame(poses)
-        distance = np.where(np.isnan(distance), np.nan, solved(poses))
-    if intrinsics.distorted:
+        cameras = frame(level.at_poses(poses))
+        distance = np.where(np.isnan(distance), np.nan, solved(cameras))
+    if lenses.distorted:
         # The image of an edge is a curve, which may extend beyond its end points.
         def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-            moved = poses[rows]
-            moved[:, :3, 3] = centers[rows] + at[:, None] * outward[rows]
-            amodal = vehicle_boxes(targets.take(rows), moved, intrinsics.rows(rows)).amodal
+            moved = cameras.take(rows)
+            moved.position[:] = centers[rows] + at[:, None] * outward[rows]
+            amodal = vehicle_boxes(targets.take(rows), moved).amodal
             return box_length(amodal[:, 2:], measure)
 
         distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)
+    poses = cameras.world_from_camera
     poses[:, :3, 3] = centers + distance[:, None] * outward
     return poses, distance

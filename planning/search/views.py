@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.silhouettes import show_pixels
 from hulldown.annotate.visibility import visible_fraction
-from hulldown.camera.intrinsics import Intrinsics
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put, take
 from hulldown.placement.rejection import Rejection
@@ -74,9 +74,9 @@ def try_cameras(block: Block, tries: CameraTries) -> Views:
     don't apply to given cameras.
     """
     site, limits, config, candidates = block.site, block.config.camera, block.config, sample_cameras(block, tries)
-    n, intrinsics = len(tries.image), candidates.intrinsics
+    n = len(tries.image)
     views = no_views(n)
-    views.fov_x_deg[:] = rounded("fov_x_deg", intrinsics.fov_x_deg)
+    views.fov_x_deg[:] = rounded("fov_x_deg", candidates.lenses.fov_x_deg)
     if (boxes := candidates.boxes) is not None:
         views.sampled[:] = np.where(tries.given.has_camera | tries.given.has_look_at, -1, boxes.sampled)
         views.followed[:] = np.where(candidates.rule == CameraRule.PHOTOGRAPH, boxes.box, -1)
@@ -86,36 +86,40 @@ def try_cameras(block: Block, tries: CameraTries) -> Views:
 
     views.rejection[:] = reject_distance(candidates, tries.visibility_m, config)
     rows = passed()
-    poses = candidates.world_from_camera[rows]
     views.rejection[rows] = site.camera_room.rejections(
-        poses[:, :3, 3],
+        candidates.world_from_camera[rows, :3, 3],
         ground_clearance=limits.ground_clearance,
         obstacle_clearance=limits.obstacle_clearance,
         vehicles=[*tries.targets.take(rows).posed(), *tries.others.beside(rows)[0].posed()],
     )
 
     rows = passed()
-    poses, unframed = candidates.world_from_camera[rows], np.flatnonzero(~candidates.is_framed[rows])
-    poses[unframed] = frame_targets(
-        block, tries, poses[unframed], rows=rows[unframed], intrinsics=intrinsics, roll=candidates.roll
-    )
-    poses, targets = rounded("world_from_camera", poses), tries.targets.take(rows)  # labels follow from rounded poses
-    views.world_from_camera[rows] = poses
-    views.air_contrast[rows] = air_contrasts(targets, poses, tries.visibility_m[rows])
-    put(views.boxes, rows, vehicle_boxes(targets, poses, intrinsics.rows(rows)))
+    cameras, unframed = candidates.cameras(rows), np.flatnonzero(~candidates.is_framed[rows])
+    i = rows[unframed]
+    framed = frame_targets(block, tries, cameras.take(unframed), rows=i, roll=candidates.roll[i])
+    cameras.world_from_camera[unframed] = framed.world_from_camera
+    # Labels follow from rounded poses.
+    cameras = cameras.at_poses(rounded("world_from_camera", cameras.world_from_camera))
+    targets = tries.targets.take(rows)
+    views.world_from_camera[rows] = cameras.world_from_camera
+    views.air_contrast[rows] = air_contrasts(targets, cameras, tries.visibility_m[rows])
+    put(views.boxes, rows, vehicle_boxes(targets, cameras))
     views.rejection[rows] = reject_box(take(views.boxes, rows), candidates, rows, config)
 
+    def visible() -> tuple[Instances, Instances, Cameras]:
+        """Return targets, others, and cameras of these rows."""
+        cameras = candidates.lenses.take(rows), views.world_from_camera[rows]
+        return tries.targets.take(rows), tries.others.beside(rows)[0], Cameras(*cameras)
+
     rows = passed()
-    views.visible_fraction[rows] = visible_shares(
-        site, tries.targets, tries.others, views, rows, intrinsics=intrinsics, rays=limits.visibility_rays
-    )
+    views.visible_fraction[rows] = visible_shares(site, *visible(), rays=limits.visibility_rays)
     views.rejection[rows] = reject_outside(
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
 
     rows = passed()
     rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < SURELY_VISIBLE_PX2]
-    shown = pixels_shown(site, tries.targets, tries.others, views, rows, intrinsics=intrinsics)
+    shown = pixels_shown(site, *visible(), xywh=views.boxes.xywh[rows])
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
 
@@ -165,71 +169,56 @@ def views_of_others(
     subjects: Instances,
     others: Instances,
     *,
-    cameras: Views,
-    intrinsics: Intrinsics,
+    views: Views,
+    cameras: Cameras,
     visibility_m: Float[np.ndarray, " n"],
     config: Config,
 ) -> tuple[Views, Bool[np.ndarray, " n"]]:
     """Return views of vehicles that aren't targets, and whether those with a class cover the center of any pixel.
 
+    `views`: the cameras' views of their targets.
     Row i of `subjects` and of `others` is camera i; `visibility_m` is nan in clear air.
     """
-    every, rays = np.arange(len(subjects)), config.camera.visibility_rays
     seen = replace(
-        cameras,
-        boxes=vehicle_boxes(subjects, cameras.world_from_camera, intrinsics),
-        visible_fraction=visible_shares(site, subjects, others, cameras, every, intrinsics=intrinsics, rays=rays),
-        air_contrast=air_contrasts(subjects, cameras.world_from_camera, visibility_m),
+        views,
+        boxes=vehicle_boxes(subjects, cameras),
+        visible_fraction=visible_shares(site, subjects, others, cameras, rays=config.camera.visibility_rays),
+        air_contrast=air_contrasts(subjects, cameras, visibility_m),
     )
     named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
-    pixels[named] = pixels_shown(site, subjects, others, seen, named, intrinsics=intrinsics)
+    beside = others.beside(named)[0]
+    shown = pixels_shown(site, subjects.take(named), beside, cameras.take(named), xywh=seen.boxes.xywh[named])
+    pixels[named] = shown
     return seen, pixels
 
 
 def air_contrasts(
-    instances: Instances, world_from_camera: Float[np.ndarray, "n 4 4"], visibility_m: Float[np.ndarray, " n"]
+    instances: Instances, cameras: Cameras, visibility_m: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """Return the share of each vehicle's contrast after haze, between the camera and the center of its box."""
-    away = instances.centers - world_from_camera[:, :3, 3]
+    away = instances.centers - cameras.position
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 
 
 def visible_shares(
-    site: Site,
-    subjects: Instances,
-    others: Instances,
-    views: Views,
-    rows: Int[np.ndarray, " k"],
-    *,
-    intrinsics: Intrinsics,
-    rays: int,
-) -> Float[np.ndarray, " k"]:
-    """Visible share of the outline of the subject of each of these cameras; 0 for a subject outside the frame."""
-    if not len(rows):
+    site: Site, subjects: Instances, others: Instances, cameras: Cameras, *, rays: int
+) -> Float[np.ndarray, " n"]:
+    """Visible share of the outline of each camera's subject; 0 for a subject outside the frame."""
+    if not len(cameras):
         return np.zeros(0)
-    world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
-    seen = visible_fraction(
-        subject, views.world_from_camera[rows], intrinsics=intrinsics.rows(rows), world=world, rays=rays
-    )
+    seen = visible_fraction(subjects.posed(), cameras, world=site.world.with_vehicles(others.posed()), rays=rays)
     # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
     return np.nan_to_num(seen.fraction)
 
 
 def pixels_shown(
-    site: Site,
-    subjects: Instances,
-    others: Instances,
-    views: Views,
-    rows: Int[np.ndarray, " k"],
-    *,
-    intrinsics: Intrinsics,
-) -> Bool[np.ndarray, " k"]:
-    """Tell which of these cameras' subjects cover the center of any pixel, so that their masks aren't empty."""
-    framed = ~np.isnan(views.boxes.xywh[rows, 0])
-    rows, shown = rows[framed], np.zeros(len(rows), dtype=bool)
-    world, subject = site.world.with_vehicles(others.beside(rows)[0].posed()), subjects.take(rows).posed()
-    xywh = rounded("bbox", views.boxes.xywh[rows])
-    shown[framed] = show_pixels(subject, views.world_from_camera[rows], intrinsics.rows(rows), xywh=xywh, world=world)
+    site: Site, subjects: Instances, others: Instances, cameras: Cameras, *, xywh: Float[np.ndarray, "n 4"]
+) -> Bool[np.ndarray, " n"]:
+    """Tell which of the cameras' subjects, with these boxes, cover any pixel's center: their masks aren't empty."""
+    framed = np.flatnonzero(~np.isnan(xywh[:, 0]))
+    shown, world = np.zeros(len(cameras), dtype=bool), site.world.with_vehicles(others.beside(framed)[0].posed())
+    subject, box = subjects.take(framed).posed(), rounded("bbox", xywh[framed])
+    shown[framed] = show_pixels(subject, cameras.take(framed), xywh=box, world=world)
     return shown
 
 

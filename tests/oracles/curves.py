@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import shapely
 
+from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.distortion import seen_radius
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.projection import NEAR_M
 from hulldown.tests.oracles.clipping import clipped
 
 LENSES = {

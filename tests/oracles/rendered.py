@@ -55,7 +55,7 @@ def assert_shows_row(picture, row, library):
 def sky_difference(picture, row, scene, sky):
     """Median difference of a picture's sky from the planned one, smoothed, of 255; nan without a sky."""
     camera = row.camera
-    along = camera.ray_directions(camera.intrinsics.pixel_centers)
+    along = camera.rays(camera.lenses.pixel_centers)[1]
     free = ~scene.occluded(np.broadcast_to(camera.position, along.shape), along).reshape(picture.shape[:2])
     free = ndimage.binary_erosion(free, border_value=1)  # leaves and wires that rays miss
     if np.count_nonzero(free) < MIN_SKY_PX:
