@@ -12,6 +12,7 @@ import orjson
 from jaxtyping import Bool, Float, Int
 from msgspec import Meta, Struct
 
+from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.record_fields import Box
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import sha256_of, typed
@@ -20,40 +21,38 @@ from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, read_co
 EDGE_SHARE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Photographs:
-    """m photographs and their n boxes, by photograph."""
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
+class Photographs(BoxTable):
+    """m photographs and their n boxes."""
 
     path: Path  # the COCO file, or the folder of another kind
     sha256: str  # hexadecimal digest of its bytes
     file_names: tuple[str, ...]
     size: Float[np.ndarray, "m 2"]  # width and height, pixels
-    image: Int[np.ndarray, " n"]  # ascending: the photograph of each box
     # boxes in the frame: x and width relative to the picture's width, y and height to its height
-    xywh: Float[np.ndarray, "n 4"]
-    category: tuple[str, ...]
+    relative: Float[np.ndarray, "n 4"]
     cut: Bool[np.ndarray, "n 4"]  # whether the picture's left, top, right, and bottom sides cut a box off
 
     @property
     def height(self) -> Float[np.ndarray, " n"]:
         """Height of each box relative to its picture."""
-        return self.xywh[:, 3]
+        return self.relative[:, 3]
 
     @property
     def center(self) -> Float[np.ndarray, "n 2"]:
         """Center of each box relative to its picture."""
-        return self.xywh[:, :2] + self.xywh[:, 2:] / 2
+        return self.relative[:, :2] + self.relative[:, 2:] / 2
 
     @property
     def aspect(self) -> Float[np.ndarray, " n"]:
         """Width over height of each box in pixels."""
-        pixels = self.xywh[:, 2:] * self.size[self.image]
+        pixels = self.relative[:, 2:] * self.size[self.image]
         return pixels[:, 0] / pixels[:, 1]
 
     @property
     def count(self) -> Int[np.ndarray, " m"]:
         """Boxes of each photograph."""
-        return np.bincount(self.image, minlength=len(self.file_names))
+        return self.boxes_per_image(len(self.file_names))
 
 
 class _Size(Struct):
@@ -77,7 +76,7 @@ def read_photographs(path: Path) -> Photographs:
     path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
     coco = read_coco(path)
     digest = hashlib.sha256(orjson.dumps(coco)).hexdigest() if path.is_dir() else sha256_of(path)
-    names = {category["id"]: str(category.get("name")) for category in coco["categories"]}
+    classes = {category["id"]: k for k, category in enumerate(coco["categories"])}
     index = {image["id"]: i for i, image in enumerate(coco["images"])}
     if len(index) < len(coco["images"]):
         raise DatasetError("two images have the same id", path=path, remedy="give each its own id")
@@ -87,25 +86,28 @@ def read_photographs(path: Path) -> Photographs:
         boxes = typed(list(shown), list[_Box])
     except ValueError as error:
         raise DatasetError(f"isn't a COCO file ({error})", path=path, remedy="export your labels as COCO") from None
-    if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in names), None):
+    if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in classes), None):
         problem = f"a box has image {lost.image_id!r} and category {lost.category_id!r}, and one of them isn't listed"
         raise DatasetError(problem, path=path, remedy="list all images and categories")
     size = np.array([(image.width, image.height) for image in sizes], dtype=np.float64).reshape(-1, 2)
     image = np.array([index[box.image_id] for box in boxes], dtype=np.int64)
-    xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4) / np.tile(size[image], 2)
-    low, high = np.clip(xywh[:, :2], 0.0, 1.0), np.clip(xywh[:, :2] + xywh[:, 2:], 0.0, 1.0)
+    xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4)
+    shares = xywh / np.tile(size[image], 2)
+    low, high = np.clip(shares[:, :2], 0.0, 1.0), np.clip(shares[:, :2] + shares[:, 2:], 0.0, 1.0)
     edge = np.maximum(EDGE_SHARE, 1.0 / size[image])
     whole = np.array([box.truncated_fraction == 0.0 for box in boxes], dtype=bool)
     cut = np.concatenate([low <= edge, high >= 1.0 - edge], axis=1) & ~whole[:, None]
     rows = np.argsort(image, kind="stable")
     rows = rows[((high - low) > 0.0).all(axis=1)[rows]]
     return Photographs(
-        path,
-        digest,
-        tuple(str(image.get("file_name", "")) for image in coco["images"]),
-        size,
-        image[rows],
-        np.concatenate([low, high - low], axis=1)[rows],
-        tuple(names[boxes[i].category_id] for i in rows.tolist()),
-        cut[rows],
+        class_names=tuple(str(category.get("name")) for category in coco["categories"]),
+        image=image[rows],
+        class_index=np.array([classes[box.category_id] for box in boxes], dtype=np.int64)[rows],
+        xywh=xywh[rows],
+        path=path,
+        sha256=digest,
+        file_names=tuple(str(image.get("file_name", "")) for image in coco["images"]),
+        size=size,
+        relative=np.concatenate([low, high - low], axis=1)[rows],
+        cut=cut[rows],
     )

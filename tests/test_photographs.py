@@ -34,8 +34,8 @@ def test_boxes_are_relative_to_their_pictures_and_in_the_frame(tmp_path):
     ]
     found = read(tmp_path, content)
     assert found.file_names == ("b.jpg", "a.jpg", "none.jpg")
-    assert found.category == ("tank", "tank")
-    np.testing.assert_allclose(found.xywh, [[0.25, 0.25, 0.2, 0.2], [0.9, 0.2, 0.1, 0.1]], rtol=1e-12)
+    assert [found.class_names[i] for i in found.class_index] == ["tank", "tank"]
+    np.testing.assert_allclose(found.relative, [[0.25, 0.25, 0.2, 0.2], [0.9, 0.2, 0.1, 0.1]], rtol=1e-12)
     np.testing.assert_allclose(found.aspect, [2.0, 2.0], rtol=1e-12)
     assert found.count.tolist() == [1, 1, 0]
     assert found.cut.tolist() == [[False] * 4, [False, False, True, False]]
@@ -48,8 +48,8 @@ def test_a_yolo_folder_is_read_as_training_reads_it(tmp_path):
     (tmp_path / "labels" / "a.txt").write_text("1 0.35 0.3 0.2 0.2\n")
     (tmp_path / "data.yaml").write_text("names: [truck, tank]\n")
     found = read_photographs(tmp_path)
-    assert found.category == ("tank",)
-    np.testing.assert_allclose(found.xywh, [[0.25, 0.2, 0.2, 0.2]], rtol=1e-12)
+    assert [found.class_names[i] for i in found.class_index] == ["tank"]
+    np.testing.assert_allclose(found.relative, [[0.25, 0.2, 0.2, 0.2]], rtol=1e-12)
     assert found.sha256 == read_photographs(tmp_path).sha256
 
 

@@ -98,11 +98,13 @@ def boxes_in(dataset: Dataset) -> Photographs:
     rows = np.flatnonzero(~labels["crowd"])
     image = labels["image"][rows]
     size = np.stack([images["width"], images["height"]], axis=1).astype(np.float64)
-    xywh = np.stack([labels[key][rows] for key in ("x", "y", "width", "height")], axis=1) / np.tile(size[image], 2)
+    xywh = np.stack([labels[key][rows] for key in ("x", "y", "width", "height")], axis=1)
+    names, classes = np.unique(labels["category"][rows], return_inverse=True)
     cut = np.nan_to_num(labels["truncated_fraction"][rows]) > 0.0
     return Photographs(
-        Path(dataset.name), "", tuple(images["file_name"].tolist()), size, image, xywh,
-        tuple(labels["category"][rows].tolist()), np.repeat(cut[:, None], 4, axis=1),
+        class_names=tuple(names.tolist()), image=image, class_index=classes, xywh=xywh, path=Path(dataset.name),
+        sha256="", file_names=tuple(images["file_name"].tolist()), size=size,
+        relative=xywh / np.tile(size[image], 2), cut=np.repeat(cut[:, None], 4, axis=1),
     )  # fmt: skip
 
 

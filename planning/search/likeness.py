@@ -82,7 +82,7 @@ class Likeness:
         shown = np.minimum(photographs.count, config.placement.vehicles_per_image[1])[photographs.image]
         self._weights = np.where(self.usable, 1.0 / np.maximum(shown, 1), 0.0)
         self._by_height = np.argsort(photographs.height, kind="stable")
-        classes = np.array(photographs.category, dtype=object)
+        classes = np.array(photographs.class_names, dtype=object)[photographs.class_index]
         self._boxes = Counter(classes[self.usable].tolist())
         enough = [category for category, n in self._boxes.items() if n >= MIN_CLASS_BOXES]
         self._own = {category: np.where(classes == category, self._weights, 0.0) for category in enough}
@@ -148,7 +148,7 @@ class Likeness:
         # The box keeps its shape if the image's differs from the photograph's.
         height = photographs.height[box] * size[1] * (1.0 + camera.like_spread * (2.0 * taller - 1.0))
         extent = np.stack([aspect * height, height], axis=1)
-        shift = photographs.xywh[box, 2:] * (camera.like_spread * (2.0 * np.stack([right, down], axis=1) - 1.0))
+        shift = photographs.relative[box, 2:] * (camera.like_spread * (2.0 * np.stack([right, down], axis=1) - 1.0))
         low = (photographs.center[box] + shift) * size - extent / 2.0
         # A side at the frame stays there; the opposite one moves with the size.
         low = np.where(cut_low, 0.0, np.where(cut_high, size - extent, low))

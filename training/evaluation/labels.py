@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.labels.mask import area_of
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
@@ -18,16 +19,12 @@ from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
 
 
-@dataclass(frozen=True, eq=False)
-class Labels:
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Labels(BoxTable):
     """The labels of n images: g boxes of c classes, images and classes in the order of their ids."""
 
     path: Path  # the dataset's folder, or its file
     class_id: Int[np.ndarray, " c"]
-    class_names: tuple[str, ...]
-    image: Int[np.ndarray, " g"]  # image, class_index: indices of each box's image, ascending, and of its class
-    class_index: Int[np.ndarray, " g"]
-    xywh: Float[np.ndarray, "g 4"]  # pixels
     area: Float[np.ndarray, " g"]  # pixels: the record's area (a mask's, if there is one), else the box's
     crowd: Bool[np.ndarray, " g"]  # whether it's COCO's ``iscrowd``, which is ignored
     images: Sequence[Image]  # images, annotations: the images and labels themselves, in the same order

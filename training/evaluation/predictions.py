@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from msgspec import Struct
 
+from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import Pixel, Share, Side, misfits
 from hulldown.annotate.rectangles import rectangle_corners
@@ -48,18 +49,15 @@ class _Detection(Struct, kw_only=True):
     score: Share
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Predictions:
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
+class Predictions(BoxTable):
     """d detections in a dataset's images, ordered by image, class, falling score, and box.
 
-    So results don't depend on the file's order of equal scores.
+    So results don't depend on the file's order of equal scores. Classes are the dataset's, in its order, then those of
+    the detections alone; boxes are around `corners` if they are oriented.
     """
 
     name: str  # their name, unique in a comparison
-    class_names: tuple[str, ...]  # of c classes: the dataset's, in its order, then those of the detections alone
-    image: Int[np.ndarray, " d"]  # image, class_index: indices of each detection's image and class
-    class_index: Int[np.ndarray, " d"]
-    xywh: Float[np.ndarray, "d 4"]  # pixels; around `corners` if the boxes are oriented
     score: Float[np.ndarray, " d"]
     corners: Float[np.ndarray, "d 4 2"] | None = None  # pixels, of oriented boxes; None if the boxes aren't oriented
 
@@ -122,7 +120,15 @@ def predictions_of(
     boxes = xywh if corners is None else np.concatenate([xywh, corners.reshape(-1, 8)], axis=1)
     order = np.lexsort((*boxes.T[::-1], -score, label, image))
     turned = None if corners is None else corners[order]
-    return Predictions(name, called, image[order], label[order], xywh[order], score[order], turned)
+    return Predictions(
+        name=name,
+        class_names=called,
+        image=image[order],
+        class_index=label[order],
+        xywh=xywh[order],
+        score=score[order],
+        corners=turned,
+    )
 
 
 def _misfits(detection: object) -> Iterator[str]:

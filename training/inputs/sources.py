@@ -14,6 +14,7 @@ import numpy as np
 import orjson
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import decode, run_lengths
 from hulldown.annotate.records import Label
@@ -55,17 +56,14 @@ class Sample:
         )  # fmt: skip
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class LabeledPictures:
-    """A dataset of n pictures with m labeled boxes, in the order of the pictures' names."""
+@dataclass(frozen=True, eq=False, kw_only=True, slots=True)
+class LabeledPictures(BoxTable):
+    """A dataset of n pictures with m labeled boxes, in the order of the pictures' names; classes are all sources'."""
 
     name: str  # the user's name for it
     folder: Path
     file_names: tuple[str, ...]  # of each picture, relative to the folder
     sizes: tuple[tuple[int, int], ...]  # width and height of each, pixels
-    starts: Int[np.ndarray, " s"]  # picture i has the boxes from ``starts[i]`` to ``starts[i + 1]``
-    xywh: Float[np.ndarray, "m 4"]  # pixels
-    class_index: Int[np.ndarray, " m"]  # index into the classes that all sources share
     segmentations: tuple[object, ...]  # COCO's segmentation of each box; None if it has none
     digest: str
 
@@ -79,7 +77,7 @@ class LabeledPictures:
 
     def sample(self, i: int, *, masks: bool = False) -> Sample:
         """Picture i with its labels, without masks or with those of all boxes, which must have one."""
-        boxes = slice(self.starts[i], self.starts[i + 1])
+        boxes = slice(*np.searchsorted(self.image, [i, i + 1]))
         width, height = self.sizes[i]
         decoded = (decode(segmentation, width, height) for segmentation in self.segmentations[boxes] if masks)
         pixels = read_pixels(self.folder / self.file_names[i], (width, height))
@@ -200,19 +198,19 @@ def _source(name: str, folder: Path, found: LabeledImages, classes: Sequence[str
     images = sorted(found.images, key=lambda image: image.file_name)
     counted = [[label for label in image.labels if not label.crowd] for image in images]
     boxes = [sorted(labels, key=lambda label: label.id) for labels in counted]
-    ordered = list(chain(*boxes))
     learned = [
         [image.file_name, *image.size, list(map(_learned, labels))] for image, labels in zip(images, boxes, strict=True)
     ]
     return LabeledPictures(
+        class_names=tuple(classes),
+        image=np.repeat(np.arange(len(images)), [len(labels) for labels in boxes]),
+        class_index=np.array([classes.index(label.category) for label in chain(*boxes)], dtype=np.int64),
+        xywh=np.array([label.bbox for label in chain(*boxes)], dtype=np.float64).reshape(-1, 4),
         name=name,
         folder=folder,
         file_names=tuple(image.file_name for image in images),
         sizes=tuple(image.size for image in images),
-        starts=np.concatenate(([0], np.cumsum([len(labels) for labels in boxes], dtype=np.int64))),
-        xywh=np.array([label.bbox for label in ordered], dtype=np.float64).reshape(-1, 4),
-        class_index=np.array([classes.index(label.category) for label in ordered], dtype=np.int64),
-        segmentations=tuple(label.read(VisibleMask).segmentation or None for label in ordered),
+        segmentations=tuple(label.read(VisibleMask).segmentation or None for label in chain(*boxes)),
         digest=hashlib.sha256(orjson.dumps(learned)).hexdigest(),
     )
 
