@@ -18,13 +18,11 @@ from hulldown.plan.picture_names import picture_name
 from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
 from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
-from hulldown.planning.search.block import Block
-from hulldown.planning.search.extras import MOST_EXTRAS, Role
 from hulldown.planning.search.instance_table import Instances, boxes_at
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
-from hulldown.planning.search.views import Views
+from hulldown.planning.search.tables import MOST_EXTRAS, Block, Role, Views
 from hulldown.reading.scenery.geotiff import on_map
 
 _NAMES = {Role.COMPANION: "companion", Role.DISTRACTOR: "distractor"}

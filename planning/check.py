@@ -26,7 +26,8 @@ from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.placing import sees_sky
 from hulldown.planning.search.stage import PlanStage, Site
-from hulldown.planning.search.views import no_views, views_of_others
+from hulldown.planning.search.tables import no_views
+from hulldown.planning.search.views import views_of_others
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 NUMBER_TOLERANCE = 1e-6  # tolerance of numbers from other processors: meters, degrees, pixels, shares

@@ -19,15 +19,13 @@ from hulldown.plan.given_poses import GivenPoses
 from hulldown.plan.row import Row, encode_rows
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.block_rows import rows_of
-from hulldown.planning.search.block import Block
-from hulldown.planning.search.budget import Positions, make_budget
-from hulldown.planning.search.extras import extras_at, framed_on
-from hulldown.planning.search.given import given_of, pose_budget
+from hulldown.planning.search.budget import Positions, given_of, make_budget, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
 from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
 from hulldown.planning.search.stage import make_stage
+from hulldown.planning.search.tables import Block, extras_at, framed_on
 
 BLOCK_POSITIONS = 2048  # positions planned together: large batches for each vehicle and scenery
 

@@ -8,7 +8,8 @@ import pytest
 from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.row import encode_rows
 from hulldown.planning.planner import Planner
-from hulldown.planning.search.extras import Role, offsets
+from hulldown.planning.search.placing import offsets
+from hulldown.planning.search.tables import Role
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, plan, small_assets, small_config
 
 ASSETS = small_assets(distractors=True)

@@ -13,7 +13,7 @@ from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.search.random_streams import RandomStreams
-from hulldown.planning.search.weather import NAMES, draw_weathers
+from hulldown.planning.search.tables import WEATHER_NAMES, draw_weathers
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
 IMAGES = np.arange(4000)
@@ -40,7 +40,7 @@ def test_other_weather_does_not_change_fog():
 @pytest.mark.parametrize("shares", [{}, ALL, {"snow": 1.0}, {"fog": 0.02, "dust": 0.9}])
 def test_every_kind_has_its_share(shares):
     counts = Counter(weather.kind for weather in drawn(**shares) if weather)
-    for name in NAMES:
+    for name in WEATHER_NAMES:
         share = shares.get(name, 0.0)
         assert abs(counts[name] - share * len(IMAGES)) <= 5.0 * math.sqrt(share * (1.0 - share) * len(IMAGES))
 
@@ -57,9 +57,9 @@ def test_wind_comes_from_all_sides_equally_at_any_speed():
 
 def test_draws_are_within_the_config():
     weathers = [one for one in drawn(**ALL, wind_m_s=(2.0, 5.0), exposure_s=0.01) if one is not None]
-    of = {kind: [one for one in weathers if one.kind == kind] for kind in NAMES}
-    assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in NAMES[1:] for one in of[kind])
-    assert {one.exposure_s for kind in NAMES[1:] for one in of[kind]} == {0.01}
+    of = {kind: [one for one in weathers if one.kind == kind] for kind in WEATHER_NAMES}
+    assert all(2.0 - 1e-8 <= math.hypot(*one.wind_m_s) <= 5.0 + 1e-8 for kind in WEATHER_NAMES[1:] for one in of[kind])
+    assert {one.exposure_s for kind in WEATHER_NAMES[1:] for one in of[kind]} == {0.01}
     assert all(300.0 <= one.visibility_m <= 3000.0 for one in of["fog"])
     foggy = {(one.wind_m_s, one.rain_mm_h, one.ground_cover, one.vehicle_cover) for one in of["fog"]}
     assert foggy == {((0, 0), 0, 0, 0)}

@@ -17,11 +17,11 @@ from jaxtyping import Float, Int
 from hulldown.base.errors import ConfigError
 from hulldown.plan.config.schema import Config
 from hulldown.plan.row import LeftOut
-from hulldown.planning.search.block import Block
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.stage import Model, PlanStage, Site
+from hulldown.planning.search.tables import Block
 
 # A pair whose first trial fails needs both further trials to succeed: where few positions have a place, each of the
 # others costs all tries. The numbers of trial positions are beyond those of any plan.

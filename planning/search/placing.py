@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.columns import put
 from hulldown.geometry.overlap import boxes_touch
+from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid, rotation_z
 from hulldown.placement.contact import depth_below
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, limit_contact, settle_each, unsettled
+from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.config.schema import Config
 from hulldown.plan.row import rounded
 from hulldown.planning.search.instance_table import Instances
+from hulldown.planning.search.random_streams import between
 from hulldown.planning.search.stage import Site, settle_rules
+from hulldown.planning.search.tables import Role
 
 SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the sky start
+
+
+def offsets(
+    role: Int[np.ndarray, " n"], limits: PlacementSection, uniform: Float[np.ndarray, "n 2"]
+) -> Float[np.ndarray, "n 2"]:
+    """Return offsets from targets to extras, meters in x and y, in proportion to numbers in [0, 1).
+
+    Companions are uniform in distance, distractors in area.
+    """
+    of_roles = np.array([(0.0, 0.0), limits.companion_distance, limits.distractor_distance])
+    low, high = of_roles[role].T
+    by_distance = between(low, high, uniform[:, 0])
+    by_area = np.clip(np.sqrt(between(low**2, high**2, uniform[:, 0])), low, high)
+    away = np.where(role == Role.COMPANION, by_distance, by_area)
+    return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
 
 def settle_clear(

@@ -23,15 +23,21 @@ from hulldown.geometry.indices import batches, joined
 from hulldown.placement.candidates import candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
 from hulldown.placement.settle import Settled
-from hulldown.planning.search.block import Block, InstanceTable, instances_of
-from hulldown.planning.search.cameras import CameraTries, sample_lenses
-from hulldown.planning.search.extras import MOST_EXTRAS, Role, offsets
-from hulldown.planning.search.likeness import QUARTER_PLACES
-from hulldown.planning.search.photo_cameras import candidate_directions, companion_poses
-from hulldown.planning.search.placing import clear_of_vehicles, settle_clear
+from hulldown.planning.search.likeness import QUARTER_PLACES, candidate_directions, companion_poses
+from hulldown.planning.search.placing import clear_of_vehicles, offsets, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
-from hulldown.planning.search.views import Seen, Views, no_views, try_cameras, views_of_others
-from hulldown.planning.search.weather import draw_weathers
+from hulldown.planning.search.tables import (
+    MOST_EXTRAS,
+    Block,
+    InstanceTable,
+    Role,
+    Seen,
+    Views,
+    draw_weathers,
+    instances_of,
+    no_views,
+)
+from hulldown.planning.search.views import CameraTries, sample_lenses, try_cameras, views_of_others
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 MAX_BATCH_PLACES = 8192

@@ -1,0 +1,284 @@
+"""Tables of the search: a block of positions on one scenery, planned together, its instances, and their views."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from jaxtyping import Bool, Float, Int, UInt8
+
+from hulldown.annotate.boxes import Boxes
+from hulldown.camera.weather.extinction import rain_visibility_m, wetness
+from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.geometry.columns import take
+from hulldown.geometry.indices import numbered
+from hulldown.geometry.portable import sin_cos
+from hulldown.placement.settle import Settled, unsettled
+from hulldown.plan.config.scene_sections import WeatherSection
+from hulldown.plan.config.schema import Config
+from hulldown.plan.row import rounded
+from hulldown.planning.search.budget import Budget, Given, Positions, nothing_given
+from hulldown.planning.search.instance_table import Instances, boxes_at, drawn_angles, no_boxes
+from hulldown.planning.search.likeness import Likeness
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
+from hulldown.planning.search.stage import PlanStage, Site
+
+MOST_EXTRAS = 64  # extras of one role in an image; streams of random numbers are numbered by it
+_NUMBERS = 1 + MOST_EXTRAS  # random numbers of each extra: its model, its articulation
+WEATHER_NAMES = tuple(KINDS)
+CLEAR_WEATHER = len(WEATHER_NAMES)
+
+
+class Role(IntEnum):
+    """The role of an instance; roles are placed in this order."""
+
+    TARGET = 0
+    COMPANION = 1
+    DISTRACTOR = 2
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Extras:
+    """The companions or distractors that may occur at a position."""
+
+    role: Role
+    models: Int[np.ndarray, " m"]  # models, weights: candidates as indices in the fleet, and their weights
+    weights: Float[np.ndarray, " m"]
+    count: tuple[int, int]  # least and largest number in an image
+
+    def drawn(
+        self, draws: RandomStreams, position: Int[np.ndarray, " n"], wanted: Int[np.ndarray, " n"]
+    ) -> tuple[Int[np.ndarray, "n g"], Float[np.ndarray, "n g 64"]]:
+        """Draw up to g extras for each position: their models, -1 for none, and uniform numbers for their angles.
+
+        Their number is `wanted`, clipped to the limits; it is drawn where `wanted` is -1.
+        """
+        low, high = self.count
+        choice = Purpose.COMPANY if self.role == Role.COMPANION else Purpose.DISTRACTORS
+        size = draws.uniform(choice, position, 0, count=1)[:, 0]
+        number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
+        number = np.where(wanted >= 0, np.clip(wanted, low, high), number)
+        uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS)
+        model = self.models[choose(self.weights, uniform[..., 0])]
+        return np.where(np.arange(high) < number[:, None], model, -1), uniform[..., 1:]
+
+
+def extras_at(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
+    """Return the companions and distractors of positions on a scenery, by whether these are backgrounds.
+
+    `of_vehicles` are weights of companions. Backgrounds have neither companions nor distractors with a class.
+    """
+    limits, (least, most) = stage.config.placement, stage.config.placement.vehicles_per_image
+    companions = Extras(Role.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
+    extras: dict[bool, list[Extras]] = {False: [companions], True: []}
+    for background, kinds in extras.items():
+        models, weights = distractors_at(site, stage, unlabeled=background)
+        if weights.any():
+            kinds.append(Extras(Role.DISTRACTOR, models, weights, limits.distractors_per_image))
+    return extras
+
+
+def distractors_at(
+    site: Site, stage: PlanStage, *, unlabeled: bool
+) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
+    """Return all distractors and their weights on a scenery, 0 for those with a class if `unlabeled`."""
+    weights = []
+    for entry in stage.config.assets.distractors:
+        weights.append(entry.weight if entry.is_for(site.name) and not (unlabeled and entry.category) else 0.0)
+    return stage.vehicles + np.arange(len(weights)), np.array(weights, dtype=np.float64)
+
+
+def framed_on(
+    budget: Budget, stage: PlanStage, draws: RandomStreams, *, positions: Positions, site: Site
+) -> Int[np.ndarray, " n"]:
+    """Return the vehicle that the cameras of each position are framed on, as an index in the fleet.
+
+    At a position of backgrounds, it's a vehicle drawn from the budget, which is left out of the picture. The share
+    `budget.background_distractors` of these positions shows a distractor without a class instead, if the scenery has
+    one.
+    """
+    index = np.array([stage.fleet.index[name] for name in budget.vehicles])
+    model, rows = index[positions.vehicle], np.flatnonzero(positions.background)
+    uniform = draws.uniform(Purpose.BACKGROUND, positions.number[rows], 0, count=2)
+    planned = budget.positions.vehicle[~budget.positions.background]
+    shown = np.minimum((uniform[:, 0] * len(planned)).astype(np.int64), len(planned) - 1)
+    model[rows] = index[planned[shown]]
+    share, ordinal = stage.config.budget.background_distractors, positions.ordinal[rows]
+    replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
+    models, weights = distractors_at(site, stage, unlabeled=True)
+    if weights.any():
+        model[rows[replaced]] = models[choose(weights, uniform[replaced, 1])]
+    return model
+
+
+def draw_weathers(
+    weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]
+) -> list[Weather | None]:
+    """Draw the weather of the images with these indices, rounded as in a plan; None where it is clear.
+
+    Kind and visibility have separate random numbers, so that the share of rain doesn't change the fog of images.
+    """
+    u = draws.uniform(Purpose.LIGHT, image, 0, count=5)
+    speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T
+    kind = np.searchsorted(np.cumsum([getattr(weather, name) for name in WEATHER_NAMES]), u[:, 3], side="right")
+
+    def within(key: str, uniform: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        low, high = getattr(weather, key)
+        return between(low, high, uniform)
+
+    n = len(image)
+    visible, rate, covers, windy = np.full(n, np.nan), np.zeros(n), np.zeros((2, n)), np.zeros(n, dtype=bool)
+    for k, each in enumerate(KINDS.values()):
+        rows = kind == k
+        windy |= rows & each.windy
+        if each.visibility:
+            visible[rows] = within(each.visibility, u[rows, 4])
+        if each.rate:
+            rate[rows] = rounded("weather", within(each.rate, u[rows, 4]))
+            visible[rows], covers[:, rows] = rain_visibility_m(rate[rows]), wetness(rate[rows])
+        for cover, key, uniform in zip(covers, each.covers, (ground, vehicle), strict=False):
+            cover[rows] = within(key, uniform[rows])
+    sine, cosine = sin_cos(2.0 * np.pi * turn)
+    wind = between(*weather.wind_m_s, speed)[:, None] * np.stack([cosine, sine], axis=1)
+    visible, wind = rounded("weather", visible), np.where(windy[:, None], rounded("weather", wind), 0.0)
+    columns = (kind, visible, rate, wind, *rounded("weather", covers))
+    return [
+        None
+        if k == CLEAR_WEATHER
+        else Weather(visibility, WEATHER_NAMES[k], rain, (x, y), weather.exposure_s, on_ground, on_vehicle)
+        for k, visibility, rain, (x, y), on_ground, on_vehicle in zip(*(c.tolist() for c in columns), strict=True)
+    ]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Views:
+    """n cameras and what each sees of one vehicle; nan for values after a rejection."""
+
+    # world_from_camera, fov_x_deg: poses, and (n,) horizontal fields of view
+    world_from_camera: Float[np.ndarray, "n 4 4"]
+    fov_x_deg: Float[np.ndarray, " n"]
+    boxes: Boxes  # n boxes; nan for a vehicle outside the frame, or behind the camera
+    visible_fraction: Float[np.ndarray, " n"]  # shares; 0 for a vehicle outside the frame
+    air_contrast: Float[np.ndarray, " n"]  # share of the vehicle's contrast after haze; see `camera.weather.extinction`
+    rejection: UInt8[np.ndarray, " n"]
+    # sampled, followed: boxes of photographs; see `planning.search.likeness.Wishes`. -1: none.
+    sampled: Int[np.ndarray, " n"]
+    followed: Int[np.ndarray, " n"]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Seen:
+    """Views of p pairs of an image and an extra in it, ordered by image and then by instance."""
+
+    image: Int[np.ndarray, " p"]  # image, instance: rows of the block's images and of its table
+    instance: Int[np.ndarray, " p"]
+    views: Views  # views of the p pairs
+    pixels: Bool[np.ndarray, " p"]  # whether an extra that has a class covers the center of any pixel
+
+
+def no_views(n: int) -> Views:
+    """Allocate n views: nan, and no rejection."""
+    return Views(
+        np.full((n, 4, 4), np.nan),
+        np.full(n, np.nan),
+        no_boxes(n),
+        np.full(n, np.nan),
+        np.full(n, np.nan),
+        np.zeros(n, dtype=np.uint8),
+        np.full(n, -1),
+        np.full(n, -1),
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Block:
+    """n positions on one scenery, with m images in all."""
+
+    stage: PlanStage  # stage, draws: the plan's config, vehicles, and distractors, and its random numbers
+    draws: RandomStreams
+    site: Site
+    # companions and distractors that may occur, by whether the position is of backgrounds
+    extras: Mapping[bool, Sequence[Extras]]
+    positions: Positions  # the n positions, ascending by number
+    model: Int[np.ndarray, " n"]  # index in the fleet of the vehicle that the cameras are framed on
+    movable: Bool[np.ndarray, " n"]  # whether another scenery may be tried if this one has no place
+    likeness: Likeness | None = None  # the photographs that cameras follow
+    given: Given | None = None  # the poses that users give of all images of the plan
+
+    @property
+    def config(self) -> Config:
+        """The plan's config."""
+        return self.stage.config
+
+    @property
+    def empty(self) -> Bool[np.ndarray, " n"]:
+        """Whether the vehicle that a position's images are framed on is left out."""
+        return self.positions.background & self.stage.fleet.classed[self.model]
+
+    @property
+    def owner(self) -> Int[np.ndarray, " m"]:
+        """The row of each image's position."""
+        return numbered(self.positions.shots)[0]
+
+    @property
+    def shot(self) -> Int[np.ndarray, " m"]:
+        """Number of each image at its position."""
+        return numbered(self.positions.shots)[1]
+
+    @property
+    def image(self) -> Int[np.ndarray, " m"]:
+        """Index of each image."""
+        return self.positions.first_image[self.owner] + self.shot
+
+    @property
+    def scene(self) -> Int[np.ndarray, " m"]:
+        """Index of the image whose light, weather, and lens each image shares: the first of its sequence, or itself."""
+        sequence = self.given_of(self.image).sequence
+        return np.where(sequence >= 0, sequence, self.image)
+
+    def given_of(self, image: Int[np.ndarray, " k"]) -> Given:
+        """Return the given poses of the images with these indices."""
+        return nothing_given(len(image)) if self.given is None else take(self.given, image)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class InstanceTable(Instances):
+    """The k instances of a block's positions, ordered by position, role, and number; their rows are the positions'."""
+
+    role: Int[np.ndarray, " k"]  # role, number: role of each instance, and its number among those of this role
+    number: Int[np.ndarray, " k"]
+    settled: Settled  # resting poses, which share the array `world_from_vehicle`
+    tries: Int[np.ndarray, " k"]  # places tried so far; an instance with a place has the last one
+    found: Bool[np.ndarray, " k"]  # whether it has a place
+
+
+def instances_of(block: Block) -> InstanceTable:
+    """Draw targets, companions, and distractors of a block's positions; none has a place yet."""
+    positions, fleet, draws = block.positions, block.stage.fleet, block.draws
+    n = len(positions.number)
+    turns = draws.uniform(Purpose.ARTICULATION, positions.number, 0, count=fleet.parts)
+    zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
+    if likeness is not None:
+        sampled = likeness.sample_boxes(draws, fleet, model=block.model, image=positions.first_image)
+        photographed = likeness.companion_counts(sampled)
+    columns = [(np.arange(n), zero, zero, block.model, turns)]
+    for background, kinds in block.extras.items():
+        rows = np.flatnonzero(positions.background == background)
+        for kind in kinds if len(rows) else ():
+            wanted = photographed[rows] if kind.role == Role.COMPANION else np.full(len(rows), -1)
+            models, numbers = kind.drawn(draws, positions.number[rows], wanted)
+            i, j = np.nonzero(models >= 0)
+            turned = np.zeros((len(i), fleet.parts))
+            turned[:, :MOST_EXTRAS] = numbers[i, j, : fleet.parts]
+            columns.append((rows[i], np.full(len(i), kind.role), j, models[i, j], turned))
+    row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
+    order = np.lexsort((number, role, row))
+    row, role, number, model = row[order], role[order], number[order], model[order]
+    angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
+    k, settled = len(row), unsettled(len(row))
+    center = boxes_at(fleet, model, angles).mean(axis=1)
+    tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
+    poses = settled.world_from_vehicle
+    return InstanceTable(fleet, row, model, poses, angles, center, role, number, settled, tries, found)
