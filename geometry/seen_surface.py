@@ -13,6 +13,9 @@ from hulldown.geometry.indices import numbered
 from hulldown.geometry.meshes import Mesh
 
 FLAT_HEIGHT_ULPS = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles
+MAX_FLAT_SHARE = (
+    1e-5  # of the mesh's extent, for meshes in map coordinates: their triangles are as small as those units
+)
 STEPS_PER_TEXEL = 8  # steps per texel at which a texture is looked up
 LEAST, MOST = 16, 512  # steps along a face's sides
 LOOKUPS = 1 << 23  # in all faces of a mesh
@@ -25,7 +28,9 @@ EDGE_HALVINGS = 12  # of a step, to find where a texture's edge crosses it
 
 def faces_with_area(mesh: Mesh) -> Int[np.ndarray, " k"]:
     """Return the ascending faces that have an area as Cycles sees them, in float32."""
+    low, high = mesh.bounds
     finest = FLAT_HEIGHT_ULPS * float(np.spacing(np.float32(np.abs(mesh.bounds).max())))
+    finest = min(finest, MAX_FLAT_SHARE * float((high - low).max()))
     drawn = np.empty(len(mesh.faces), dtype=bool)
     for start in range(0, len(drawn), CHUNK):
         a, b, c = np.moveaxis(mesh.vertices[mesh.faces[start : start + CHUNK]], 1, 0)

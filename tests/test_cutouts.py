@@ -180,6 +180,8 @@ def test_the_seen_surface_ends_where_texels_do_and_lacks_what_draws_nothing(smoo
     surface, face = seen_surface(sheet.of_faces(np.array([0, 1])))
     np.testing.assert_allclose(surface.bounds, [[0.5, 0.5, 0], [3.0, 1.0, 0]], atol=4 / 16 / 8)
     assert set(face.tolist()) == {0, 1}
+    on_map = Mesh(corners + np.array([477123.0, 5412345.0, 0.0]), faces, "net")
+    assert faces_with_area(on_map).tolist() == [0, 1]
     clear = AlphaMap(np.full((1, 1), 100, dtype=np.uint8))
     ghost = Mesh(corners, faces[:2], "ghost", Cutouts(np.arange(2), uv, np.zeros(2, dtype=int), (clear,)))
     assert seen_surface(ghost) is None

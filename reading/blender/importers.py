@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
 from hulldown.base.errors import AssetError
+from hulldown.base.files import open_regular
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
 from hulldown.reading.blender.geotiff_object import open_terrain
 from hulldown.reading.blender.opening import open_blend
@@ -26,6 +31,8 @@ from hulldown.reading.scenery.geotiff import Elevations
 NODES_ONLY = (2, 80)  # materials are nodes only since then
 GLASS = (4, 6, 7, 9)  # illumination models with transparency or refraction
 WEIGHT = "Transmission Weight"
+MIN_MAP_COORDINATE = 1e5  # meters; from here on a float32 has steps of a centimeter
+MAP_STEP = 1000.0  # meters; float32 holds its multiples exactly
 AGAIN = "open it in Blender and save it again"
 
 
@@ -51,6 +58,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
     if kind == "geotiff":
         terrain, files = open_terrain(path, options)
         return Opened(1.0, "z", "GeoTIFF", terrain.doubts, terrain=terrain, files=files)
+    up = "z"
     # Blender starts with a scale of 1 m; glTF and FBX bring their own units and up axis, and the importers heed them.
     try:
         if kind == "gltf":
@@ -62,16 +70,20 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
         else:
             # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
             grouped = not any(key == "o" for key, _ in directives(path, b"o"))
-            bpy.ops.wm.obj_import(filepath=str(path), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
+            with _near_zero(path) as (file, offset):
+                bpy.ops.wm.obj_import(filepath=str(file), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
+            for obj in bpy.context.scene.objects:
+                obj.location = offset
+            up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE else "y"  # a northing is no height
             _clear_false_glass(path)
-    except RuntimeError as error:
+    except (RuntimeError, ValueError) as error:
         extension = compression(path) if kind == "gltf" else ""
         remedy = f"write it without {extension}, with gltf-transform for example" if extension else "export it again"
         raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy=remedy) from None
     if not bpy.context.scene.objects:
         raise AssetError("Blender finds nothing in it to import", remedy="export it again")
     doubts = tuple(find_moved(path))
-    return Opened(1.0, "y" if kind == "obj" else "z", kind.upper().replace("GLTF", "glTF"), doubts)
+    return Opened(1.0, up, kind.upper().replace("GLTF", "glTF"), doubts)
 
 
 class RestPose:
@@ -94,6 +106,34 @@ def _sort_objects() -> None:
     for obj in sorted(linked, key=lambda obj: str(obj.name)):
         linked.unlink(obj)
         linked.link(obj)
+
+
+@contextmanager
+def _near_zero(path: Path) -> Iterator[tuple[Path, list[float]]]:
+    """Yield an OBJ file, or a copy near zero if its vertices are too large for float32, and the copy's offset."""
+    offset = _map_offset(path)
+    if not any(offset):
+        yield path, offset
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        copy, back = Path(folder, path.name), os.path.relpath(path.parent.resolve(), Path(folder).resolve())
+        with open_regular(path) as lines, copy.open("wb") as file:
+            for line in lines:
+                words = line.split()
+                if words[:1] == [b"v"]:
+                    near = [float(x) - zero for x, zero in zip(words[1:4], offset, strict=True)]
+                    line = b"v %.6f %.6f %.6f " % tuple(near) + b" ".join(words[4:]) + b"\n"
+                elif words[:1] == [b"mtllib"]:
+                    line = line.replace(b"mtllib", b"mtllib " + os.fsencode(back) + b"/", 1).replace(b"/ ", b"/", 1)
+                file.write(line)
+        yield copy, offset
+
+
+def _map_offset(path: Path) -> list[float]:
+    """Return where the vertices of an OBJ file are, in whole kilometers; zeros unless that's on a map."""
+    first = next((text.split()[:3] for key, text in directives(path, b"v") if key == "v"), [])
+    offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP) * MAP_STEP).tolist()
+    return offset if any(abs(x) > MIN_MAP_COORDINATE for x in offset) else [0.0, 0.0, 0.0]
 
 
 def _clear_false_glass(path: Path) -> None:

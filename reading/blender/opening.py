@@ -47,7 +47,17 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
     if errors:
         raise errors[0]
     forget_settings()
+    _leave_modes()
     return left_out
+
+
+def _leave_modes() -> None:
+    """End the editing of objects that a file was saved in, during which they have no evaluated mesh."""
+    objects = bpy.context.view_layer.objects
+    for obj in [obj for obj in objects if obj.mode != "OBJECT"]:
+        if obj.mode != "OBJECT":  # those edited together end together
+            objects.active = obj
+            bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def forget_settings() -> None:
