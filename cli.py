@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from cyclopts.exceptions import CycloptsError
 from rich.markup import escape
 
-from hulldown.base.errors import HulldownError, shortened
+from hulldown.base.errors import HulldownError, shorten_text
 from hulldown.base.terminal import STDERR
 from hulldown.verbs import demo, planning, rendering, training
 from hulldown.verbs.command import named_verb, run_command
@@ -41,13 +41,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         with warnings_in_one_line():
             return run_command(words, VERBS)
     except HulldownError as error:
-        return _refuse(str(error))
+        return _print_refusal(str(error))
     except CycloptsError as error:
         asked = " ".join(["hulldown", named_verb(words, VERBS) or "", "--help"])
-        return _refuse(f"{error} See `{' '.join(asked.split())}`")
+        return _print_refusal(f"{error} See `{' '.join(asked.split())}`")
     except KeyboardInterrupt:
         resumes = any(verb.resumes for name, verb in VERBS.items() if words[: name.count(" ") + 1] == name.split())
-        return _refuse(
+        return _print_refusal(
             f"stopped; {'the same command goes on from here' if resumes else 'nothing was written'}", STOPPED
         )
     except BrokenPipeError:
@@ -59,11 +59,11 @@ def main(argv: Sequence[str] | None = None) -> int:
             raise
         if error.filename is None:
             silence_stdout()
-        return _refuse(f"{error.filename or 'stdout'}: {error.strerror}")
+        return _print_refusal(f"{error.filename or 'stdout'}: {error.strerror}")
 
 
-def _refuse(problem: str, code: int = MISTAKE) -> int:
-    STDERR.print(f"hulldown: {escape(shortened(problem, LONGEST_LINE))}", soft_wrap=True)
+def _print_refusal(problem: str, code: int = MISTAKE) -> int:
+    STDERR.print(f"hulldown: {escape(shorten_text(problem, LONGEST_LINE))}", soft_wrap=True)
     return code
 
 

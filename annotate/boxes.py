@@ -50,17 +50,17 @@ from numpy.typing import ArrayLike
 
 from hulldown.annotate.clipping import extremes_of_mesh
 from hulldown.annotate.curves import CurvedView, extremes_of_curved
-from hulldown.annotate.posing import PosedParts, move
+from hulldown.annotate.posing import PosedParts, transform_parts
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 
 MAX_BATCH_POSES = 4096  # poses whose matrices are in memory at a time
 MAX_COORDINATE_PX = 1e9  # pixels: limit of a lens's polynomial far off its axis, for numbers that plans can store
 CLEAR_MARGIN_PX = 1e-6  # pixels outside the image beyond which rounding can't move a point into it
-BLOCK = 1 << 15  # points moved at a time, which stay in the second-level cache
+POINTS_PER_BLOCK = 1 << 15  # points moved at a time, which stay in the second-level cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -104,8 +104,8 @@ def surface_box(
     >>> surface_box(triangle, [[0, 1, 2]], camera).round(6).tolist()
     [288.0, 208.0, 64.0, 64.0]
     """
-    vertices = checked(vertices_world, "vertices_world", ("v", 3))
-    triangles = checked(faces, "faces", ("f", 3), dtype=np.int64)
+    vertices = checked_array(vertices_world, "vertices_world", ("v", 3))
+    triangles = checked_array(faces, "faces", ("f", 3), dtype=np.int64)
     if len(triangles) and not 0 <= triangles.min() <= triangles.max() < len(vertices):
         raise ValueError(f"faces: expected indices below {len(vertices)}, got {triangles.min()} to {triangles.max()}")
     # The position is subtracted first: far from the origin a product with the whole matrix would lose digits.
@@ -113,9 +113,9 @@ def surface_box(
     triangles = number.reshape(-1, 3)
     points = (camera.world_from_camera[:3, :3].T @ (vertices[used] - camera.position).T).copy()
     intrinsics = camera.lenses
-    if intrinsics.distorted:
-        return _known(_curved_box(points, triangles, intrinsics, frame=frame))
-    return _known(_xywh(extremes_of_mesh(points, triangles, Frustum(intrinsics, frame=frame))))
+    if intrinsics.is_distorted:
+        return _is_known(_curved_box(points, triangles, intrinsics, frame=frame))
+    return _is_known(_extremes_box(extremes_of_mesh(points, triangles, Frustum(intrinsics, frame=frame))))
 
 
 class VehicleBoxes:
@@ -172,9 +172,9 @@ class VehicleBoxes:
         -------
         xywh in continuous pixels, or None if no surface counts.
         """
-        pose = checked(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
+        pose = checked_array(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
         found = self.boxes(pose, camera.at_poses(camera.world_from_camera[None]), [articulation or {}])
-        return _known((found.xywh if frame else found.amodal)[0])
+        return _is_known((found.xywh if frame else found.amodal)[0])
 
     def boxes(
         self,
@@ -193,7 +193,7 @@ class VehicleBoxes:
         articulations
             One for each, part name -> radians, or (n, p) angles; none: all parts at rest.
         """
-        vehicles = checked(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
+        vehicles = checked_array(world_from_vehicle, "world_from_vehicle", ("n", 4, 4))
         n, lenses = len(vehicles), cameras.lenses
         turned = [{}] * n if articulations is None else articulations
         for name, given in (("cameras", cameras), ("articulations", turned)):
@@ -206,11 +206,11 @@ class VehicleBoxes:
             camera_from_parts = self._parts.camera_from_parts(
                 vehicles[rows], cameras.world_from_camera[rows], angles[rows]
             )
-            if lenses.distorted:
+            if lenses.is_distorted:
                 for i, pose in enumerate(camera_from_parts, start=start):
                     xywh[i], amodal[i] = self._curved_boxes(pose, lenses)
                 continue
-            hull, nearest, farthest = self._hull(camera_from_parts, lenses.take(rows))
+            hull, nearest, farthest = self._hull_extremes(camera_from_parts, lenses.take(rows))
             low, high = hull[:, 0], hull[:, 1]
             boxes = np.concatenate([low, high - low], axis=1)
             in_front = nearest >= NEAR_M  # wholly; so are the others
@@ -221,7 +221,7 @@ class VehicleBoxes:
                 for i in np.flatnonzero(~known & (farthest >= NEAR_M)).tolist():
                     frustum = Frustum(lenses.take(np.array(start + i)), frame=frame)
                     points = self._points(camera_from_parts[i])
-                    out[start + i] = _xywh(extremes_of_mesh(points, self._parts.faces, frustum))
+                    out[start + i] = _extremes_box(extremes_of_mesh(points, self._parts.faces, frustum))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
     def _curved_boxes(
@@ -237,18 +237,18 @@ class VehicleBoxes:
         return _curved_box(points, faces, intrinsics, frame=True) if may_show else np.full(4, np.nan), amodal
 
     def _points(self, camera_from_parts: Float[np.ndarray, "p 3 4"]) -> Float[np.ndarray, "3 v"]:
-        return move(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
+        return transform_parts(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
 
-    def _hull(
+    def _hull_extremes(
         self, camera_from_parts: Float[np.ndarray, "n p 3 4"], intrinsics: Intrinsics
     ) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Low and high corners in pixels of n convex hulls, valid for those in front; least and largest depth."""
         n = len(camera_from_parts)
         nearest, farthest, extremes = np.empty(n), np.empty(n), np.empty((n, 4))
-        step = max(1, BLOCK // self._parts.extreme.shape[1])
+        step = max(1, POINTS_PER_BLOCK // self._parts.extreme.shape[1])
         for start in range(0, n, step):
             rows = slice(start, start + step)
-            x, y, z = move(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[rows])
+            x, y, z = transform_parts(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[rows])
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 x /= z
                 y /= z
@@ -264,15 +264,15 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
 
     For a box without width or height the other side alone counts. It's 1 if `xywh` is nan: out of the image.
     """
-    inner = checked(xywh, "xywh", ("...", 4), finite=False)
-    outer = checked(amodal, "amodal", ("...", 4), finite=False)
+    inner = checked_array(xywh, "xywh", ("...", 4), finite=False)
+    outer = checked_array(amodal, "amodal", ("...", 4), finite=False)
     with np.errstate(invalid="ignore", divide="ignore"):
         sides = np.where(outer[..., 2:] > 0.0, inner[..., 2:] / outer[..., 2:], 1.0)
     share = np.where(np.isnan(inner[..., 0]), 0.0, sides[..., 0] * sides[..., 1])
     return np.asarray(np.clip(1.0 - share, 0.0, 1.0))
 
 
-def _xywh(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
+def _extremes_box(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
     """Return the box between extremes, nan if they are empty."""
     empty = not extremes[0] <= extremes[2]
     return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
@@ -282,10 +282,10 @@ def _curved_box(
     points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], intrinsics: Intrinsics, *, frame: bool
 ) -> Float[np.ndarray, "4"]:
     """Return the box of a mesh in the camera's frame through a distorting lens; nan if nothing counts."""
-    return _xywh(
+    return _extremes_box(
         np.clip(extremes_of_curved(points, faces, CurvedView(intrinsics, frame)), -MAX_COORDINATE_PX, MAX_COORDINATE_PX)
     )
 
 
-def _known(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:
+def _is_known(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:
     return None if np.isnan(box[0]) else box

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-from hulldown.camera.frustum import Frustum, distance_from
+from hulldown.camera.frustum import Frustum, plane_distance
 
 EMPTY = np.array([np.inf, np.inf, -np.inf, -np.inf])
 
@@ -23,20 +23,20 @@ def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustu
 
     Every point is a corner of a triangle. Only triangles that straddle a plane are clipped.
     """
-    outside = frustum.outside(points)
+    outside = frustum.outside_bits(points)
     a, b, c = outside[faces[:, 0]], outside[faces[:, 1]], outside[faces[:, 2]]
     straddling = faces[((a | b | c) != 0) & ((a & b & c) == 0)]
     whole = extremes_of_points(frustum.project(points.compress(outside == 0, axis=1)))
-    points, _, on = clipped(points[:, straddling], frustum.planes)
+    points, _, on = clip_triangles(points[:, straddling], frustum.planes)
     pixels = frustum.project(points)
     # A corner cut by an edge of the image is exactly on it.
     width, height = frustum.intrinsics.size.tolist()
     for bit, (axis, side) in enumerate(((0, 0.0), (0, width), (1, 0.0), (1, height)), start=1):
         pixels[axis, on >> bit & 1 == 1] = side
-    return union(whole, extremes_of_points(pixels))
+    return union_boxes(whole, extremes_of_points(pixels))
 
 
-def clipped(
+def clip_triangles(
     triangles: Float[np.ndarray, "3 f 3"], planes: Float[np.ndarray, "k 4"]
 ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
     """Return corners of triangles clipped by planes, each one's polygon, and as bits the planes that it was cut by.
@@ -53,7 +53,7 @@ def clipped(
     for i, plane in enumerate(planes):
         if not len(polygon):
             break
-        distance = distance_from(plane, points)
+        distance = plane_distance(plane, points)
         inside = distance >= 0.0
         if inside.all():
             continue
@@ -75,7 +75,7 @@ def clipped(
     return points, polygon, on
 
 
-def union(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
+def union_boxes(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
     """Return the smallest box around two; either may be empty."""
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 

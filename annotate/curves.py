@@ -15,9 +15,9 @@ from functools import reduce
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.annotate.clipping import clipped, extremes_of_points, next_corner, union
+from hulldown.annotate.clipping import clip_triangles, extremes_of_points, next_corner, union_boxes
 from hulldown.camera.cameras import NEAR_M
-from hulldown.camera.distortion import bend, distorted
+from hulldown.camera.distortion import distort_points, max_bend
 from hulldown.camera.frustum import NEAR_PLANE
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.portable import sin_cos
@@ -42,7 +42,7 @@ class CurvedView:
 
     def pixels(self, unit: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "2 n"]:
         """Return pixels of points at unit depth, in the image or not."""
-        across, down = distorted(unit.T, self.intrinsics.distortion).T
+        across, down = distort_points(unit.T, self.intrinsics.distortion).T
         (fx, fy), (cx, cy) = self.intrinsics.focal.tolist(), self.intrinsics.center.tolist()
         return np.stack([across * fx + cx, down * fy + cy])
 
@@ -58,16 +58,16 @@ class CurvedView:
         `square`, `farthest`: the greatest length squared of a line, and distance from the axis, at unit depth.
         """
         # A curve is no farther from its chord than an eighth of its greatest second derivative.
-        sagitta = square * bend(farthest, self.intrinsics.distortion) / 8.0
+        sagitta = square * max_bend(farthest, self.intrinsics.distortion) / 8.0
         sagitta = self.intrinsics.focal[:, None] * sagitta
         low, high = reduce(np.minimum, pixels) - sagitta, reduce(np.maximum, pixels) + sagitta
         if self.frame:
             low, high = np.maximum(low, 0.0), np.minimum(high, self.intrinsics.size[:, None])
-        gain = _beyond(best, low, high)
+        gain = _box_excess(best, low, high)
         gain[(low[0] > high[0]) | (low[1] > high[1])] = 0.0
         return gain, low, high
 
-    def inside(self, pixels: Float[np.ndarray, "2 n"]) -> Bool[np.ndarray, " n"]:
+    def are_inside(self, pixels: Float[np.ndarray, "2 n"]) -> Bool[np.ndarray, " n"]:
         """Return which pixels are in the image, if its sides count."""
         (u, v), (width, height) = pixels, self.intrinsics.size.tolist()
         return (u >= 0.0) & (u <= width) & (v >= 0.0) & (v <= height) if self.frame else np.isfinite(u)
@@ -80,25 +80,25 @@ def extremes_of_curved(
     ahead = points[2] >= NEAR_M
     unit = points[:2] / np.where(ahead, points[2], 1.0)
     radius = view.radius
-    known = ahead & (_square(unit) <= radius * radius)
+    known = ahead & (_axis_distance_squared(unit) <= radius * radius)
     pixels = np.full_like(unit, np.nan)
     pixels[:, known] = view.pixels(unit[:, known])
     corners = np.ascontiguousarray(faces.T)
     corners_ahead = ahead[corners]
     whole, some = corners_ahead.all(axis=0), corners_ahead.any(axis=0)
-    best = extremes_of_points(pixels.compress(view.inside(pixels), axis=1))
+    best = extremes_of_points(pixels.compress(view.are_inside(pixels), axis=1))
     near_border = _may_widen(best, unit, pixels, corners.compress(whole, axis=1), view)
-    clipped_points, polygon, _ = clipped(points[:, faces[some & ~whole]], NEAR_PLANE)
+    clipped_points, polygon, _ = clip_triangles(points[:, faces[some & ~whole]], NEAR_PLANE)
     flat = clipped_points[:2] / clipped_points[2]
     start = np.concatenate([unit.take(near_border.ravel(), axis=1), flat], axis=1)
     end = np.concatenate([unit.take(near_border[[1, 2, 0]].ravel(), axis=1), flat[:, next_corner(polygon)]], axis=1)
     start, end = _clip_to_disk(start, end, radius)
-    best = _widened(best, [start, end, view.pixels(start), view.pixels(end)], view)
+    best = _widen_box(best, [start, end, view.pixels(start), view.pixels(end)], view)
     if view.frame or math.isfinite(radius):
         every = points.take(corners.compress(some, axis=1), axis=1)
-        for spot, at in zip(*_special(view, radius), strict=True):
-            if _beyond(best, at[:, None], at[:, None]).max() > 0.0 and _covers(every, spot):
-                best = union(best, np.concatenate([at, at]))
+        for spot, at in zip(*_interior_extremes(view, radius), strict=True):
+            if _box_excess(best, at[:, None], at[:, None]).max() > 0.0 and _covers_ray(every, spot):
+                best = union_boxes(best, np.concatenate([at, at]))
     return best
 
 
@@ -112,25 +112,27 @@ def _may_widen(
     """Return the corners of the faces whose images may reach beyond a box."""
     places = [unit.take(corner, axis=1) for corner in corners]
     low, high = reduce(np.minimum, places), reduce(np.maximum, places)
-    near = _square(np.maximum(np.maximum(low, -high), 0.0)) <= view.radius**2
+    near = _axis_distance_squared(np.maximum(np.maximum(low, -high), 0.0)) <= view.radius**2
     if not near.all():
         corners, low, high = (columns.compress(near, axis=1) for columns in (corners, low, high))
-    farthest = np.sqrt(_square(np.maximum(-low, high)))
-    gain, _, _ = view.gain(best, [pixels.take(corner, axis=1) for corner in corners], _square(high - low), farthest)
+    farthest = np.sqrt(_axis_distance_squared(np.maximum(-low, high)))
+    gain, _, _ = view.gain(
+        best, [pixels.take(corner, axis=1) for corner in corners], _axis_distance_squared(high - low), farthest
+    )
     return corners.compress(~(gain <= 0.0), axis=1)  # nan where a corner isn't seen
 
 
-def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: CurvedView) -> Float[np.ndarray, "4"]:
+def _widen_box(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: CurvedView) -> Float[np.ndarray, "4"]:
     """Return the box with the images of straight lines at unit depth in it: starts, ends, and the pixels of both."""
     for _ in range(MAX_HALVINGS):
         start, end, first, last = lines
         for pixels in (first, last):
-            best = union(best, extremes_of_points(pixels.compress(view.inside(pixels), axis=1)))
-        farthest = np.sqrt(np.maximum(_square(start), _square(end)))
-        gain, low, high = view.gain(best, (first, last), _square(end - start), farthest)
+            best = union_boxes(best, extremes_of_points(pixels.compress(view.are_inside(pixels), axis=1)))
+        farthest = np.sqrt(np.maximum(_axis_distance_squared(start), _axis_distance_squared(end)))
+        gain, low, high = view.gain(best, (first, last), _axis_distance_squared(end - start), farthest)
         nearly = (gain > 0.0) & (gain <= BOX_TOLERANCE_PX)
         some = low[:, nearly].min(axis=1, initial=np.inf), high[:, nearly].max(axis=1, initial=-np.inf)
-        best = union(best, np.concatenate(some))
+        best = union_boxes(best, np.concatenate(some))
         left = gain > BOX_TOLERANCE_PX
         if not left.any():
             break
@@ -141,12 +143,12 @@ def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: Curved
     return best
 
 
-def _square(points: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "*n"]:
+def _axis_distance_squared(points: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "*n"]:
     """Return squares of the distances of points from the axis."""
     return points[0] * points[0] + points[1] * points[1]
 
 
-def _beyond(
+def _box_excess(
     best: Float[np.ndarray, "4"], low: Float[np.ndarray, "2 n"], high: Float[np.ndarray, "2 n"]
 ) -> Float[np.ndarray, " n"]:
     """Return how far boxes reach beyond another, where it's farthest; infinite if that one is empty."""
@@ -161,7 +163,11 @@ def _clip_to_disk(
     if math.isinf(radius) or not start.size:
         return start, end
     along = end - start
-    a, b, c = _square(along), start[0] * along[0] + start[1] * along[1], _square(start) - radius * radius
+    a, b, c = (
+        _axis_distance_squared(along),
+        start[0] * along[0] + start[1] * along[1],
+        _axis_distance_squared(start) - radius * radius,
+    )
     root = b * b - a * c
     met = (root >= 0.0) & ((a > 0.0) | (c <= 0.0))
     start, end, along = start[:, met], end[:, met], along[:, met]
@@ -172,7 +178,7 @@ def _clip_to_disk(
     return np.where(first > 0.0, start + first * along, start), np.where(last < 1.0, start + last * along, end)
 
 
-def _special(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
+def _interior_extremes(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
     """Return points at unit depth, and their pixels, where what is seen ends and may be extreme inside a triangle.
 
     They are the image's corners, or the extremes on the circle of the fold.
@@ -194,7 +200,7 @@ def _special(view: CurvedView, radius: float) -> tuple[Float[np.ndarray, "4 2"],
     return spots, view.pixels(spots.T).T
 
 
-def _covers(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
+def _covers_ray(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
     """Return whether a triangle in front of the near plane lies on the ray through a point at unit depth."""
     x, y = spot.tolist()
     across, down = triangles[0] - x * triangles[2], triangles[1] - y * triangles[2]

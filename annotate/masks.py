@@ -9,28 +9,28 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 from pycocotools import mask as rle_codec
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 
 LONGEST_NUMBER = 7  # characters of a run length: 35 bits
 MOST_PIXELS = 2**32 - 1  # of an image with polygons: pycocotools counts in 32 bits
 MAX_CORNER_PX = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
 
 
-def encode(mask: ArrayLike) -> dict[str, object]:
+def encode_mask(mask: ArrayLike) -> dict[str, object]:
     """Return a mask (h, w) as COCO's compressed run lengths, ready for JSON."""
-    pixels = checked(mask, "mask", ("h", "w"), dtype=np.bool_)
+    pixels = checked_array(mask, "mask", ("h", "w"), dtype=np.bool_)
     record = rle_codec.encode(np.asfortranarray(pixels, dtype=np.uint8))
     return {"size": [int(n) for n in record["size"]], "counts": record["counts"].decode("ascii")}
 
 
-def decode(segmentation: object, width: int, height: int) -> Bool[np.ndarray, "h w"]:
+def decode_mask(segmentation: object, width: int, height: int) -> Bool[np.ndarray, "h w"]:
     """Return a COCO segmentation as a mask: run lengths, compressed or not, or a list of polygons."""
     counts = run_lengths(segmentation, width, height)
     return np.repeat(np.arange(len(counts)) % 2 == 1, counts).reshape(width, height).T
 
 
 def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray, " n"]:
-    """Return a COCO segmentation as run lengths, column by column, background first; errors of `decode`.
+    """Return a COCO segmentation as run lengths, column by column, background first; errors of `decode_mask`.
 
     They are few however large the image is.
     """
@@ -41,7 +41,7 @@ def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray
         if isinstance(given, list) and all(isinstance(n, int) and 0 <= n <= width * height for n in given):
             counts = np.array(given, dtype=np.int64)
         elif isinstance(given, str):
-            counts = _counts(given)
+            counts = _parse_counts(given)
         else:
             raise ValueError(f"segmentation: expected run lengths under 'counts', got {given!r:.60}")
         if (counts < 0).any() or counts.sum() != width * height:
@@ -51,20 +51,20 @@ def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray
         raise ValueError("segmentation: expected polygons of at least three points (x1, y1, x2, y2, ...)")
     if width * height > MOST_PIXELS:
         raise ValueError(f"segmentation: expected polygons in an image of {MOST_PIXELS} pixels at most")
-    return _counts(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))["counts"].decode("ascii"))
+    return _parse_counts(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))["counts"].decode("ascii"))
 
 
-def runs(segmentation: object, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Return where each run of a COCO segmentation's pixels begins and ends, column by column; errors of `decode`."""
+def run_ends(segmentation: object, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+    """Return where each run of a COCO segmentation's pixels begins and ends, by columns; errors of `decode_mask`."""
     ends = np.cumsum(run_lengths(segmentation, width, height))
     first, end = ends[:-1:2], ends[1::2]
     first, end = first[end > first], end[end > first]
     return first, end
 
 
-def covers(outer: object, inner: object, width: int, height: int) -> bool:
-    """Return whether a COCO segmentation has all pixels of another, without decoding them; errors of `decode`."""
-    (first, end), (start, stop) = runs(outer, width, height), runs(inner, width, height)
+def covers_mask(outer: object, inner: object, width: int, height: int) -> bool:
+    """Return whether a COCO segmentation has all pixels of another, without decoding them; errors of `decode_mask`."""
+    (first, end), (start, stop) = run_ends(outer, width, height), run_ends(inner, width, height)
     ends, pixels = np.stack([first, end], axis=1).ravel(), np.cumsum(end - first)
     counted = np.stack([pixels - (end - first), pixels], axis=1).ravel()  # pixels of `outer` before each end
     if not len(ends):
@@ -72,9 +72,9 @@ def covers(outer: object, inner: object, width: int, height: int) -> bool:
     return bool((np.interp(stop, ends, counted) - np.interp(start, ends, counted) == stop - start).all())
 
 
-def extent(segmentation: object, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
-    """Area and `mask_box` of a COCO segmentation, without decoding it; errors of `decode`."""
-    first, end = runs(segmentation, width, height)
+def area_and_box(segmentation: object, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
+    """Area and `mask_box` of a COCO segmentation, without decoding it; errors of `decode_mask`."""
+    first, end = run_ends(segmentation, width, height)
     if not len(first):
         return 0, None
     left, right = first // height, (end - 1) // height
@@ -85,7 +85,7 @@ def extent(segmentation: object, width: int, height: int) -> tuple[int, Float[np
     return int((end - first).sum()), box
 
 
-def _counts(text: str) -> Int[np.ndarray, " n"]:
+def _parse_counts(text: str) -> Int[np.ndarray, " n"]:
     """Read run lengths from COCO's compressed text; pycocotools writes past its memory if they are damaged.
 
     A number has five bits a character, lowest first, plus 32 on all but its last. From the fourth number on, it's the
@@ -123,7 +123,7 @@ def mask_box(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "4"] | None:
     return np.array([x, y, columns[-1] + 1.0 - x, rows[-1] + 1.0 - y])
 
 
-def iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
+def mask_iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
     """Shared pixels over all pixels of two masks; 1 for two empty ones."""
     either = np.count_nonzero(a | b)
     return float(np.count_nonzero(a & b) / either) if either else 1.0

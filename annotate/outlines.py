@@ -9,12 +9,12 @@ import contourpy
 import numpy as np
 from jaxtyping import Bool, Float
 
-from hulldown.annotate.masks import decode
+from hulldown.annotate.masks import decode_mask
 
 Ring = Float[np.ndarray, "_ 2"]
 
 
-def polygons(segmentation: object, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
+def mask_polygons(segmentation: object, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
     """Return a COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
 
     The outline runs half way between the centers of pixels in the mask and out of it.
@@ -25,21 +25,21 @@ def polygons(segmentation: object, width: int, height: int, *, within: float = 0
 
     Examples
     --------
-    >>> polygons({"size": [4, 4], "counts": [5, 2, 2, 2, 5]}, 4, 4, within=0.6)
+    >>> mask_polygons({"size": [4, 4], "counts": [5, 2, 2, 2, 5]}, 4, 4, within=0.6)
     [[1.0, 1.5, 2.5, 1.0, 3.0, 2.5, 1.5, 3.0]]
     """
     if not within >= 0.0:
         raise ValueError(f"within: expected pixels, at least 0, got {within!r}")
     corners = []
-    for rings in _pieces(decode(segmentation, width, height)):
-        outer, *holes = (simplified(ring, within) for ring in rings)
+    for rings in _piece_outlines(decode_mask(segmentation, width, height)):
+        outer, *holes = (simplify_ring(ring, within) for ring in rings)
         if len(outer) >= 3:
-            whole = bridged([outer, *(hole for hole in holes if len(hole) >= 3)])
+            whole = bridge_rings([outer, *(hole for hole in holes if len(hole) >= 3)])
             corners.append([float(number) for number in np.round(whole, 3).ravel()])
     return corners
 
 
-def bridged(rings: Sequence[Ring]) -> Ring:
+def bridge_rings(rings: Sequence[Ring]) -> Ring:
     """Several rings as one, tied together by bridges without width where they come nearest to the first.
 
     `rings`: corners each, in pixels, the last not repeating the first.
@@ -53,7 +53,7 @@ def bridged(rings: Sequence[Ring]) -> Ring:
     return whole
 
 
-def simplified(ring: Ring, within: float) -> Ring:
+def simplify_ring(ring: Ring, within: float) -> Ring:
     """Drop corners of a ring that are within a distance of the line between the kept ones.
 
     References
@@ -89,7 +89,7 @@ def _from_line(points: Ring, start: Float[np.ndarray, "2"], end: Float[np.ndarra
     return np.sqrt(((points - start - share[:, None] * along) ** 2).sum(axis=1))
 
 
-def _pieces(mask: Bool[np.ndarray, "h w"]) -> list[list[Ring]]:
+def _piece_outlines(mask: Bool[np.ndarray, "h w"]) -> list[list[Ring]]:
     """Return the outline of each piece of a mask, then those of its holes, in pixels."""
     if not mask.any():
         return []

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
-from hulldown.geometry.transforms import compose, product
+from hulldown.geometry.transforms import compose_affine, matrix_product
 
 NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may be extreme in its place by rounding
 
@@ -20,7 +20,7 @@ class PosedParts:
 
     def __init__(self, shape: VehicleShape) -> None:
         def part_slices(part: Int[np.ndarray, " n"]) -> list[slice]:
-            return slices(np.searchsorted(part, np.arange(len(shape.part_names) + 1)))
+            return end_slices(np.searchsorted(part, np.arange(len(shape.part_names) + 1)))
 
         surface, vertex_part = shape.surface
         used = np.unique(surface.faces)
@@ -35,7 +35,7 @@ class PosedParts:
         self.face_slices = part_slices(face_part[by_part])
         hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX) for s in self.vertex_slices]
         self.extreme: Float[np.ndarray, "3 h"] = np.ascontiguousarray(self.vertices[:, np.concatenate(hulls)])
-        self.extreme_slices = slices(np.cumsum([0, *(len(hull) for hull in hulls)]))
+        self.extreme_slices = end_slices(np.cumsum([0, *(len(hull) for hull in hulls)]))
         self.shape = shape
 
     def camera_from_parts(
@@ -47,16 +47,16 @@ class PosedParts:
         """Poses of each part in the camera's frame."""
         camera_axes = np.swapaxes(world_from_camera[:, :3, :3], 1, 2)
         camera_from_vehicle = np.empty((len(world_from_vehicle), 3, 4))
-        camera_from_vehicle[:, :, :3] = product(camera_axes, world_from_vehicle[:, :3, :3])
+        camera_from_vehicle[:, :, :3] = matrix_product(camera_axes, world_from_vehicle[:, :3, :3])
         # The difference first: far from the origin the digits are in it.
         apart = world_from_vehicle[:, :3, 3] - world_from_camera[:, :3, 3]
-        camera_from_vehicle[:, :, 3] = product(camera_axes, apart[:, :, None])[:, :, 0]
+        camera_from_vehicle[:, :, 3] = matrix_product(camera_axes, apart[:, :, None])[:, :, 0]
         if not angles.any():
             return np.broadcast_to(camera_from_vehicle[:, None], (*angles.shape, 3, 4))
-        return compose(camera_from_vehicle[:, None], self.shape.vehicle_from_parts(angles)[:, :, :3])
+        return compose_affine(camera_from_vehicle[:, None], self.shape.vehicle_from_parts(angles)[:, :, :3])
 
 
-def move(
+def transform_parts(
     points: Float[np.ndarray, "3 v"], slices: Sequence[slice], b_from_parts: Float[np.ndarray, "n p 3 4"]
 ) -> Float[np.ndarray, "3 n v"]:
     """Return points of all parts in n frames.
@@ -79,6 +79,6 @@ def move(
     return moved
 
 
-def slices(ends: Int[np.ndarray, " n"]) -> list[slice]:
+def end_slices(ends: Int[np.ndarray, " n"]) -> list[slice]:
     """Return the ranges between consecutive ends."""
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]

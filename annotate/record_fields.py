@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from hulldown.annotate.coco_types import Record
-from hulldown.base.outside import typed
+from hulldown.base.outside import parse_value
 
 Pixel = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Side = Annotated[float, Meta(ge=0, le=1e9)]
@@ -89,10 +89,10 @@ def fields_of(record: Record, kind: type[Declared]) -> Declared:
     'hills'
     """
     try:
-        return typed(record, kind)
+        return parse_value(record, kind)
     except ValueError:
         wrong = {key for key, _ in _misfits(record, kind)}
-        return typed({key: value for key, value in record.items() if key not in wrong}, kind)
+        return parse_value({key: value for key, value in record.items() if key not in wrong}, kind)
 
 
 def misfits(record: Record, kind: type[Struct]) -> Iterator[str]:
@@ -103,7 +103,7 @@ def misfits(record: Record, kind: type[Struct]) -> Iterator[str]:
 def _misfits(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueError]]:
     """Yield each such field with its error."""
     try:
-        typed(record, kind)
+        parse_value(record, kind)
         return
     except ValueError:
         pass
@@ -111,7 +111,7 @@ def _misfits(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueErr
         if key not in record and optional:
             continue
         try:
-            typed(record.get(key), hint)
+            parse_value(record.get(key), hint)
         except ValueError as error:
             yield key, error
 

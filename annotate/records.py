@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import CategoryKeypoints, Declared, LabelRecord, Optics, Pose, fields_of
-from hulldown.base.outside import typed
+from hulldown.base.outside import parse_value
 from hulldown.camera.intrinsics import Intrinsics
 
 
@@ -95,7 +95,7 @@ class Image:
     def intrinsics(self) -> Intrinsics | None:
         """The camera; None if the record has none that can be used."""
         try:
-            optics = typed(self.record, Optics)
+            optics = parse_value(self.record, Optics)
             return Intrinsics.of_fields(*self.size, fov_x_deg=optics.fov_x_deg, K=optics.K, dist=optics.dist)
         except ValueError:
             return None

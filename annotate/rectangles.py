@@ -10,8 +10,8 @@ import shapely
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.annotate.masks import runs
-from hulldown.geometry.arrays import checked
+from hulldown.annotate.masks import run_ends
+from hulldown.geometry.arrays import checked_array
 
 ROUNDING_PX = 1e-5  # pixels: more than sides and angles are rounded by
 _UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
@@ -38,12 +38,12 @@ def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.nd
     return np.array([*around.mean(axis=0), max(sides), min(sides), angle])
 
 
-def fits(rectangle: ArrayLike, segmentation: object, width: int, height: int) -> bool:
+def is_smallest_rectangle(rectangle: ArrayLike, segmentation: object, width: int, height: int) -> bool:
     """Return whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three.
 
     Parameters and errors as of `mask_rectangle`.
     """
-    given = checked(rectangle, "rectangle", (5,))
+    given = checked_array(rectangle, "rectangle", (5,))
     smallest = mask_rectangle(segmentation, width, height)
     if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > ROUNDING_PX * (
         1.0 + smallest[2:4].sum()
@@ -57,7 +57,7 @@ def fits(rectangle: ArrayLike, segmentation: object, width: int, height: int) ->
 
 def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.ndarray, "n 2"]:
     """Return corners of pixels of a mask, those of its convex hull among them."""
-    first, end = runs(segmentation, width, height)
+    first, end = run_ends(segmentation, width, height)
     left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1
     # A run that goes through several columns is a bar in the first, one in the last, and a block between them.
     one_column, full = left == right, np.full(len(first), height)
@@ -78,7 +78,7 @@ def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:
     >>> rectangle_corners([2.0, 1.0, 4.0, 2.0, 0.0]).tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]]
     """
-    given = checked(rectangles, "rectangles", ("...", 5))
+    given = checked_array(rectangles, "rectangles", ("...", 5))
     angle = given[..., 4, None]
     x, y = np.moveaxis(_UNIT * given[..., None, 2:4], -1, 0)
     turned = np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)], axis=-1)

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 
 from hulldown.annotate.visibility import TOUCHING_M
 from hulldown.camera.cameras import NEAR_M, Cameras
-from hulldown.geometry.arrays import checked
-from hulldown.geometry.indices import numbered
-from hulldown.geometry.transforms import rotate
+from hulldown.geometry.arrays import checked_array
+from hulldown.geometry.indices import group_and_rank
+from hulldown.geometry.transforms import rotate_vectors
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
@@ -30,8 +30,8 @@ def vehicle_masks(
     """
     size = np.array([camera.lenses.width, camera.lenses.height])
     whole, mask = np.zeros((2, *size[::-1]), dtype=bool)
-    box = np.append([0.0, 0.0], size) if xywh is None else checked(xywh, "xywh", (4,))
-    first, end = _pixels_in(box, size)
+    box = np.append([0.0, 0.0], size) if xywh is None else checked_array(xywh, "xywh", (4,))
+    first, end = _box_pixels(box, size)
     rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
     if not len(rows):
         return whole, mask
@@ -52,20 +52,20 @@ def show_pixels(
 ) -> Bool[np.ndarray, " n"]:
     """Return whether any pixel's center shows each camera's subject; a few pixels are tested first."""
     shown = np.zeros(len(xywh), dtype=bool)
-    first, end = _pixels_in(xywh, cameras.lenses.size)
+    first, end = _box_pixels(xywh, cameras.lenses.size)
     width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
     few = pixels // FIRST_LOOK + 1
 
     def look(rows: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
         """Test every step-th pixel of these cameras' boxes."""
         count = -(-pixels[rows] // step)
-        row, number = numbered(count)
+        row, number = group_and_rank(count)
         pixel = number * step[row]
         camera = rows[row]
         uv = np.stack([pixel % width[camera], pixel // width[camera]], axis=1) + first[camera] + 0.5
         each = cameras.take(camera)
         poses, along = each.world_from_camera, each.lenses.pixel_directions(uv[:, None])
-        along = rotate(poses[:, :3, :3], along)[:, 0]
+        along = rotate_vectors(poses[:, :3, :3], along)[:, 0]
         start, distance = poses[:, :3, 3] + NEAR_M * along, np.full(len(row), np.inf)
         for subject in subjects:
             met = subject.take(rows).cast(start, along, row=row)
@@ -85,7 +85,7 @@ def show_pixels(
     return shown
 
 
-def _pixels_in(
+def _box_pixels(
     xywh: Float[np.ndarray, "... 4"], size: Shaped[np.ndarray, "... 2"]
 ) -> tuple[Int[np.ndarray, "... 2"], Int[np.ndarray, "... 2"]]:
     """First column and row, and those after the last, of the pixels whose centers are in boxes."""

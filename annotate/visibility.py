@@ -12,8 +12,8 @@ from jaxtyping import Float, Int
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.indices import numbered
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.indices import group_and_rank
+from hulldown.geometry.transforms import transform_points
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
@@ -72,7 +72,7 @@ def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
     rows = max(1, round(math.sqrt(n)))
     columns = np.full(rows, n // rows)
     columns[: n % rows] += 1
-    row, column = numbered(columns)
+    row, column = group_and_rank(columns)
     # A row is as high as its share of the cells.
     top = (np.cumsum(columns) - columns)[row] / n
     uniform = rng.random((n, 2))
@@ -89,9 +89,9 @@ def _count(
     n, r, world_from_camera, lenses = len(cameras), len(pattern), cameras.world_from_camera, cameras.lenses
     low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
     for subject in subjects:
-        camera, parts = subject.seen_from(world_from_camera)
+        camera, parts = subject.parts_in_cameras(world_from_camera)
         for part, pose in parts:
-            box = box_at_unit_depth(apply(pose, part.around))
+            box = box_at_unit_depth(transform_points(pose, part.around))
             low[camera] = np.minimum(low[camera], box[:, 0])
             high[camera] = np.maximum(high[camera], box[:, 1])
     first, last = lenses.window
@@ -101,7 +101,7 @@ def _count(
         distance = np.minimum(distance, subject.first_hits(camera_rays, world_from_camera, asked).distance)
     met = np.flatnonzero(np.isfinite(distance))
     reach = np.where(np.isfinite(distance), distance - TOUCHING_M, -np.inf)
-    passed = world.passed(camera_rays, world_from_camera, reach=reach)[met]
+    passed = world.image_transmittance(camera_rays, world_from_camera, reach=reach)[met]
     return np.bincount(met // r, minlength=n), np.bincount(met // r, weights=passed, minlength=n), area
 
 
@@ -113,12 +113,12 @@ def _rays(
 ) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
     """Return rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
     extent = np.clip(high - low, 0.0, None)
-    if not lenses.distorted:
+    if not lenses.is_distorted:
         return CameraRays(low, extent, pattern), extent.prod(axis=1) * lenses.focal.prod(axis=-1)
     seen = (extent > 0.0).all(axis=1)
     rows, patterns = np.flatnonzero(seen), np.zeros((len(low), *pattern.shape))
     lenses, area = lenses.take(rows), np.zeros(len(low))
-    first, last = lenses.image_of(low[rows], high[rows])
+    first, last = lenses.window_image(low[rows], high[rows])
     size = np.clip(last - first, 0.0, None)
     area[rows] = size.prod(axis=1)
     at = lenses.at_unit_depth(first[:, None] + size[:, None] * pattern)

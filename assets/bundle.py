@@ -19,8 +19,8 @@ import numpy as np
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.base.files import open_regular, replacing
-from hulldown.base.outside import converted
+from hulldown.base.files import atomic_writer, open_regular
+from hulldown.base.outside import convert_value
 
 BUNDLE_FORMAT = 12  # also raised when undersides, surfaces, or extreme vertices are computed in another way
 KINDS = {VehicleShape: "vehicle", Scenery: "scenery"}
@@ -34,7 +34,7 @@ Asset = TypeVar("Asset", VehicleShape, Scenery)
 Place = tuple[str | int, ...]  # of an array: its data type, the number of its first element, and its shape
 
 
-def save(path: Path | str, asset: VehicleShape | Scenery) -> None:
+def save_asset(path: Path | str, asset: VehicleShape | Scenery) -> None:
     """Write `asset` to `path`, atomically. An array that it has several times, like a texture, is written once."""
     path, places = Path(path), dict[int, Place]()
     stored: dict[str, list[np.ndarray]] = defaultdict(list)
@@ -51,7 +51,7 @@ def save(path: Path | str, asset: VehicleShape | Scenery) -> None:
     tree = json.dumps(msgspec.to_builtins(asset, enc_hook=place))
     arrays = {kind: np.concatenate(parts) for kind, parts in stored.items()}
     path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as file:
+    with atomic_writer(path) as file:
         np.savez(
             file,
             hulldown_bundle=np.int64(BUNDLE_FORMAT),
@@ -62,16 +62,16 @@ def save(path: Path | str, asset: VehicleShape | Scenery) -> None:
 
 
 def load_vehicle(path: Path | str) -> VehicleShape:
-    """Return the vehicle that `save` wrote to `path`, bit for bit."""
-    return _load(Path(path), VehicleShape)
+    """Return the vehicle that `save_asset` wrote to `path`, bit for bit."""
+    return _load_asset(Path(path), VehicleShape)
 
 
 def load_scenery(path: Path | str) -> Scenery:
-    """Return the scenery that `save` wrote to `path`, bit for bit."""
-    return _load(Path(path), Scenery)
+    """Return the scenery that `save_asset` wrote to `path`, bit for bit."""
+    return _load_asset(Path(path), Scenery)
 
 
-def _load(path: Path, wanted: type[Asset]) -> Asset:
+def _load_asset(path: Path, wanted: type[Asset]) -> Asset:
     try:
         # Opened here, since numpy doesn't close a file that isn't an archive.
         with open_regular(path) as stream, np.load(stream, allow_pickle=False) as file:
@@ -90,7 +90,7 @@ def _load(path: Path, wanted: type[Asset]) -> Asset:
         def view(kind: str, first: int, *shape: int) -> np.ndarray:
             return np.asarray(arrays[kind][first : first + math.prod(shape)].reshape(shape))
 
-        return converted(tree, wanted, dec_hook=lambda _, place: view(*place))
+        return convert_value(tree, wanted, dec_hook=lambda _, place: view(*place))
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
     except _DAMAGE as error:

@@ -17,7 +17,7 @@ import numpy as np
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 
-GOLDEN = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
+GOLDEN_RATIO = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
 SHAPE_TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a coordinate that changes by 0.02 mm changes it more
 
 
@@ -27,12 +27,12 @@ class Fingerprint(msgspec.Struct, frozen=True):
     topology: str  # SHA-256 of all that isn't a coordinate: faces, parts, textures, and how many of each there are
     shape: float  # weighted sum of all coordinates, in meters
 
-    def agrees(self, other: Fingerprint) -> bool:
+    def agrees_with_other(self, other: Fingerprint) -> bool:
         """Return whether another fingerprint is of the same geometry."""
         return self.topology == other.topology and abs(self.shape - other.shape) <= SHAPE_TOLERANCE
 
 
-def fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
+def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
     """Return the fingerprint of an asset as it was read; names and what follows from its meshes don't count."""
     if isinstance(asset, VehicleShape):
         asset = replace(asset, underside=np.zeros((0, 0)))  # by rays, for which rounding may make the difference
@@ -42,7 +42,7 @@ def fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
         nonlocal shape, count
         topology.update(f"{array.dtype.name} {array.shape}\n".encode())
         if array.dtype.kind == "f":
-            weight = np.arange(count, count + array.size) * GOLDEN
+            weight = np.arange(count, count + array.size) * GOLDEN_RATIO
             weight -= np.floor(weight)  # modulo 1, in a tenth of the time that NumPy's `%` takes
             weight -= 0.5
             weight += np.copysign(0.5, weight)  # no coordinate counts less than half

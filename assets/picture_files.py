@@ -53,22 +53,22 @@ def _read_picture(path: Path, largest: int | None) -> PictureFile:
 
     content = read_file(path, refuse, most=DATA)
     try:
-        with _opened(content) as picture:
+        with _open_picture(content) as picture:
             width, height = picture.size
             if largest is not None and width * height > largest:
                 # Looking for EXIF data after the pixels of a PNG would decode them.
                 late = picture.format == "PNG" and "exif" not in picture.info
-                orientation = UPRIGHT_ORIENTATION if late else _orientation(picture)
+                orientation = UPRIGHT_ORIENTATION if late else _exif_orientation(picture)
                 picture.verify()
                 stored = orientation < 5 or picture.format == "TIFF"  # whose size Pillow has already turned
                 size = (width, height) if stored else (height, width)
                 return PictureFile(content, size, orientation, None)
             if width * height > MOST_PIXELS:
                 raise ValueError(f"it has {width} x {height} pixels, more than {MOST_PIXELS:,} in all")
-            orientation = _orientation(picture)
+            orientation = _exif_orientation(picture)
             picture.load()
             ImageOps.exif_transpose(picture, in_place=True)
-            return PictureFile(content, picture.size, orientation, rgb(picture))
+            return PictureFile(content, picture.size, orientation, rgb_pixels(picture))
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise refuse(error.strerror if isinstance(error, OSError) and error.strerror else error) from None
 
@@ -91,7 +91,7 @@ def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
     return f"is {width} x {height} pixels{turned}, its record has {stated[0]} x {stated[1]}"
 
 
-def rgb(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
+def rgb_pixels(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
     """Return a picture's colors as 8-bit RGB, scaled by its bit depth.
 
     Transparency is ignored. Integers of 16 and 32 bits are scaled from their whole range, floats from 0 to 1.
@@ -101,30 +101,30 @@ def rgb(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
         values = np.asarray(picture, dtype=np.float64)
         if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
             raise ValueError("its floating point values are not all from 0 to 1")
-        return _gray(values)
+        return _gray_levels(values)
     if mode == "I" and picture.format == "TIFF":
         if picture.getexif().get(Base.SampleFormat, (1,)) != (1,):
             raise ValueError("its integers are signed")
-        return _gray(np.asarray(picture, dtype=np.int32).view(np.uint32) / _THIRTY_TWO)
+        return _gray_levels(np.asarray(picture, dtype=np.int32).view(np.uint32) / _THIRTY_TWO)
     if mode == "I" or mode.startswith("I;16"):  # Pillow scales PGM, and before version 11 PNG, to 16 bits in "I"
-        return _gray(np.asarray(picture).astype(np.float64) / _SIXTEEN)
+        return _gray_levels(np.asarray(picture).astype(np.float64) / _SIXTEEN)
     if mode in ("La", "RGBa"):  # colors multiplied by alpha
         picture = picture.convert(mode.replace("a", "A"))
     return np.asarray(picture.convert("RGB"))
 
 
-def _gray(values: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
+def _gray_levels(values: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     if values.max(initial=0.0) > 1.0 or values.min(initial=0.0) < 0.0:
         raise ValueError("its integers have more than 16 bits")
     return np.repeat(np.rint(values * 255.0).astype(np.uint8)[..., None], 3, axis=2)
 
 
-def _orientation(picture: Image.Image) -> int:
+def _exif_orientation(picture: Image.Image) -> int:
     orientation = picture.getexif().get(Base.Orientation, UPRIGHT_ORIENTATION)
     return orientation if isinstance(orientation, int) and 1 <= orientation <= 8 else UPRIGHT_ORIENTATION
 
 
-def _opened(content: bytes) -> ImageFile.ImageFile:
+def _open_picture(content: bytes) -> ImageFile.ImageFile:
     """Open by the format's own class where it's known, since `Image.open` refuses pictures above a size."""
     file = io.BytesIO(content)
     if content.startswith(b"\x89PNG"):

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.transforms import transform_points
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -33,15 +33,15 @@ class Scenery:
     crs: str = ""  # the coordinate reference system that `origin` is in: "EPSG:32632", or WKT; "" if there is none
 
     @property
-    def solid(self) -> Bool[np.ndarray, " k"]:
+    def solid_instances(self) -> Bool[np.ndarray, " k"]:
         """(k,) instances that nothing may touch: all but grass and water."""
         return ~(self.instance_gives_way | self.instance_is_water)
 
-    def water(self) -> Mesh | None:
+    def water_surface(self) -> Mesh | None:
         """Return all water surfaces merged, or None if there is none."""
         wet = np.flatnonzero(self.instance_is_water)
         placed = [
-            Mesh(apply(self.world_from_instance[i], mesh.vertices), mesh.faces, self.instance_names[i])
+            Mesh(transform_points(self.world_from_instance[i], mesh.vertices), mesh.faces, self.instance_names[i])
             for i, mesh in ((i, self.obstacle_meshes[self.instance_mesh[i]]) for i in wet)
         ]
-        return merge(placed, name=f"water of {self.name}")[0] if placed else None
+        return merge_meshes(placed, name=f"water of {self.name}")[0] if placed else None

@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, compose, product, rotation_about
+from hulldown.geometry.transforms import axis_rotation, compose_affine, matrix_product, transform_points
 
 Articulation = Mapping[str, float]  # part name -> radians; parts not named are at rest
 
@@ -35,7 +35,7 @@ class VehicleShape:
     # affine: from the world coordinates of the file it was read from to the vehicle frame (scale to meters, up and
     # forward axis, origin), so that the renderer can place the file's own objects
     vehicle_from_file: Float[np.ndarray, "4 4"]
-    # heights of the mesh's underside, as `placement.footprint.underside` finds them; empty: not known
+    # heights of the mesh's underside, as `placement.footprint.vehicle_underside` finds them; empty: not known
     underside: Float[np.ndarray, "a b"] = field(default_factory=lambda: np.zeros((0, 0)))
     # keypoint_names, keypoints, keypoint_part: name, (k, 3) place in the vehicle frame at rest, and (k,) index of the
     # part of each keypoint
@@ -52,7 +52,7 @@ class VehicleShape:
         """What can be seen, which boxes and sizes are of, and the part of each of its vertices."""
         return (self.mesh, self.vertex_part) if self.seen is None else (self.seen, self.seen_part)
 
-    def seen_of(self, part: int) -> Float[np.ndarray, "v 3"]:
+    def seen_vertices(self, part: int) -> Float[np.ndarray, "v 3"]:
         """Return vertices of what can be seen of a part, at rest; none of a part that is wholly transparent."""
         surface, vertex_part = self.surface
         return surface.vertices[vertex_part == part]
@@ -90,20 +90,20 @@ class VehicleShape:
         turned = angles.any(axis=0)
         for i in np.flatnonzero(turned):
             pivot = self.part_pivot[i]
-            affine[:, i, :, :3] = rotation_about(self.part_axis[i], angles[:, i])
-            affine[:, i, :, 3] = pivot - product(affine[:, i, :, :3], pivot[:, None])[..., 0]
+            affine[:, i, :, :3] = axis_rotation(self.part_axis[i], angles[:, i])
+            affine[:, i, :, 3] = pivot - matrix_product(affine[:, i, :, :3], pivot[:, None])[..., 0]
         if turned.any():
             for i, parent in enumerate(self.part_parent):
                 if parent >= 0:
-                    affine[:, i] = compose(affine[:, parent], affine[:, i])
+                    affine[:, i] = compose_affine(affine[:, parent], affine[:, i])
         return poses
 
-    def keypoints_at(
+    def turned_keypoints(
         self, articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "1 p"]
     ) -> Float[np.ndarray, "k 3"]:
         """Keypoints in the vehicle frame with the parts turned."""
         poses = self.vehicle_from_parts(articulation).reshape(-1, 4, 4)[self.keypoint_part]
-        return apply(poses, self.keypoints[:, None])[:, 0]
+        return transform_points(poses, self.keypoints[:, None])[:, 0]
 
     def with_keypoints(self, points: Mapping[str, tuple[ArrayLike, int | None]]) -> VehicleShape:
         """Add keypoints: position in the vehicle frame at rest, and index of the part.

@@ -15,7 +15,7 @@ from typing import Annotated, Any, TypeAlias
 from cyclopts import Parameter
 
 
-def checked(expected: str, fits: Callable[[Any], bool]) -> Parameter:
+def make_check(expected: str, fits: Callable[[Any], bool]) -> Parameter:
     """Return a check of an option's values."""
 
     def check(_: object, value: Any) -> None:
@@ -25,7 +25,7 @@ def checked(expected: str, fits: Callable[[Any], bool]) -> Parameter:
     return Parameter(validator=check)
 
 
-def parsed(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Parameter:
+def make_parser(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Parameter:
     """Return how an option's text is converted; `parse` raises ValueError for text that isn't as expected."""
 
     def convert(_: object, tokens: Any) -> Any:
@@ -41,15 +41,15 @@ def parsed(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Param
 
 def has_suffix(suffix: str) -> Parameter:
     """Return a check of a file's name."""
-    return checked(f"the name of a {suffix} file", lambda path: Path(path).suffix.lower() == suffix)
+    return make_check(f"the name of a {suffix} file", lambda path: Path(path).suffix.lower() == suffix)
 
 
-PATH = parsed("a path", Path, metavar="PATH")
+PATH = make_parser("a path", Path, metavar="PATH")
 AnyPath: TypeAlias = Annotated[str | os.PathLike[str], PATH]
 PngFile: TypeAlias = Annotated[AnyPath, has_suffix(".png")]
 HtmlFile: TypeAlias = Annotated[AnyPath, has_suffix(".html")]
-Count: TypeAlias = Annotated[int, checked("a whole number of at least 1", lambda number: number >= 1)]
-Positive: TypeAlias = Annotated[float, checked("a number above 0", lambda number: 0.0 < number < math.inf)]
-AtLeastZero: TypeAlias = Annotated[float, checked("a number from 0 on", lambda number: 0.0 <= number < math.inf)]
-Overlap: TypeAlias = Annotated[float, checked("a number above 0 and up to 1", lambda number: 0.0 < number <= 1.0)]
-Share: TypeAlias = Annotated[float, checked("a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)]
+Count: TypeAlias = Annotated[int, make_check("a whole number of at least 1", lambda number: number >= 1)]
+Positive: TypeAlias = Annotated[float, make_check("a number above 0", lambda number: 0.0 < number < math.inf)]
+AtLeastZero: TypeAlias = Annotated[float, make_check("a number from 0 on", lambda number: 0.0 <= number < math.inf)]
+Overlap: TypeAlias = Annotated[float, make_check("a number above 0 and up to 1", lambda number: 0.0 < number <= 1.0)]
+Share: TypeAlias = Annotated[float, make_check("a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)]

@@ -14,7 +14,7 @@ import psutil
 from hulldown.base.files import open_in_place
 
 LISTENER_S = 2.0  # time for its listener to end: the child's own processes may still hold the pipe
-LONGEST = 1 << 20  # bytes of a line
+MAX_LINE_BYTES = 1 << 20  # bytes of a line
 LOG_TAIL = 2000  # bytes at the log's end that are searched for its last line
 
 
@@ -55,13 +55,13 @@ class Child:
                 stderr=errors,
                 start_new_session=True,
             )
-        self._listener = threading.Thread(target=self._listen, daemon=True)
+        self._listener = threading.Thread(target=self._read_lines, daemon=True)
         self._listener.start()
 
-    def _listen(self) -> None:
+    def _read_lines(self) -> None:
         assert self._process.stdout is not None
         with self._process.stdout as lines:
-            while line := lines.readline(LONGEST):
+            while line := lines.readline(MAX_LINE_BYTES):
                 self._on_line(line)
         self._on_line(b"")
 

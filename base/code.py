@@ -40,13 +40,13 @@ def code_sha256() -> str:
     return digest.hexdigest()
 
 
-def versions(*packages: str) -> dict[str, str]:
+def package_versions(*packages: str) -> dict[str, str]:
     """Versions of hulldown, with a hash of its code, and of packages; `MISSING` for one that isn't installed."""
     by_package = {"hulldown": f"{importlib.metadata.version('hulldown')} ({code_sha256()[:8]})"}
-    return by_package | {package: (version_of(package) or MISSING).split("+")[0] for package in packages}
+    return by_package | {package: (package_version(package) or MISSING).split("+")[0] for package in packages}
 
 
-def version_of(package: str) -> str | None:
+def package_version(package: str) -> str | None:
     """Return the version of a package; None if it isn't installed."""
     try:
         return importlib.metadata.version(package)
@@ -54,9 +54,9 @@ def version_of(package: str) -> str | None:
         return None
 
 
-def difference(client: Mapping[str, str]) -> str:
+def version_difference(client: Mapping[str, str]) -> str:
     """Describe the first version in which this process differs from a client; empty if there is none."""
-    own_versions = versions(*client.keys() - {"hulldown"})
+    own_versions = package_versions(*client.keys() - {"hulldown"})
     for name, version in client.items():
         if own_versions[name] != version:
             return f"has {name} {own_versions[name]}, and the client {version}"

@@ -28,15 +28,15 @@ class HulldownError(Exception):
     """
 
     def __init__(self, problem: str, *, path: Path | str | None = None, remedy: str | None = None) -> None:
-        problem = shortened(problem)
+        problem = shorten_text(problem)
         self.problem, self.path, self.remedy = problem, path, remedy
-        where = f"{shortened(str(path))}: " if path is not None else ""
+        where = f"{shorten_text(str(path))}: " if path is not None else ""
         cure = f"; {remedy}" if remedy else ""
         super().__init__(f"{where}{problem}{cure}")
 
     @classmethod
     @contextmanager
-    def explaining(cls, problem: str, *, path: Path | str, remedy: str | None = None) -> Iterator[None]:
+    def raise_for_system(cls, problem: str, *, path: Path | str, remedy: str | None = None) -> Iterator[None]:
         """Raise this error, with the system's reason, in place of an OSError."""
         try:
             yield
@@ -44,7 +44,7 @@ class HulldownError(Exception):
             raise cls(f"{problem} ({error.strerror})", path=path, remedy=remedy) from error
 
 
-def shortened(text: str, longest: int = MAX_MESSAGE_CHARACTERS) -> str:
+def shorten_text(text: str, longest: int = MAX_MESSAGE_CHARACTERS) -> str:
     """Return text as one line of limited length: names in files may contain line breaks, or a megabyte."""
     text = " ".join(text.splitlines())
     return text if len(text) <= longest else f"{text[: longest // 2]} ... {text[-longest // 2 :]}"
@@ -62,7 +62,7 @@ class DatasetError(HulldownError):
     """A dataset folder that can't be read or written."""
 
 
-def shown(value: object) -> str:
+def shorten_value(value: object) -> str:
     """Return the beginning of a value from a user's file."""
     try:
         return f"{value!r:.60}"

@@ -18,7 +18,7 @@ UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so tha
 
 
 @contextmanager
-def replacing(path: Path) -> Iterator[BinaryIO]:
+def atomic_writer(path: Path) -> Iterator[BinaryIO]:
     """Open a temporary file that replaces `path` in one step when all of it is on disk.
 
     Examples
@@ -26,7 +26,7 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
-    ...     with replacing(Path(folder) / "plan.json") as file:
+    ...     with atomic_writer(Path(folder) / "plan.json") as file:
     ...         _ = file.write(b"{}")
     ...     (Path(folder) / "plan.json").read_text()
     '{}'
@@ -50,8 +50,8 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
 
 
 def replace_file(path: Path, content: bytes | memoryview) -> None:
-    """Write a whole file as `replacing` does."""
-    with replacing(path) as file:
+    """Write a whole file as `atomic_writer` does."""
+    with atomic_writer(path) as file:
         file.write(content)
 
 
@@ -72,7 +72,7 @@ def all_or_nothing(out: Path, key: str = "") -> Iterator[Path]:
         yield unfinished
         if key:
             replace_file(unfinished / DONE_NAME, key.encode())
-        _move(unfinished, out)
+        _move_folder(unfinished, out)
     except BaseException as error:
         shutil.rmtree(out if made else unfinished, ignore_errors=True)
         if isinstance(error, OSError):
@@ -90,12 +90,12 @@ def is_done(out: Path, key: str) -> bool:
         with suppress(OSError), open_regular(folder / DONE_NAME) as file:
             if file.read(len(key) + 1) == key.encode():
                 if (out / UNFINISHED_NAME).exists():
-                    _move(out / UNFINISHED_NAME, out)
+                    _move_folder(out / UNFINISHED_NAME, out)
                 return True
     return False
 
 
-def _move(unfinished: Path, out: Path) -> None:
+def _move_folder(unfinished: Path, out: Path) -> None:
     for path in sorted(unfinished.iterdir(), key=lambda path: path.name == DONE_NAME):  # the mark last
         path.rename(out / path.name)
     unfinished.rmdir()
@@ -105,10 +105,10 @@ def open_regular(path: Path) -> BinaryIO:
     """Open a regular file for reading bytes; pipes and devices, which may never end, are refused."""
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    return _regular(descriptor, "rb", path)
+    return _check_regular(descriptor, "rb", path)
 
 
-def _regular(descriptor: int, mode: str, path: Path) -> BinaryIO:
+def _check_regular(descriptor: int, mode: str, path: Path) -> BinaryIO:
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise OSError(errno.EINVAL, "it isn't a regular file", str(path))
@@ -118,14 +118,14 @@ def _regular(descriptor: int, mode: str, path: Path) -> BinaryIO:
 def open_in_place(path: Path) -> BinaryIO:
     """Open a file for reading and appending, created if missing, without following a link.
 
-    For files that grow or are continued; everything else is written with `replacing`.
+    For files that grow or are continued; everything else is written with `atomic_writer`.
     """
     if path.is_symlink():
         raise OSError(errno.ELOOP, "it is a link, which could lead anywhere; delete it", str(path))
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
     for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):  # whichever the system has
         flags |= getattr(os, name, 0)
-    return _regular(os.open(path, flags, 0o666), "a+b", path)
+    return _check_regular(os.open(path, flags, 0o666), "a+b", path)
 
 
 def sync_folder(folder: Path) -> None:
@@ -147,9 +147,9 @@ def stays_inside(file_name: object) -> TypeGuard[str]:
     return not (unix.is_absolute() or windows.drive or windows.root or ".." in unix.parts or ".." in windows.parts)
 
 
-def make_room(path: Path) -> None:
+def prepare_output_file(path: Path) -> None:
     """Make a file's folder before the long work that writes the file."""
     if path.is_dir():
         raise HulldownError("is a folder", path=path, remedy="name a file in it")
-    with HulldownError.explaining("cannot be written", path=path, remedy="choose a folder that you may write to"):
+    with HulldownError.raise_for_system("cannot be written", path=path, remedy="choose a folder that you may write to"):
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -63,7 +63,7 @@ def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
     return content
 
 
-def sha256_of(path: Path) -> str:
+def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a regular file's content, in hexadecimal digits."""
     digest = hashlib.sha256()
     with open_regular(path) as file:
@@ -84,23 +84,23 @@ def read_json(path: Path, kind: type[T], refuse: Refuse, *, what: str, most: int
     """Return the value of a JSON file as a `kind`; `what` names it in errors, see `read_file`."""
     content = read_file(path, refuse, most=most)
     try:
-        return json_of(content, kind)
+        return parse_json(content, kind)
     except ValueError as error:
         raise refuse(f"isn't {what} ({error})") from None
 
 
-def json_of(content: bytes | memoryview, kind: type[T]) -> T:
+def parse_json(content: bytes | memoryview, kind: type[T]) -> T:
     """Return a JSON value as a `kind`.
 
     Examples
     --------
-    >>> json_of(b'{"size": [640, 480]}', dict[str, tuple[int, int]])
+    >>> parse_json(b'{"size": [640, 480]}', dict[str, tuple[int, int]])
     {'size': (640, 480)}
     """
-    return typed(orjson.loads(content), kind)
+    return parse_value(orjson.loads(content), kind)
 
 
-def converted(
+def convert_value(
     value: object, kind: type[T], *, strict: bool = True, dec_hook: Callable[[type, Any], Any] | None = None
 ) -> T:
     """Return what `msgspec.convert` returns, one thread at a time.
@@ -111,10 +111,10 @@ def converted(
         return msgspec.convert(value, kind, strict=strict, dec_hook=dec_hook)
 
 
-def typed(value: object, kind: type[T], *, strict: bool = True) -> T:
-    """Return parsed JSON, YAML, or TOML as a `kind`; if not `strict`, also from texts. ValueError as of `json_of`."""
+def parse_value(value: object, kind: type[T], *, strict: bool = True) -> T:
+    """Return parsed JSON, YAML, or TOML as a `kind`; if not `strict`, also from texts. Errors of `parse_json`."""
     try:
-        found = converted(value, kind, strict=strict)
+        found = convert_value(value, kind, strict=strict)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
     except msgspec.ValidationError as error:
@@ -128,12 +128,12 @@ def typed(value: object, kind: type[T], *, strict: bool = True) -> T:
     raise ValueError("it is nested too deeply")
 
 
-def toml_of(text: str) -> dict[str, Any]:
-    """Return a TOML document; ValueError as of `json_of`."""
+def parse_toml(text: str) -> dict[str, Any]:
+    """Return a TOML document; ValueError as of `parse_json`."""
     if any(line.count(".") > MAX_LINE_DOTS for line in text.splitlines()):
         raise ValueError("a line has hundreds of points")
     try:
-        return typed(tomllib.loads(text), dict[str, Any])
+        return parse_value(tomllib.loads(text), dict[str, Any])
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 
@@ -159,8 +159,8 @@ class _Loader(yaml.SafeLoader):
 _Loader.add_multi_constructor("", lambda loader, _, node: loader.construct_mapping(node, deep=True))
 
 
-def yaml_of(text: str) -> object:
-    """Return a YAML document, of plain values; ValueError as of `json_of`."""
+def parse_yaml(text: str) -> object:
+    """Return a YAML document, of plain values; ValueError as of `parse_json`."""
     if len(text) > LONGEST_YAML:
         raise ValueError(f"it has more than {LONGEST_YAML >> 10} KiB")
     try:
@@ -171,7 +171,7 @@ def yaml_of(text: str) -> object:
         raise ValueError(f"a tag doesn't fit its value: {error}") from None
 
 
-def xml_of(content: bytes) -> Element:
+def parse_xml(content: bytes) -> Element:
     """Return the root of an XML document without a document type, where entities would be declared."""
     tree, depth, parser = TreeBuilder(), 0, expat.ParserCreate()
 
@@ -200,7 +200,7 @@ def xml_of(content: bytes) -> Element:
 
 
 def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
-    """Return a JSON value, and how many objects have a key more than once; ValueError as of `json_of`."""
+    """Return a JSON value, and how many objects have a key more than once; ValueError as of `parse_json`."""
     repeated: Counter[str] = Counter()
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -216,14 +216,14 @@ def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
 
 
 def json_parts(content: bytes) -> dict[str, msgspec.Raw]:
-    """Return the values of a JSON object, not parsed, which takes little memory; ValueError as of `json_of`."""
-    return _raw(content, dict[str, msgspec.Raw])
+    """Return the values of a JSON object, not parsed, which takes little memory; ValueError as of `parse_json`."""
+    return _decode_json(content, dict[str, msgspec.Raw])
 
 
 def json_records(content: bytes | msgspec.Raw, key: str) -> Iterator[dict[str, Any]]:
     """Yield the objects of a JSON list one at a time; ValueError, which names its `key`, if it's something else."""
     try:
-        parts = _raw(content, list[msgspec.Raw])
+        parts = _decode_json(content, list[msgspec.Raw])
     except ValueError as error:
         raise ValueError(f"{key!r} is not a list of objects: {error}") from None
     for part in parts:
@@ -233,7 +233,7 @@ def json_records(content: bytes | msgspec.Raw, key: str) -> Iterator[dict[str, A
         yield record
 
 
-def _raw(content: bytes | msgspec.Raw, kind: type[T]) -> T:
+def _decode_json(content: bytes | msgspec.Raw, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(content, type=kind)
     except RecursionError:

@@ -23,7 +23,7 @@ class Terminal(Console):
     def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
         """Render as Rich does, with control codes escaped."""
         for segment in super().render(renderable, options):
-            yield segment if segment.control else Segment(printable(segment.text), segment.style)
+            yield segment if segment.control else Segment(escape_controls(segment.text), segment.style)
 
     def on_broken_pipe(self) -> None:
         """Let `main` handle it: Rich would exit with code 1, which means findings."""
@@ -33,12 +33,12 @@ class Terminal(Console):
 STDERR = Terminal(stderr=True, highlight=False)
 
 
-def printable(text: str) -> str:
+def escape_controls(text: str) -> str:
     r"""Escape the characters that control a terminal: escape codes, returns, direction marks.
 
     Examples
     --------
-    >>> print(printable("tank" + chr(27) + "[2J" + chr(0x202E)))
+    >>> print(escape_controls("tank" + chr(27) + "[2J" + chr(0x202E)))
     tank\x1b[2J\u202e
     """
     if text.isprintable():
@@ -49,12 +49,12 @@ def printable(text: str) -> str:
     )
 
 
-def say(line: str) -> None:
+def print_message(line: str) -> None:
     """Print a message on stderr."""
     STDERR.print(escape(line), soft_wrap=True)
 
 
-def warn(line: str) -> None:
+def print_warning(line: str) -> None:
     """Print a warning on stderr."""
     STDERR.print(f"[yellow]warning:[/] {escape(line)}", soft_wrap=True)
 
@@ -107,26 +107,28 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
 
 @contextmanager
-def reporting(title: str, progress: Callable[[int, int], None] | None = None) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(
+    title: str, progress: Callable[[int, int], None] | None = None
+) -> Iterator[Callable[[int, int], None]]:
     """Yield `progress`, or if it's None a function that shows a bar in a terminal or notebook."""
     if progress is not None:
         yield progress
-    elif watched():
+    elif is_interactive():
         with titled_bar() as advance:
             yield partial(advance, title)
     else:
         yield lambda done, total: None
 
 
-def tracked(title: str, items: Iterable[Item], total: int) -> Iterator[Item]:
+def track_items(title: str, items: Iterable[Item], total: int) -> Iterator[Item]:
     """Yield items, and show a bar of those that are done in a terminal or notebook."""
-    with reporting(title) as advance:
+    with progress_bar(title) as advance:
         for done, item in enumerate(items):
             advance(done, total)
             yield item
         advance(total, total)
 
 
-def watched() -> bool:
+def is_interactive() -> bool:
     """Return whether stderr is a terminal or a notebook."""
     return STDERR.is_terminal or STDERR.is_jupyter

@@ -12,8 +12,8 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hulldown.base.errors import ConfigError, shown
-from hulldown.base.outside import read_text, toml_of
+from hulldown.base.errors import ConfigError, shorten_value
+from hulldown.base.outside import parse_toml, read_text
 
 Model = TypeVar("Model", bound=BaseModel)
 
@@ -22,12 +22,12 @@ def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
     """Read a TOML file; `remedy` is what to do if it can't be read."""
     text = read_text(path, partial(ConfigError, path=path, remedy=remedy))
     try:
-        return toml_of(text)
+        return parse_toml(text)
     except ValueError as error:
         raise ConfigError(f"isn't TOML: {error}", path=path) from None
 
 
-def validated(
+def validate_model(
     model: type[Model],
     data: Mapping[str, object],
     path: Path | None,
@@ -43,7 +43,7 @@ def validated(
     except ValidationError as error:
         first, *more = error.errors(include_url=False)
         tail = f" (and {len(more)} more)" if more else ""
-        raise ConfigError(_explained(first, model, removed) + tail, path=path) from None
+        raise ConfigError(_explain_error(first, model, removed) + tail, path=path) from None
 
 
 # Pydantic's terms for Python types, as TOML's.
@@ -60,18 +60,18 @@ _ALLOWED = {
 }
 
 
-def _explained(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, str]) -> str:
+def _explain_error(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, str]) -> str:
     """Return one line for one of pydantic's errors: key, value, what is allowed."""
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
     is_unknown, declared = error["type"] == "extra_forbidden", ".".join(s for s in steps if isinstance(s, str))
-    value = "" if is_unknown or isinstance(error["input"], dict) else f" = {shown(error['input'])}"
+    value = "" if is_unknown or isinstance(error["input"], dict) else f" = {shorten_value(error['input'])}"
     if instead := removed.get(declared + value):
         return f"{key}{value} is gone; {instead}"
     if is_unknown:
         section = [s for s in steps[:-1] if isinstance(s, str)]
-        near = _nearest(str(steps[-1]), section, top)
-        hint = f"did you mean {near}?" if near else f"known here: {', '.join(sorted(_fields(section, top)))}"
+        near = _nearest_key(str(steps[-1]), section, top)
+        hint = f"did you mean {near}?" if near else f"known here: {', '.join(sorted(_section_fields(section, top)))}"
         return f"unknown key {key}; {hint}"
     if error["type"] == "missing":
         return f"{key} is missing" if key else "is empty"
@@ -80,28 +80,28 @@ def _explained(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, 
     return f"{key}{value}: {allowed}" if key else allowed
 
 
-def _models(annotation: object) -> Iterator[type[BaseModel]]:
+def _nested_models(annotation: object) -> Iterator[type[BaseModel]]:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for inner in get_args(annotation):
-        yield from _models(inner)
+        yield from _nested_models(inner)
 
 
-def _fields(section: list[str], model: type[BaseModel]) -> list[str]:
+def _section_fields(section: list[str], model: type[BaseModel]) -> list[str]:
     """Return keys known in a section, given the names that lead to it."""
     for name in section:
-        model = next(_models(model.model_fields[name].annotation), model)
+        model = next(_nested_models(model.model_fields[name].annotation), model)
     return list(model.model_fields)
 
 
-def _nearest(name: str, section: list[str], top: type[BaseModel]) -> str | None:
+def _nearest_key(name: str, section: list[str], top: type[BaseModel]) -> str | None:
     """Return the known key most like `name`: in its own section if there is one, else anywhere, with its section."""
-    if near := difflib.get_close_matches(name, _fields(section, top), n=1):
+    if near := difflib.get_close_matches(name, _section_fields(section, top), n=1):
         return ".".join([*section, near[0]])
     elsewhere = {
         key: table
         for table, field in top.model_fields.items()
-        for key in (_fields([table], top) if list(_models(field.annotation)) else [])
+        for key in (_section_fields([table], top) if list(_nested_models(field.annotation)) else [])
     }
     if near := difflib.get_close_matches(name, elsewhere, n=1, cutoff=0.8):
         return f"{elsewhere[near[0]]}.{near[0]}"

@@ -22,7 +22,7 @@ from typing import Any
 import psutil
 from rich.console import Console
 
-from hulldown.base.code import version_of
+from hulldown.base.code import package_version
 
 ROOT = Path(__file__).parents[1]
 SUITES = (
@@ -85,7 +85,7 @@ def commit() -> dict[str, str]:
 
 def machine() -> dict[str, str | int]:
     """Describe the machine and the libraries that were measured."""
-    versions = {name: version for name in LIBRARIES if (version := version_of(name))}
+    versions = {name: version for name in LIBRARIES if (version := package_version(name))}
     return {
         "processor": _processor(),
         "cores": psutil.cpu_count(logical=True) or 1,

@@ -11,7 +11,7 @@ import numpy as np
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.annotate.clipping import extremes_of_mesh
-from hulldown.annotate.posing import PosedParts, move
+from hulldown.annotate.posing import PosedParts, transform_parts
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.benchmarks.scenes import HD
 from hulldown.benchmarks.tables import table
@@ -19,7 +19,7 @@ from hulldown.camera.cameras import Cameras
 from hulldown.camera.frustum import Frustum
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rigid, rotation_z
+from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
 from hulldown.tests.shapes import vertices_at
 
 KINDS = ("framed", "cut by the frame", "across the near plane")
@@ -165,25 +165,25 @@ class _Rules:
         }
 
     def eight_corners(self, pose: np.ndarray, camera: Cameras, _turned: dict) -> np.ndarray | None:
-        world = apply(pose, self.corners)
+        world = transform_points(pose, self.corners)
         low, high = world.min(axis=0), world.max(axis=0)
         box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-        return _clamped(*(apply(camera.camera_from_world, box)).T, camera)
+        return _clamped(*(transform_points(camera.camera_from_world, box)).T, camera)
 
     def oriented_box(self, pose: np.ndarray, camera: Cameras, _turned: dict) -> np.ndarray | None:
-        return _clamped(*apply(camera.camera_from_world @ pose, self.corners).T, camera)
+        return _clamped(*transform_points(camera.camera_from_world @ pose, self.corners).T, camera)
 
     def dropped(
         self, points: np.ndarray, slices: list, pose: np.ndarray, camera: Cameras, turned: dict
     ) -> np.ndarray | None:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
-        return _clamped(*move(points, slices, poses)[:, 0], camera)
+        return _clamped(*transform_parts(points, slices, poses)[:, 0], camera)
 
     def clip_all(self, pose: np.ndarray, camera: Cameras, turned: dict) -> np.ndarray | None:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
-        points = move(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
+        points = transform_parts(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
         u0, v0, u1, v1 = extremes_of_mesh(points, self.parts.faces, Frustum(camera.lenses, frame=True))
         return np.array([u0, v0, u1 - u0, v1 - v0]) if u0 <= u1 else None
 
@@ -208,13 +208,13 @@ def _views(kind: str, count: int, shape: VehicleShape) -> list[tuple[np.ndarray,
     rng = np.random.default_rng(KINDS.index(kind))
     boxes, found = VehicleBoxes(shape), []
     while len(found) < count:
-        pose = rigid(rotation_z(rng.uniform(0, 2 * math.pi)), rng.normal(size=3))
+        pose = rigid_matrix(rotation_z(rng.uniform(0, 2 * math.pi)), rng.normal(size=3))
         turned = {"turret": float(rng.uniform(-3, 3)), "gun": float(rng.uniform(-0.1, 0.3))}
         distance = rng.uniform(0.5, 4.0) if kind == KINDS[2] else rng.uniform(8.0, 60.0)
         aside = rng.normal(size=3) * (0.0 if kind == KINDS[0] else 0.2 * distance)
         camera = Cameras(HD, camera_pose(pose[:3, 3] + aside, distance, rng.uniform(0, 7), rng.uniform(0, 0.7)))
         box, amodal = boxes.box(pose, camera, turned), boxes.box(pose, camera, turned, frame=False)
-        depth = apply(camera.camera_from_world @ pose, vertices_at(shape, turned))[:, 2]
+        depth = transform_points(camera.camera_from_world @ pose, vertices_at(shape, turned))[:, 2]
         crossing = depth.min() < 0.1 < depth.max()
         if box is None or amodal is None or crossing != (kind == KINDS[2]):
             continue
@@ -230,7 +230,7 @@ def _errors(count: int) -> dict:
     for kind in KINDS:
         views = _views(kind, count, shape)
         truth = [
-            surface_box(apply(pose, vertices_at(shape, turned)), shape.mesh.faces, camera)
+            surface_box(transform_points(pose, vertices_at(shape, turned)), shape.mesh.faces, camera)
             for pose, camera, turned in views
         ]
         answers = {name: [rule(*view) for view in views] for name, rule in rules.by_name.items()}

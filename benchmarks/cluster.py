@@ -19,7 +19,7 @@ from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
 from hulldown.render.blender.messages import CyclesSettings, RenderJob
 from hulldown.render.cluster_pool import ClusterPool
-from hulldown.render.jobs import readable, render_job
+from hulldown.render.jobs import readable_paths, render_job
 from hulldown.render.outline import sort_key
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
@@ -27,8 +27,8 @@ from hulldown.render.supervisor import render_remaining
 from hulldown.tests.clusters import Cluster, blenders, cluster, digests
 
 SIZES = ((96, 54), (480, 270))
-WORKERS = 2
-CHUNK = 8  # rows that one way renders before the other does
+WORKER_COUNT = 2
+ROWS_PER_TURN = 8  # rows that one way renders before the other does
 TINY = {"profile": "fast", "samples": 2}
 
 
@@ -52,7 +52,7 @@ def run(quick: bool) -> dict[str, Any]:
 
 def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[str, Any]:
     """Time the same rows on two workers of this machine and on two of Dask's, in turn; all keep loaded assets."""
-    rows = sorted(plan, key=sort_key)[:CHUNK]
+    rows = sorted(plan, key=sort_key)[:ROWS_PER_TURN]
     settings = plan.config.render
     cycles = CyclesSettings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
     output.mkdir()
@@ -65,13 +65,13 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
         assert not any(outcome.reasons for _, outcome in pool.results(range(len(rows)), job))
         return time.perf_counter() - began
 
-    engine = Engine(workers=WORKERS, device="cpu")
+    engine = Engine(workers=WORKER_COUNT, device="cpu")
     took: dict[str, list[float]] = {"local": [], "cluster": []}
     with cluster(output / "nodes") as nodes:
-        for _ in range(WORKERS):
-            nodes.add(environment={SHARE_VARIABLE: str(WORKERS)})
+        for _ in range(WORKER_COUNT):
+            nodes.add(environment={SHARE_VARIABLE: str(WORKER_COUNT)})
         with (
-            Pool(output / "logs", engine, confinement=Confinement(output, readable(library))) as local,
+            Pool(output / "logs", engine, confinement=Confinement(output, readable_paths(library))) as local,
             ClusterPool(
                 Scheduler(nodes.address), engine, library, say=lambda line: None, stopping=lambda: False
             ) as dask,
@@ -80,9 +80,9 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
             for _ in range(rounds):
                 took["local"].append(once(local))
                 took["cluster"].append(once(dask))
-    per_second = {way: CHUNK / statistics.median(seconds) for way, seconds in took.items()}
+    per_second = {way: ROWS_PER_TURN / statistics.median(seconds) for way, seconds in took.items()}
     size = (rows[0].width, rows[0].height)
-    return {"size": size, "rows": CHUNK, "seconds": took, "images_per_second": per_second}
+    return {"size": size, "rows": ROWS_PER_TURN, "seconds": took, "images_per_second": per_second}
 
 
 def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
@@ -149,8 +149,9 @@ def _told_overhead(entries: list[dict]) -> str:
             f"{100 * (statistics.median(ratios) - 1):+.0f}%",
         ))  # fmt: skip
     return (
-        f"**Overhead.** {CHUNK} rows of one scenery, fast profile, in turn by `render_plan --workers {WORKERS}` and by "
-        f"{WORKERS} `dask worker` on the same machine, with everything loaded.\n\n"
+        f"**Overhead.** {ROWS_PER_TURN} rows of one scenery, fast profile, in turn by "
+        f"`hulldown render --workers {WORKER_COUNT}` and by {WORKER_COUNT} `dask worker` on the same machine, with "
+        "everything loaded.\n\n"
     ) + table(["picture", "local, images/s", "Dask, images/s", "Dask takes"], rows)
 
 

@@ -18,7 +18,7 @@ from hulldown.benchmarks.tables import table
 from hulldown.dataset.coco import MERGE_SHARE, CocoDataset
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, write_coco
 
-APPENDS = 200
+APPEND_COUNT = 200
 REWRITTEN_AT_MOST = 100_000  # images; the dictionaries of a million do not fit into an ordinary machine's memory
 MERGED_AFTER = 10_000  # images
 POSE = np.round(np.random.default_rng(0).normal(size=(4, 4)), 6).tolist()
@@ -29,7 +29,7 @@ def run(quick: bool) -> dict:
     sizes = (1_000, 10_000) if quick else (1_000, 100_000, 1_000_000)
     with tempfile.TemporaryDirectory() as name:
         return {
-            "appends": APPENDS,
+            "appends": APPEND_COUNT,
             "fsync_us": _fsync(Path(name)),
             "sizes": {str(n): _at(Path(name), n) for n in sizes},
         }
@@ -87,7 +87,7 @@ def _at(folder: Path, n: int) -> dict[str, float]:
     open_s, open_mb = _opened(dataset)
     opened = CocoDataset.open(dataset)
     spent = []
-    for i in range(APPENDS):
+    for i in range(APPEND_COUNT):
         image, annotations = _image(n + i), [_annotation(n + i)]
         started = time.perf_counter()
         opened.append(image, annotations)
@@ -127,7 +127,7 @@ def _fsync(folder: Path) -> float:
     """Return microseconds of the disk's fsync of a line."""
     spent = []
     with (folder / "probe").open("ab", buffering=0) as file:
-        for _ in range(APPENDS):
+        for _ in range(APPEND_COUNT):
             file.write(b"x" * 900)
             started = time.perf_counter()
             os.fsync(file.fileno())

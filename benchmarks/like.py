@@ -20,7 +20,7 @@ from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.settings import load_settings
-from hulldown.training.study.results import Cell, Judged, cells, estimate, judge
+from hulldown.training.study.results import Cell, Judged, estimate_measure, evaluate_run, group_cells
 from hulldown.training.study.study_folder import StudyRun
 
 # Cameras of the stand-ins. The default one is at 3 to 35 degrees, and half of its targets fill less than 0.13 of the
@@ -98,15 +98,15 @@ def judged(run: Path, photographs: Path, *, arm: str, seed: int) -> Judged:
     splits = {name: photographs / name for name in ("test", "valid")}
     labels = {name: read_labels(folder) for name, folder in splits.items()}
     about = StudyRun(arm, "synthetic", None, seed, load_settings(None, SETTINGS))
-    return judge(about, labels, {name: found(run, folder) for name, folder in splits.items()}, photographs=0)
+    return evaluate_run(about, labels, {name: found(run, folder) for name, folder in splits.items()}, photographs=0)
 
 
 def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
     """Lines of a Markdown table, and its numbers: figures of each arm, and their differences from `like`."""
     lines, numbers = ["| arm | AP50 | F1 | AP50 minus `like` | F1 minus `like` |", "|---|---|---|---|---|"], {}
     for name, cell in arms.items():
-        figures = {key: estimate(cell, key) for key in MEASURES}
-        gains = {} if name == "like" else {key: estimate(cell, key, minus=arms["like"]) for key in MEASURES}
+        figures = {key: estimate_measure(cell, key) for key in MEASURES}
+        gains = {} if name == "like" else {key: estimate_measure(cell, key, minus=arms["like"]) for key in MEASURES}
         own, gained = (
             {key: [one.value, *one.ends.tolist()] for key, one in found.items()} for found in (figures, gains)
         )
@@ -137,7 +137,7 @@ def main() -> None:
             detector(run, [data[part] for part in parts], seed)
             results.append(judged(run, photographs, arm=arm, seed=seed))
             print(run.name, {key: round(results[-1].values[key], 3) for key in MEASURES}, flush=True)
-    lines, numbers = table({cell.arm: cell for cell in cells(results)})
+    lines, numbers = table({cell.arm: cell for cell in group_cells(results)})
     replace_file(folder / f"{name}.json", json.dumps(numbers, indent=2).encode() + b"\n")
     print("\n".join(lines))
 

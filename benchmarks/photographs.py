@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hulldown.base.files import replacing
+from hulldown.base.files import atomic_writer
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, GLOSS, PLAIN, SCENERY_FILES, TANK
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.config_keys import config_text
@@ -173,7 +173,7 @@ def main() -> None:
     )
     for name, text in (("renders.toml", renders_text(shown, train)), ("study.toml", study)):
         if not (folder / name).exists():
-            with replacing(folder / name) as file:
+            with atomic_writer(folder / name) as file:
                 file.write(text.encode())
     print(f"wrote {folder / 'renders.toml'} and {folder / 'study.toml'}")
 

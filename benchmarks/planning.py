@@ -21,13 +21,13 @@ from hulldown.assets.library import Assets
 from hulldown.benchmarks.scenes import vehicles
 from hulldown.demo.project import CONFIG, create_project, project_text
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.tests.planning_assets import hills
 
-CELLS = 500  # 5e5 triangles of ground
+GROUND_CELLS = 500  # 5e5 triangles of ground
 VARIANTS = (  # vehicles, distractors, and whether there are woods
     (1, 0, True), (1, 3, False), (2, 3, True), (4, 3, True), (4, 0, False),
 )  # fmt: skip
@@ -169,7 +169,7 @@ def _in_blender(images: int, rays: int, cells: int) -> dict[str, float]:
             eye = pose[:3, 3] + [0.0, 0.0, height / 2] + distance * away
             right = np.array([-math.sin(azimuth), math.cos(azimuth), 0.0])
             axes = np.stack([right, np.cross(-away, right), -away])
-            points = (apply(pose, shape.mesh.vertices) - eye) @ axes.T
+            points = (transform_points(pose, shape.mesh.vertices) - eye) @ axes.T
             pixels = points[:, :2] / points[:, 2:]
             corners = np.stack([pixels.min(axis=0), pixels.max(axis=0)])
             through = corners[0] + rng.random((rays, 2)) * (corners[1] - corners[0])
@@ -210,7 +210,7 @@ def config_hash() -> str:
 
 def run(quick: bool, project: Path | None = None) -> dict[str, Any]:
     """Everything; `quick` takes small plans and a small ground. `project` is a folder that `hulldown init` made."""
-    cells = 150 if quick else CELLS
+    cells = 150 if quick else GROUND_CELLS
     images = [420, 4200, 42_000]
     some = images[0] if quick else images[1]
     alone = 4200 if quick else 42_000

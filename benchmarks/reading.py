@@ -13,22 +13,22 @@ import numpy as np
 
 from hulldown.base.errors import AssetError
 from hulldown.benchmarks.reading_cases import GROUPS, LOST, Case, Truth, lost
-from hulldown.benchmarks.reading_things import LITTER, PARTS
+from hulldown.benchmarks.reading_things import LITTER_PART, PARTS
 from hulldown.benchmarks.tables import table
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.doubts import vehicle_doubts
-from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, xyz
+from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, format_xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.vehicle.stance import stand_upright
 from hulldown.reading.vehicle_or_scenery import refuse_wrong_kind
 
 EACH = (36, 12, 6)  # files of each of the ten vehicles, by group
-SIZE = 0.03  # a length may be off by this share
-ANGLE = 3.0  # degrees, up and forward
+MAX_LENGTH_ERROR = 0.03  # a length may be off by this share
+MAX_AXIS_ERROR_DEG = 3.0  # degrees, up and forward
 PIVOT = {"turret": 0.15, "gun": 0.3}  # meters across the axis
-FACES = 0.02  # share of a part's triangles that may be in another
+MAX_MISPLACED_SHARE = 0.02  # share of a part's triangles that may be in another
 KEYS = ("scale", "up", "forward", "drop", "keep", "turret", "gun", "turret_pivot", "gun_pivot")
 
 
@@ -60,20 +60,20 @@ def verdict(case: Case, truth: Truth, opened: Any, drawn: Any) -> Verdict:
     size = shape.size_xyz / (case.scale * opened.unit)
     vehicle_from_true = shape.vehicle_from_file @ truth.file_from_vehicle
     axes = vehicle_from_true[:3, :3] / case.scale / opened.unit
-    if abs(case.scale * opened.unit - 1) > SIZE:
+    if abs(case.scale * opened.unit - 1) > MAX_LENGTH_ERROR:
         found.wrong.add("scale")
-    if _angle(axes[:, 2], [0, 0, 1]) > ANGLE:
+    if _angle(axes[:, 2], [0, 0, 1]) > MAX_AXIS_ERROR_DEG:
         found.wrong.add("up")
-    elif _angle(axes[:, 0] * [1, 1, 0], [1, 0, 0]) > ANGLE:
+    elif _angle(axes[:, 0] * [1, 1, 0], [1, 0, 0]) > MAX_AXIS_ERROR_DEG:
         found.wrong.add("forward")
     found.wrong |= _compared(truth, drawn, uses)
-    if not found.wrong & {"up", "forward", "drop", "keep"} and np.any(np.abs(size / truth.size - 1) > SIZE):
+    if not found.wrong & {"up", "forward", "drop", "keep"} and np.any(np.abs(size / truth.size - 1) > MAX_LENGTH_ERROR):
         found.wrong.add("drop")
     for name, at in zip(("turret", "gun"), truth.pivots, strict=True):
         if at is None or name not in shape.part_names or name in found.wrong:
             continue
         i = shape.part_names.index(name)
-        gap = apply(np.linalg.inv(vehicle_from_true), shape.part_pivot[i][None])[0] - at
+        gap = transform_points(np.linalg.inv(vehicle_from_true), shape.part_pivot[i][None])[0] - at
         axis = np.array([0, 0, 1.0]) if name == "turret" else np.array([0, 1.0, 0])
         found.pivots[name] = float(np.linalg.norm(gap - (gap @ axis) * axis))
         if found.pivots[name] > PIVOT[name]:
@@ -93,7 +93,9 @@ def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[Doubt]]:
     built = build_vehicle("it", upright, options)
     uses = [role.use for role in built.roles]
     rows = (ObjectRow(p.name, "", r.use, r.why, 1, p.faces) for p, r in zip(drawn.pieces, built.roles, strict=True))
-    report = FileReport("vehicle", "", xyz(built.shape.size_xyz), 0, opened.unit, upright.up.value, rows=tuple(rows))
+    report = FileReport(
+        "vehicle", "", format_xyz(built.shape.size_xyz), 0, opened.unit, upright.up.value, rows=tuple(rows)
+    )
     return built.shape, uses, [*built.doubts, *vehicle_doubts(report, options), *opened.doubts]
 
 
@@ -102,12 +104,15 @@ def _compared(truth: Truth, drawn: Any, uses: list[str]) -> set[str]:
     faces = np.array([p.faces for p in drawn.pieces])
     is_ = np.array([truth.part_of.get(p.name, truth.part_of.get(p.data, 0)) for p in drawn.pieces])
     used = np.array([(*PARTS, "dropped").index(u) for u in uses])
-    wrong = {"drop"} if ((is_ == LITTER) & (used != LITTER)).any() else set()
-    if faces[(is_ != LITTER) & (used == LITTER)].sum() > FACES * faces[is_ != LITTER].sum():
+    wrong = {"drop"} if ((is_ == LITTER_PART) & (used != LITTER_PART)).any() else set()
+    if (
+        faces[(is_ != LITTER_PART) & (used == LITTER_PART)].sum()
+        > MAX_MISPLACED_SHARE * faces[is_ != LITTER_PART].sum()
+    ):
         wrong.add("keep")
     for part, name in enumerate(PARTS[1:], start=1):
-        most = FACES * max(int(faces[is_ == part].sum()), 100)
-        lost, more = (is_ == part) & (used != part), (is_ < LITTER) & (is_ != part) & (used == part)
+        most = MAX_MISPLACED_SHARE * max(int(faces[is_ == part].sum()), 100)
+        lost, more = (is_ == part) & (used != part), (is_ < LITTER_PART) & (is_ != part) & (used == part)
         if faces[lost].sum() > most or faces[more].sum() > most:
             wrong.add(name)
     return wrong

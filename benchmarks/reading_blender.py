@@ -12,10 +12,10 @@ import numpy as np
 from mathutils import Matrix
 
 from hulldown.benchmarks.reading_cases import Case, Truth, build, cases, file_from_vehicle, world_from_written
-from hulldown.benchmarks.reading_things import LITTER, PARTS, Model, Thing, node
+from hulldown.benchmarks.reading_things import LITTER_PART, PARTS, Model, Thing, node
 from hulldown.demo.vehicles import LOOK, write_vehicle
-from hulldown.geometry.transforms import apply
-from hulldown.reading.blender.depsgraph import evaluate
+from hulldown.geometry.transforms import transform_points
+from hulldown.reading.blender.depsgraph import evaluate_scene
 from hulldown.reading.blender.importers import Opened, open_file
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.pieces.options import TEXTURE_SIZE, Options
@@ -34,7 +34,7 @@ def corpus(each: Sequence[int]) -> Iterator[tuple[Case, Truth, Opened, Evaluated
             model, path = build(bases[case.vehicle], case), folder / f"case{case.suffix}"
             _write(model, case, path)
             opened, drawn = _read(path, {".glb": "gltf"}.get(path.suffix, path.suffix[1:]))
-            points = np.concatenate([t.vertices for t in model.things if t.part != LITTER])
+            points = np.concatenate([t.vertices for t in model.things if t.part != LITTER_PART])
             world_from_vehicle = world_from_written(case) @ file_from_vehicle(case)
             part_of = {t.name: t.part for t in model.things}
             yield case, Truth(part_of, model.pivots, world_from_vehicle, np.ptp(points, axis=0)), opened, drawn
@@ -44,7 +44,7 @@ def _read(path: Path, kind: str) -> tuple[Opened, Evaluated]:
     opened = open_file(path, kind, Options())
     meters = meters_from_file(opened.unit, opened.up)
     given = {"meters_from_file": meters, "duplicates": opened.duplicates}
-    return opened, evaluate(bpy.context.scene, **given, texture_size=TEXTURE_SIZE)
+    return opened, evaluate_scene(bpy.context.scene, **given, texture_size=TEXTURE_SIZE)
 
 
 def _base(path: Path) -> Model:
@@ -55,19 +55,19 @@ def _base(path: Path) -> Model:
     built = build_vehicle(path.stem, upright, Options(forward="+x"))
     names = built.shape.part_names
     from_vehicle = meters @ np.linalg.inv(built.shape.vehicle_from_file)
-    pivot = dict(zip(names, apply(from_vehicle, built.shape.part_pivot), strict=True))
+    pivot = dict(zip(names, transform_points(from_vehicle, built.shape.part_pivot), strict=True))
     things: list[Thing] = []
     links = [link for chain in (*(p.chain for p in drawn.pieces), *drawn.markers) for link in chain]
     for row in built.parts:  # what carries the part: an empty, or the turret's own mesh
         carrier = next(link for link in links if link.name == row.why.split("'")[1])
-        origin = apply(meters, carrier.pose[:3, 3][None])[0]
+        origin = transform_points(meters, carrier.pose[:3, 3][None])[0]
         things.append(node(carrier.name, PARTS.index(row.name), origin, len(things) - 1))
     place = {thing.name: i for i, thing in enumerate(things)}
     for piece, part in zip(drawn.pieces, built.piece_part, strict=True):
         if part < 0:
             continue
         mesh, index = drawn.meshes[piece.mesh], PARTS.index(names[part])
-        vertices = apply(meters @ piece.pose, mesh.vertices)
+        vertices = transform_points(meters @ piece.pose, mesh.vertices)
         if (i := place.get(piece.name)) is not None:
             things[i] = replace(things[i], vertices=vertices, faces=mesh.faces)
             continue
@@ -82,14 +82,14 @@ def _write(model: Model, case: Case, path: Path) -> None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     pose, root_turned = file_from_vehicle(case), case.layout == "root turned"
     baked = np.eye(4) if root_turned else pose
-    origins = apply(baked, np.array([thing.origin for thing in model.things]))
+    origins = transform_points(baked, np.array([thing.origin for thing in model.things]))
     objects = []
     for thing, origin in zip(model.things, origins, strict=True):
         data = None
         # Origins at zero mean the file's zero, with the turn applied to the vertices.
         if len(thing.faces):
             data = bpy.data.meshes.new(thing.name)
-            data.from_pydata((apply(baked, thing.vertices) - origin).tolist(), [], thing.faces.tolist())
+            data.from_pydata((transform_points(baked, thing.vertices) - origin).tolist(), [], thing.faces.tolist())
         objects.append(bpy.data.objects.new(thing.name, data))
         bpy.context.scene.collection.objects.link(objects[-1])
     for thing, made, origin in zip(model.things, objects, origins, strict=True):

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 PARTS = ("hull", "turret", "gun")
-LITTER = 3  # the part of what is no vehicle
+LITTER_PART = 3  # the part of what is no vehicle
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -86,7 +86,7 @@ def litter_of(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
 
 
 def _thing(name: str, vertices: np.ndarray, faces: np.ndarray) -> Thing:
-    return Thing(name, LITTER, np.asarray(vertices, float), faces, np.zeros(3))
+    return Thing(name, LITTER_PART, np.asarray(vertices, float), faces, np.zeros(3))
 
 
 def _box(size: Sequence[float], at: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:

@@ -27,8 +27,8 @@ from hulldown.render.jobs import render_job
 from hulldown.render.outline import sort_key
 from hulldown.render.process import Allowance, Blender, Limits
 
-FEW = 4  # samples of the pictures whose sampling is not what is measured
-MORE = 32  # samples that, beside few, tell what one more sample takes
+FEW_SAMPLES = 4  # samples of the pictures whose sampling is not what is measured
+MORE_SAMPLES = 32  # samples that, beside few, tell what one more sample takes
 STEPPE, HILLS = "dry_steppe", "temperate_hills"
 
 
@@ -91,11 +91,11 @@ def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
     """Measure twelve images of three vehicles; in a larger dataset a vehicle has many more that follow each other."""
     size = (160, 90) if quick else (480, 270)
     plan, library = planned(folder, config_path, 4, size, one_of_a_class=True)
-    settings = {**FAST, "samples": FEW} if quick else FAST
+    settings = {**FAST, "samples": FEW_SAMPLES} if quick else FAST
     jobs = [_job(row, library, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
     with _blender(folder) as blender:
         start = time.perf_counter()
-        blender.start()
+        blender.start_process()
         started = time.perf_counter() - start
         start = time.perf_counter()
         parts = [blender.do(job).seconds for job in jobs]
@@ -125,11 +125,13 @@ def _large(folder: Path, config_path: Path, quick: bool) -> dict:
     with _blender(folder) as blender:
         parts = [
             blender.do(_job(row, library, {**PAPER, "samples": samples}, folder / "l.png")).seconds
-            for row, samples in zip([*rows, rows[-1]], (FEW, FEW, FEW, FEW, MORE), strict=True)
+            for row, samples in zip(
+                [*rows, rows[-1]], (FEW_SAMPLES, FEW_SAMPLES, FEW_SAMPLES, FEW_SAMPLES, MORE_SAMPLES), strict=True
+            )
         ]
     overhead = float(np.median([_overhead(p) for p in parts[1:]]))
     few, more = parts[-2]["sample"], parts[-1]["sample"]
-    sampling = few + (PAPER["samples"] - FEW) * (more - few) / (MORE - FEW)
+    sampling = few + (PAPER["samples"] - FEW_SAMPLES) * (more - few) / (MORE_SAMPLES - FEW_SAMPLES)
     return {
         "size": size,
         "samples": PAPER["samples"],
@@ -177,7 +179,7 @@ def report(results: dict) -> str:
         table(["", "s an image"], rows),
         f"At {large['size'][0]} x {large['size'][1]} the sum outside sampling is {large['overhead_s']:.2f} s (median "
         f"of {len(large['parts']) - 1} images in steady state), and {large['samples']} samples, denoised, take "
-        f"{large['sample_s']:.0f} s (extrapolated from {FEW} and {MORE} samples of one picture): "
+        f"{large['sample_s']:.0f} s (extrapolated from {FEW_SAMPLES} and {MORE_SAMPLES} samples of one picture): "
         f"**{large['share']:.1%}** of the image's time is not sampling.",
         rendering_error.report(results["error"]),
     ])  # fmt: skip

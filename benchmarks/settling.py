@@ -16,7 +16,7 @@ from scipy.spatial import ConvexHull
 from hulldown.benchmarks.tables import table
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rotation_z
-from hulldown.placement.candidates import candidates
+from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.rest import NUDGE, OTHER_WAYS
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
@@ -27,7 +27,7 @@ RULES = ("averaged", "support")
 DEFAULT = ("support", 5)
 SHOWN = (5, 9)  # rays a side in the tables; the plot shows all
 TRUTH_CELL = 0.1  # meters between the samples of the reference
-UNSURE = 0.2  # meters: a center of gravity nearer to the edge of its contact triangle may tip either way
+UNSURE_EDGE_M = 0.2  # meters: a center of gravity nearer to the edge of its contact triangle may tip either way
 
 
 def run(quick: bool) -> dict[str, Any]:
@@ -88,7 +88,7 @@ def _truth(
     gradient, z, margin = (np.array(each) for each in zip(*(_resting(samples, row) for row in heights), strict=True))
     gradient = np.einsum("kij,kj->ki", turn, gradient)
     up = np.column_stack([-gradient, np.ones(len(xy))])
-    return up / np.linalg.norm(up, axis=1, keepdims=True), z, margin > UNSURE
+    return up / np.linalg.norm(up, axis=1, keepdims=True), z, margin > UNSURE_EDGE_M
 
 
 def _resting(samples: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, float, float]:
@@ -121,7 +121,7 @@ def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick
         def height(xy: np.ndarray) -> np.ndarray:
             return terrain.top_hits(xy).z
 
-    xy, yaw = candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(1))
+    xy, yaw = sample_candidates(mesh.bounds, 200 if quick else 2000, rng=np.random.default_rng(1))
     up, z, sure = _truth(height, xy, yaw)
     lean = np.arccos(up[:, 2])
     gate = np.nanmedian(lean)
@@ -151,7 +151,7 @@ def _speed(quick: bool) -> dict[str, Any]:
     mesh, _ = waves(cells / 2, 1.0, 30.0, 1.5)
     terrain = Terrain(mesh)
     k = 5_000 if quick else 50_000
-    xy, yaw = candidates(mesh.bounds, k, rng=np.random.default_rng(5))
+    xy, yaw = sample_candidates(mesh.bounds, k, rng=np.random.default_rng(5))
 
     def ours(*, threads: int = 1, **options: Any) -> Callable[[], int]:
         def work() -> int:

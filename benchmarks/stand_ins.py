@@ -22,7 +22,7 @@ from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
 from hulldown.annotate.record_fields import PICTURE_KEY
-from hulldown.base.files import replacing
+from hulldown.base.files import atomic_writer
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLITS
 from hulldown.dataset.store.document import COCO_NAME, read_coco
@@ -34,7 +34,7 @@ from hulldown.plan.library import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.supervisor import Progress, render_remaining
 
-SAMPLES = 6  # rays a pixel, denoised
+SAMPLES_PER_PIXEL = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on
 
 
@@ -105,13 +105,13 @@ def write_side(side: Side, folder: Path) -> Path:
         values={
             **SHARED,
             "seed": side.seed,
-            "render.samples": SAMPLES,
+            "render.samples": SAMPLES_PER_PIXEL,
             "budget.images_per_class": side.images_per_class,
             **side.values,
         },
     )
     path = folder / f"{side.name}.toml"
-    with replacing(path) as file:
+    with atomic_writer(path) as file:
         file.write(text.encode())
     return path
 

@@ -17,16 +17,16 @@ from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.rays import RayCaster
-from hulldown.geometry.transforms import apply, rigid, rotation_z
+from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.shapes import vertices_at
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
-SHOWN = 4  # rows of the table; the plot shows all
-SIZE = 600.0  # meters of ground to each side of the middle
+SHOWN_ROWS = 4  # rows of the table; the plot shows all
+GROUND_REACH_M = 600.0  # meters of ground to each side of the middle
 
 
 class Woods:
@@ -37,16 +37,16 @@ class Woods:
         self.ground = _waves(cells)
         self.ground_rays = RayCaster(self.ground)
         self.tree = _tree()
-        at = rng.uniform(-SIZE, SIZE, (trees, 2))
+        at = rng.uniform(-GROUND_REACH_M, GROUND_REACH_M, (trees, 2))
         scale = rng.uniform(0.7, 1.6, trees)
-        poses = rigid(rotation_z(rng.uniform(0, 6, trees)), np.c_[at, _height(*at.T)])
+        poses = rigid_matrix(rotation_z(rng.uniform(0, 6, trees)), np.c_[at, _height(*at.T)])
         poses[:, :3, :3] *= scale[:, None, None]
         self.wood = InstancedScene([self.tree], np.zeros(trees, dtype=int), poses)
         self.shape = vehicles(fine=6)["tank"]
         self.caster = VehicleCaster(self.shape)
         self.articulation = [{"turret": float(a), "gun": 0.1} for a in rng.uniform(-3, 3, n)]
-        spot = rng.uniform(-0.8 * SIZE, 0.8 * SIZE, (n, 2))
-        self.world_from_vehicle = rigid(rotation_z(rng.uniform(0, 6, n)), np.c_[spot, _height(*spot.T)])
+        spot = rng.uniform(-0.8 * GROUND_REACH_M, 0.8 * GROUND_REACH_M, (n, 2))
+        self.world_from_vehicle = rigid_matrix(rotation_z(rng.uniform(0, 6, n)), np.c_[spot, _height(*spot.T)])
         center = self.world_from_vehicle[:, :3, 3] + [0, 0, 1.0]
         poses = camera_pose(
             center,
@@ -55,7 +55,7 @@ class Woods:
             draw_elevation(n, (math.radians(3), math.radians(35)), rng=rng),
         )
         at_rest = np.concatenate([part.hull for part in self.caster.parts])
-        hull = apply(self.world_from_vehicle, at_rest)
+        hull = transform_points(self.world_from_vehicle, at_rest)
         self.world_from_camera = frame_target(Cameras(HD, poses), hull, rng=rng).world_from_camera
         above = self.world_from_camera[:, 2, 3] - _height(*self.world_from_camera[:, :2, 3].T)
         self.world_from_camera[above < 0.5, 2, 3] += 0.5 - above[above < 0.5]
@@ -73,7 +73,7 @@ class Woods:
 
     def placed(self, i: int) -> Mesh:
         """The vehicle of view i, turned, in the world."""
-        vertices = apply(self.world_from_vehicle[i], vertices_at(self.shape, self.articulation[i]))
+        vertices = transform_points(self.world_from_vehicle[i], vertices_at(self.shape, self.articulation[i]))
         return Mesh(vertices, self.shape.mesh.faces)
 
     def by_pixels(self, i: int, pixels: np.ndarray, vehicle: RayCaster) -> tuple[int, int]:
@@ -95,7 +95,7 @@ def _height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def _waves(cells: int) -> Mesh:
-    x, y = np.meshgrid(*[np.linspace(-SIZE, SIZE, cells + 1)] * 2)
+    x, y = np.meshgrid(*[np.linspace(-GROUND_REACH_M, GROUND_REACH_M, cells + 1)] * 2)
     return sheet(np.stack([x, y, _height(x, y)], axis=-1))
 
 
@@ -108,7 +108,7 @@ def _tree() -> Mesh:
     sides = np.array([[i, i + 1, i + 10] for i in range(8)] + [[i, i + 10, i + 9] for i in range(8)])
     middle = rng.normal(size=(3000, 3)) * [0.9, 0.9, 1.2] + [0, 0, 3.4]
     leaves = (middle[:, None] + rng.normal(size=(3000, 3, 3)) * 0.12).reshape(-1, 3)
-    return merge([Mesh(trunk, sides), Mesh(leaves, np.arange(9000).reshape(-1, 3))])[0]
+    return merge_meshes([Mesh(trunk, sides), Mesh(leaves, np.arange(9000).reshape(-1, 3))])[0]
 
 
 def run(quick: bool) -> dict:
@@ -277,7 +277,7 @@ def report(results: dict) -> str:
     error, cost, faces = results["error"], results["cost"], results["faces"]
     default, *others_by_rays = error["contenders"].values()
     rows = []
-    for rays, s in list(default.items())[:SHOWN]:
+    for rays, s in list(default.items())[:SHOWN_ROWS]:
         spent = f"{cost[f'{rays} rays']:.0f}" if f"{rays} rays" in cost else ""
         peers = [f"{by_rays[rays]['rms']:.4f}" if rays in by_rays else "" for by_rays in others_by_rays]
         rows.append(

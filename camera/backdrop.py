@@ -25,7 +25,7 @@ def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
     return np.asarray(np.median(sky[band].reshape(-1, 3), axis=0))
 
 
-def fade(horizon: float) -> tuple[float, float]:
+def fade_sines(horizon: float) -> tuple[float, float]:
     """Sines of the elevations between which, linearly in the sine, the even color gives way to the HDRI."""
     high = math.sin(min(horizon + FADE, math.pi / 2.0))
     return min(math.sin(horizon), high - 1e-3), high

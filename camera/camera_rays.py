@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.camera.cameras import NEAR_M
-from hulldown.geometry.transforms import rotate
+from hulldown.geometry.transforms import rotate_vectors
 
 
 class CameraRays:
@@ -44,8 +44,8 @@ class CameraRays:
         begin, end = (int(view[0]), int(view[-1]) + 1) if len(which) else (0, 0)
         frames = frame_from_camera[begin:end]
         of = slice(begin, end) if camera is None else camera[begin:end]
-        turned = rotate(frames[:, :3, :3], self._rows[of])
-        u, v = self._of(of)
+        turned = rotate_vectors(frames[:, :3, :3], self._rows[of])
+        u, v = self._take_cameras(of)
         every = np.empty((3, end - begin, r))
         for axis, out in enumerate(every):
             np.multiply(turned[:, 1, axis, None], u, out=out)
@@ -56,10 +56,10 @@ class CameraRays:
 
     def edges(self, frame_from_camera: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 3"]:
         """Directions of unit depth along the four edges of each camera's rays, in order around it."""
-        low, across, down = np.moveaxis(rotate(frame_from_camera[:, :3, :3], self._rows), 1, 0)
+        low, across, down = np.moveaxis(rotate_vectors(frame_from_camera[:, :3, :3], self._rows), 1, 0)
         return np.stack([low, low + across, low + across + down, low + down], 1)
 
-    def through(
+    def rays_through_boxes(
         self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
         """Return all pairs of a box, given by its corners at unit depth, and a ray of its camera through it."""
@@ -68,7 +68,7 @@ class CameraRays:
         box, view = box[near], view[near]
         with np.errstate(divide="ignore", invalid="ignore"):
             at = (box - self.low[view, None]) / self.extent[view, None]
-        u, v = self._of(view)
+        u, v = self._take_cameras(view)
         inside = u >= at[:, 0, :1]
         inside &= u <= at[:, 1, :1]
         inside &= v >= at[:, 0, 1:]
@@ -76,7 +76,7 @@ class CameraRays:
         pair, ray = np.nonzero(inside)
         return near[pair], ray
 
-    def _of(self, cameras: slice | Int[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray]:
+    def _take_cameras(self, cameras: slice | Int[np.ndarray, " m"]) -> tuple[np.ndarray, np.ndarray]:
         """Return the pattern of some cameras."""
         return (self._u, self._v) if self._u.ndim == 1 else (self._u[cameras], self._v[cameras])
 

@@ -9,8 +9,8 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.intrinsics import Intrinsics, Projected
-from hulldown.geometry.arrays import checked
-from hulldown.geometry.transforms import apply, invert_rigid, rotate
+from hulldown.geometry.arrays import checked_array
+from hulldown.geometry.transforms import invert_rigid, rotate_vectors, transform_points
 
 NEAR_M = 0.1  # meters along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
 RIGID_TOLERANCE = 1e-6 + 1e-5 * np.eye(3)  # of products of a pose's axes
@@ -47,7 +47,7 @@ class Cameras:
     world_from_camera: Float[np.ndarray, "*n 4 4"]
 
     def __post_init__(self) -> None:
-        poses = checked(self.world_from_camera, "world_from_camera", ("...", 4, 4))
+        poses = checked_array(self.world_from_camera, "world_from_camera", ("...", 4, 4))
         x, y, z = (poses[..., :3, axis] for axis in range(3))
         products = np.einsum("...ij,...ik->...jk", poses[..., :3, :3], poses[..., :3, :3])
         rigid = (np.abs(products - np.eye(3)) <= RIGID_TOLERANCE).all(axis=(-1, -2))
@@ -92,8 +92,8 @@ class Cameras:
         -------
         pixels (..., k, 2) and depth (..., k). The pixel of a point at or behind a camera's plane is nan.
         """
-        points = checked(points_world, "points_world", ("...", "k", 3), finite=False)
-        return self.lenses.project_points(apply(self.camera_from_world, points))
+        points = checked_array(points_world, "points_world", ("...", "k", 3), finite=False)
+        return self.lenses.project_points(transform_points(self.camera_from_world, points))
 
     def rays(self, pixels: ArrayLike) -> tuple[Float[np.ndarray, "*n k 3"], Float[np.ndarray, "*n k 3"]]:
         """Return the rays through pixels.
@@ -107,9 +107,9 @@ class Cameras:
         -------
         origins and unit directions (..., k, 3) in the world; origins are the cameras' positions.
         """
-        along = self.lenses.pixel_directions(checked(pixels, "pixels", ("...", "k", 2), finite=False))
+        along = self.lenses.pixel_directions(checked_array(pixels, "pixels", ("...", "k", 2), finite=False))
         along /= np.linalg.norm(along, axis=-1, keepdims=True)
-        along = rotate(self.world_from_camera[..., :3, :3], along)
+        along = rotate_vectors(self.world_from_camera[..., :3, :3], along)
         return np.broadcast_to(self.position[..., None, :], along.shape), along
 
 

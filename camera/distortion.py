@@ -33,7 +33,7 @@ SIDE_SAMPLES = 64  # places along each side of an image at which its bounds at u
 Coefficients = tuple[float, float, float, float, float]
 
 
-def distorted(points: np.ndarray, distortion: Coefficients, radius: float = math.inf) -> np.ndarray:
+def distort_points(points: np.ndarray, distortion: Coefficients, radius: float = math.inf) -> np.ndarray:
     """Distort points (..., 2) of the plane at unit depth; nan beyond the visible radius, see `seen_radius`."""
     x, y = points[..., 0], points[..., 1]
     k1, k2, p1, p2, k3 = distortion
@@ -45,7 +45,7 @@ def distorted(points: np.ndarray, distortion: Coefficients, radius: float = math
         return np.where((square <= radius * radius)[..., None], np.stack([across, down], -1), np.nan)
 
 
-def jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def distortion_jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the three different entries of the symmetric Jacobian of `distorted`: xx, xy, yy."""
     x, y = points[..., 0], points[..., 1]
     k1, k2, p1, p2, k3 = distortion
@@ -59,7 +59,7 @@ def jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[np.ndarray, 
     )
 
 
-def bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
+def max_bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
     """Return the greatest second derivative of `distorted`, along any line at unit speed, within so far of the axis."""
     k1, k2, p1, p2, k3 = map(abs, distortion)
     square = length * length
@@ -68,29 +68,29 @@ def bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
     return length * (6.0 * first + 4.0 * square * second) + 6.0 * math.sqrt(p1 * p1 + p2 * p2)
 
 
-def undistorted(points: np.ndarray, distortion: Coefficients, radius: float) -> np.ndarray:
+def undistort_points(points: np.ndarray, distortion: Coefficients, radius: float) -> np.ndarray:
     """Return the points within the radius that `distorted` takes to these, by Newton's method; nan: there are none.
 
     Every point has its own number of rounds, so a result doesn't depend on the other points.
     """
     wanted = np.asarray(points, dtype=np.float64)
     target = wanted.reshape(-1, 2)
-    at = _within(target, radius)
-    off = distorted(at, distortion) - target
-    miss = _length(off)
-    close = MAX_INVERSE_RESIDUAL * (1.0 + _length(target))
+    at = _clamp_radius(target, radius)
+    off = distort_points(at, distortion) - target
+    miss = _axis_distance(off)
+    close = MAX_INVERSE_RESIDUAL * (1.0 + _axis_distance(target))
     share = np.ones(len(target))
     active = np.flatnonzero(np.isfinite(miss) & (miss > 0.0))
     for _ in range(MAX_NEWTON_STEPS):
         if not len(active):
             break
-        xx, xy, yy = jacobian(at[active], distortion)
+        xx, xy, yy = distortion_jacobian(at[active], distortion)
         u, v = off[active, 0], off[active, 1]
         scale = share[active] / (xx * yy - xy * xy)
         step = np.stack([(yy * u - xy * v) * scale, (xx * v - xy * u) * scale], -1)
-        tried = _within(at[active] - step, radius)
-        tried_off = distorted(tried, distortion) - target[active]
-        tried_miss = _length(tried_off)
+        tried = _clamp_radius(at[active] - step, radius)
+        tried_off = distort_points(tried, distortion) - target[active]
+        tried_miss = _axis_distance(tried_off)
         better = tried_miss < miss[active]
         rows = active[better]
         at[rows], off[rows], miss[rows] = tried[better], tried_off[better], tried_miss[better]
@@ -126,7 +126,7 @@ def frame_bounds(
     pixels = (along_sides(SIDE_SAMPLES) * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):
         return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
-    unit = undistorted(pixels, distortion, seen_radius(distortion))
+    unit = undistort_points(pixels, distortion, seen_radius(distortion))
     if not np.isfinite(unit).all():
         raise ValueError(
             f"distortion: expected a lens that doesn't fold inside the image, got {distortion!r}, which folds at "
@@ -144,13 +144,13 @@ def along_sides(parts: int) -> np.ndarray:
     return np.array([[t, zero], [t, one], [zero, t], [one, t]]).transpose(0, 2, 1)
 
 
-def _within(points: np.ndarray, radius: float) -> np.ndarray:
+def _clamp_radius(points: np.ndarray, radius: float) -> np.ndarray:
     """Return the points, or the nearest on the circle where they are beyond it."""
-    length = _length(points)
+    length = _axis_distance(points)
     with np.errstate(invalid="ignore"):
         return np.where((length > radius)[:, None], points * (radius / np.maximum(length, 1e-300))[:, None], points)
 
 
-def _length(points: np.ndarray) -> np.ndarray:
+def _axis_distance(points: np.ndarray) -> np.ndarray:
     """Return the distance of points from the axis."""
     return np.sqrt(points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1])

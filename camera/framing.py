@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.portable import exp, hypot, log
-from hulldown.geometry.transforms import rotate, rotation_z, tilt_to
+from hulldown.geometry.transforms import rotate_vectors, rotation_z, tilt_rotation
 from hulldown.geometry.uniform import UniformNumbers
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
@@ -23,7 +23,7 @@ LEVEL_ROUNDS = 12  # of Broyden's method, which takes 3 to 8
 LEAST_CHANGE = 0.1  # of the expected change of the box's place that must be seen: see `_Search.by_secants`
 
 
-def turned(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:
+def pan_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:
     """Return the cameras turned on the spot so that what was on their optical axes falls on `pixel`, and rolled.
 
     A level horizon stays level but for the roll, as on a tripod, where the view is flat enough for that:
@@ -32,12 +32,12 @@ def turned(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras
     `pixel`: pixels, in the frame or out of it; leading axes broadcast against those of the poses.
     `roll`: radians about the optical axis, from x to y: positive lowers the camera's right side.
     """
-    uv = checked(pixel, "pixel", ("...", 2))
+    uv = checked_array(pixel, "pixel", ("...", 2))
     through = cameras.lenses.pixel_directions(uv[..., None, :])[..., 0, :]
-    return cameras.at_poses(_turned(cameras, through, roll))
+    return cameras.at_poses(_pan_cameras(cameras, through, roll))
 
 
-def _turned(
+def _pan_cameras(
     cameras: Cameras, through: Float[np.ndarray, "... 3"], roll: ArrayLike, *, keep_level: bool = True
 ) -> Float[np.ndarray, "... 4 4"]:
     """Return poses of cameras turned as `turned` does, by the camera's direction through the pixel."""
@@ -46,7 +46,7 @@ def _turned(
     about_axis = None
     if np.any(roll):
         about_axis = rotation_z(roll)
-        seen = rotate(about_axis, seen[..., None, :])[..., 0, :]  # as the camera would see it without the roll
+        seen = rotate_vectors(about_axis, seen[..., None, :])[..., 0, :]  # as the camera would see it without the roll
     lead = np.broadcast_shapes(pose.shape[:-2], seen.shape[:-1])
     out = np.array(np.broadcast_to(pose, (*lead, 4, 4)))
     rotation = np.array(out[..., :3, :3])
@@ -54,14 +54,14 @@ def _turned(
     flat = hypot(rotation[..., 0, 2], rotation[..., 1, 2])
     steep = flat <= cameras.lenses.sin_half_fov_x
     level = np.asarray(keep_level & ~steep & (np.abs(rotation[..., 2, 0]) < 1e-9) & (flat > np.abs(seen[..., 0])))
-    smallest = rotate(tilt_to(seen), rotation)
-    out[..., :3, :3] = np.where(level[..., None, None], _panned(rotation, seen, level), smallest)
+    smallest = rotate_vectors(tilt_rotation(seen), rotation)
+    out[..., :3, :3] = np.where(level[..., None, None], _panned_axes(rotation, seen, level), smallest)
     if about_axis is not None:
-        out[..., :3, :3] = rotate(np.swapaxes(about_axis, -1, -2), out[..., :3, :3])
+        out[..., :3, :3] = rotate_vectors(np.swapaxes(about_axis, -1, -2), out[..., :3, :3])
     return out
 
 
-def _panned(
+def _panned_axes(
     rotation: Float[np.ndarray, "... 3 3"], seen: Float[np.ndarray, "... 3"], possible: Bool[np.ndarray, "..."]
 ) -> Float[np.ndarray, "... 3 3"]:
     """Axes of the level camera for which the old forward direction has the camera coordinates `seen`."""
@@ -73,9 +73,9 @@ def _panned(
     cosine = np.sqrt(np.where(possible, (flat - np.abs(seen_x)) * (flat + np.abs(seen_x)), 1.0))
     # The pitch is the sum of two angles, that of (seen_z, seen_y) and that of (cosine, rise).
     along, up = seen_z * cosine - seen_y * rise, seen_y * cosine + seen_z * rise
-    cp, sp = _unit(along, up)
+    cp, sp = _unit_vector(along, up)
     # The old heading lies to the right of the new one by this angle.
-    ca, sa = _unit(seen_z * cp + seen_y * sp, seen_x)
+    ca, sa = _unit_vector(seen_z * cp + seen_y * sp, seen_x)
     old_x, old_y = -right[..., 1], right[..., 0]
     x, y, zero = ca * old_x - sa * old_y, sa * old_x + ca * old_y, np.zeros_like(cp)
     axes = [
@@ -86,7 +86,7 @@ def _panned(
     return np.stack(axes, -1)
 
 
-def _unit(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+def _unit_vector(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Cosine and sine of the angle of (x, y)."""
     x, y = np.asarray(x), np.asarray(y)  # one camera's are numbers
     length = hypot(x, y)
@@ -112,7 +112,7 @@ def frame_target(
     `roll`: or (n,) radians; see `turned`.
     `truncated`: least and largest share of the box's area to be cut off, within 0 to 1.
     """
-    points = checked(points_world, "points_world", ("m", "k", 3))
+    points = checked_array(points_world, "points_world", ("m", "k", 3))
     if len(points) not in (1, len(cameras)):
         raise ValueError(f"points_world: expected 1 or {len(cameras)} sets of points, got {len(points)}")
     if not 0.0 <= spread <= 1.0:
@@ -121,8 +121,8 @@ def frame_target(
         raise ValueError(f"truncated: expected 0 <= low <= high <= 1, got {truncated}")
     n, size = len(cameras), cameras.lenses.size
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (n,))
-    first = turned(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
-    box = _box(first, points)
+    first = pan_to_pixel(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
+    box = _projected_box(first, points)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
     uniform = rng.random((n, 5))
@@ -158,10 +158,10 @@ def place_boxes(
     `cut`: whether the frame cuts it off there.
     `kept`: or (n, 2) least share of the target's width and height in the frame.
     """
-    points = checked(points_world, "points_world", ("n", "k", 3))
+    points = checked_array(points_world, "points_world", ("n", "k", 3))
     size, least = cameras.lenses.size, np.broadcast_to(kept, (len(cameras), 2))
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(cameras),))
-    first = turned(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
+    first = pan_to_pixel(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
     (low, high), (cut_low, cut_high) = (np.split(each, 2, axis=1) for each in (corners, cut))
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
@@ -173,7 +173,7 @@ def place_boxes(
         return np.select(kinds, places, np.clip(middle, np.minimum(room, 0.0), np.maximum(room, 0.0)))
 
     search = _Search(cameras, points, rolls, corner)
-    return search.by_iteration(first, _box(first, points))
+    return search.by_iteration(first, _projected_box(first, points))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -193,8 +193,8 @@ class _Search:
         through = cameras.lenses.pixel_directions(pixel[:, None])[:, 0]
         unseen = np.isnan(through[:, 0])  # beyond the fold of a distorted lens
         through[unseen] = 0.0, 0.0, 1.0
-        cameras = cameras.at_poses(_turned(cameras, through, self.rolls[rows], keep_level=keep_level))
-        box = _box(cameras, self.points if len(self.points) == 1 else self.points[rows])
+        cameras = cameras.at_poses(_pan_cameras(cameras, through, self.rolls[rows], keep_level=keep_level))
+        box = _projected_box(cameras, self.points if len(self.points) == 1 else self.points[rows])
         step = self.corner(rows, box[:, 1] - box[:, 0]) - box[:, 0]
         step[unseen] = math.nan
         return cameras.world_from_camera, step
@@ -245,15 +245,15 @@ class _Search:
                 miss = np.abs(step).max(axis=1)
                 better = miss < best_miss[todo]
                 best[todo[better]], best_miss[todo[better]] = pose[better], miss[better]
-                moved, expected = pixel - last, _applied(turn, last_step - step)
+                moved, expected = pixel - last, _multiply_rows(turn, last_step - step)
                 along = (moved * expected).sum(axis=1)
                 # Updates that would make the next steps huge are left out.
                 sound = along > LEAST_CHANGE * (moved * moved).sum(axis=1)
-                change = (moved - expected)[:, :, None] * _applied(np.swapaxes(turn, 1, 2), moved)[:, None]
+                change = (moved - expected)[:, :, None] * _multiply_rows(np.swapaxes(turn, 1, 2), moved)[:, None]
                 turn[sound] += change[sound] / along[sound, None, None]
                 # A target that left the view is looked for halfway back.
                 seen = np.isfinite(step).all(axis=1)[:, None]
-                onward = np.where(seen, pixel + _applied(turn, step), (pixel + last) / 2.0)
+                onward = np.where(seen, pixel + _multiply_rows(turn, step), (pixel + last) / 2.0)
                 last, last_step = np.where(seen, pixel, last), np.where(seen, step, last_step)
                 on = best_miss[todo] > PLACED_PX
                 todo, turn = todo[on], turn[on]
@@ -261,12 +261,12 @@ class _Search:
         return self.cameras.at_poses(best)
 
 
-def _applied(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
+def _multiply_rows(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
     """Matrices times vectors, row by row."""
     return (matrix * vector[:, None]).sum(axis=2)
 
 
-def _box(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "n 2 2"]:
+def _projected_box(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "n 2 2"]:
     """Low and high corner of the projected points, nan if one of them is not in front."""
     pixels = cameras.project(points).pixels
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)

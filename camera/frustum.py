@@ -34,11 +34,11 @@ class Frustum:
         sides = [[fx, 0.0, cx, 0.0], [-fx, 0.0, width - cx, 0.0], [0.0, fy, cy, 0.0], [0.0, -fy, height - cy, 0.0]]
         return np.concatenate([NEAR_PLANE, sides])
 
-    def outside(self, points: Float[np.ndarray, "3 *n"]) -> UInt8[np.ndarray, "*n"]:
+    def outside_bits(self, points: Float[np.ndarray, "3 *n"]) -> UInt8[np.ndarray, "*n"]:
         """For each point as bits, in the order of `planes`, which planes it is outside of."""
         code = np.zeros(points.shape[1:], dtype=np.uint8)
         for i, plane in enumerate(self.planes):
-            code |= (distance_from(plane, points) < 0.0).astype(np.uint8) << np.uint8(i)
+            code |= (plane_distance(plane, points) < 0.0).astype(np.uint8) << np.uint8(i)
         return code
 
     def project(self, points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "2 *n"]:
@@ -52,7 +52,7 @@ class Frustum:
         return np.stack([u, v])
 
 
-def distance_from(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
+def plane_distance(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
     """Signed distance of points from a plane, scaled; not negative inside."""
     terms = [factor * x for factor, x in zip(plane.tolist(), (*points, 1.0), strict=True) if factor]
     return sum(terms[1:], start=terms[0])

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from hulldown.camera.distortion import NONE, along_sides, distorted, frame_bounds, seen_radius, undistorted
+from hulldown.camera.distortion import NONE, along_sides, distort_points, frame_bounds, seen_radius, undistort_points
 from hulldown.geometry.portable import arctan2, hypot, tan
 
 WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
@@ -61,7 +61,7 @@ class Intrinsics:
     >>> camera = Intrinsics(width=1920, height=1080, fov_x=math.radians(60.0))
     >>> round(float(camera.f_px), 1)
     1662.8
-    >>> round(float(camera.distance_for(2.4, 0.2)), 2)  # 2.4 m high, a fifth of the image's height
+    >>> round(float(camera.target_distance(2.4, 0.2)), 2)  # 2.4 m high, a fifth of the image's height
     18.48
     """
 
@@ -134,7 +134,7 @@ class Intrinsics:
             raise ValueError("fov_x_deg: expected a number of degrees, got None")
         return cls(width, height, math.radians(fov_x_deg))
 
-    def resized(self, width: int, height: int) -> Intrinsics:
+    def with_size(self, width: int, height: int) -> Intrinsics:
         """Return the same view in an image of another size."""
         if self.pinhole is None:
             return replace(self, width=width, height=height)
@@ -206,7 +206,7 @@ class Intrinsics:
         return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
     @property
-    def distorted(self) -> bool:
+    def is_distorted(self) -> bool:
         """Whether the lens distorts."""
         return any(self.distortion)
 
@@ -219,7 +219,7 @@ class Intrinsics:
     def window(self) -> tuple[np.ndarray, np.ndarray]:
         """(2,) or (m, 2) corners of the smallest rectangle at unit depth around the image."""
         focal, center = self.focal, self.center
-        if not self.distorted:
+        if not self.is_distorted:
             return -center / focal, (self.size - center) / focal
         bounds = frame_bounds(self.width, self.height, (*focal.tolist(), *center.tolist()), self.distortion)
         return np.array(bounds[0]), np.array(bounds[1])
@@ -231,7 +231,7 @@ class Intrinsics:
             return np.asarray(np.degrees(self.fov_x))
         fx, _, left, cy = self.pinhole
         right = self.width - left
-        if self.distorted:
+        if self.is_distorted:
             low, high = self.at_unit_depth(np.array([[0.0, cy], [self.width, cy]]))[:, 0].tolist()
             left, right = -low * fx, high * fx
         return np.asarray(np.degrees(arctan2(left, fx) + arctan2(right, fx)))
@@ -239,7 +239,7 @@ class Intrinsics:
     @property
     def sin_half_fov_x(self) -> np.ndarray:
         """() or (m,) sine of the angle between the axis and the image's farther side."""
-        if self.distorted:
+        if self.is_distorted:
             half = self.half_tangents[0]
             return np.asarray(half / hypot(half, 1.0))
         half = max(self.center[0], self.width - self.center[0])
@@ -250,8 +250,8 @@ class Intrinsics:
 
         Without distortion they are monotone along each axis.
         """
-        if self.distorted:
-            unit = distorted(unit, self.distortion, self.radius)
+        if self.is_distorted:
+            unit = distort_points(unit, self.distortion, self.radius)
         pixels = np.asarray(unit * self.focal[..., None, :])
         pixels += self.center
         return pixels
@@ -259,7 +259,7 @@ class Intrinsics:
     def at_unit_depth(self, pixels: np.ndarray) -> np.ndarray:
         """Return points (..., n, 2) at unit depth that project to these pixels; nan where there are none."""
         unit = (pixels - self.center) / self.focal[..., None, :]
-        return undistorted(unit, self.distortion, self.radius) if self.distorted else unit
+        return undistort_points(unit, self.distortion, self.radius) if self.is_distorted else unit
 
     def project_points(self, points_camera: np.ndarray) -> Projected:
         """Project points (..., k, 3) of the camera's frame."""
@@ -276,7 +276,7 @@ class Intrinsics:
         through[..., :2] = unit
         return through
 
-    def image_of(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def window_image(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return corners (m, 2) in pixels of a box around the image of each window (m, 2) at unit depth.
 
         It's the whole image if the lens doesn't see the whole window.
@@ -291,7 +291,7 @@ class Intrinsics:
         first[unseen], last[unseen] = 0.0, self.size
         return first, last
 
-    def distance_for(self, size: ArrayLike, target_fraction: ArrayLike) -> np.ndarray:
+    def target_distance(self, size: ArrayLike, target_fraction: ArrayLike) -> np.ndarray:
         """Return the distance at which an upright `size` fills `target_fraction` of the image's height (eqs 5 and 6).
 
         Parameters
@@ -305,7 +305,7 @@ class Intrinsics:
         -------
         (...) meters along the optical axis; the leading axes broadcast, against those of the cameras too.
         """
-        from hulldown.geometry.arrays import positive  # needs more than numpy
+        from hulldown.geometry.arrays import positive_array  # needs more than numpy
 
-        fraction = positive(target_fraction, "target_fraction")
-        return np.asarray(positive(size, "size") * self.focal[..., 1] / (self.height * fraction))
+        fraction = positive_array(target_fraction, "target_fraction")
+        return np.asarray(positive_array(size, "size") * self.focal[..., 1] / (self.height * fraction))

@@ -35,13 +35,13 @@ _BLACK_BODY = ((0.5267, 0.4133), (0.4770, 0.4137), (0.4369, 0.4041))  # xy at 20
 _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ
 
 
-def displayed(radiance: np.ndarray) -> np.ndarray:
+def display_levels(radiance: np.ndarray) -> np.ndarray:
     """Levels from 0 to 255 of linear Rec. 709 radiance in a picture.
 
     Examples
     --------
     >>> import numpy as np
-    >>> displayed(np.array([[0.0, 0.0, 0.0], [1e3, 1e3, 1e3]])).round().tolist()
+    >>> display_levels(np.array([[0.0, 0.0, 0.0], [1e3, 1e3, 1e3]])).round().tolist()
     [[0.0, 0.0, 0.0], [255.0, 255.0, 255.0]]
     """
     stops = (np.log2(np.maximum(radiance @ _IN.T, 1e-10)) - _LOWEST) / _STOPS
@@ -64,19 +64,19 @@ def white_balance(offset_k: float) -> np.ndarray:
     if offset_k == 0.0:
         return np.eye(3)
     cones = _CONES @ np.linalg.inv(_XYZ)
-    seen, wanted = (cones @ _daylight(kelvin) for kelvin in (NEUTRAL_K + offset_k, NEUTRAL_K))
+    seen, wanted = (cones @ _daylight_xyz(kelvin) for kelvin in (NEUTRAL_K + offset_k, NEUTRAL_K))
     return np.linalg.inv(_CONES) @ np.diag(wanted / seen) @ _CONES
 
 
-def _daylight(kelvin: float) -> np.ndarray:
+def _daylight_xyz(kelvin: float) -> np.ndarray:
     """XYZ of daylight of a color temperature from 4000 to 25000 K, of luminance 1."""
     t = 1000.0 / kelvin
     cool, warm = ((0.244063, 0.09911, 2.9678, -4.6070), (0.237040, 0.24748, 1.9018, -2.0064))
     x = float(np.polyval((cool if kelvin <= 7000.0 else warm)[::-1], t))
-    return _xyz(x, -3.0 * x * x + 2.870 * x - 0.275)
+    return _chromaticity_xyz(x, -3.0 * x * x + 2.870 * x - 0.275)
 
 
-def _xyz(x: float, y: float) -> np.ndarray:
+def _chromaticity_xyz(x: float, y: float) -> np.ndarray:
     """XYZ of luminance 1 of a CIE 1931 chromaticity."""
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
@@ -93,21 +93,21 @@ def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
     True
     """
     kelvins = (4000.0, 4500.0, 5000.0, 5500.0, 6500.0, 8000.0, 12000.0, 25000.0)
-    daylight = [_daylight(kelvin) for kelvin in kelvins if kelvin >= warmest]
-    sunsets = [_xyz(x, y) for x, y in _BLACK_BODY if warmest < 4000.0]
-    places = np.stack([_uv(color) for color in (*sunsets, *daylight)])
-    place, start, along = _uv(_XYZ @ light), places[:-1], np.diff(places, axis=0)
+    daylight = [_daylight_xyz(kelvin) for kelvin in kelvins if kelvin >= warmest]
+    sunsets = [_chromaticity_xyz(x, y) for x, y in _BLACK_BODY if warmest < 4000.0]
+    places = np.stack([_chromaticity_uv(color) for color in (*sunsets, *daylight)])
+    place, start, along = _chromaticity_uv(_XYZ @ light), places[:-1], np.diff(places, axis=0)
     share = np.clip(((place - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
     return float(np.linalg.norm(start + share[:, None] * along - place, axis=1).min())
 
 
-def _uv(xyz: np.ndarray) -> np.ndarray:
+def _chromaticity_uv(xyz: np.ndarray) -> np.ndarray:
     """CIE 1976 chromaticity."""
     x, y, z = xyz
     return np.array([4.0 * x, 9.0 * y]) / (x + 15.0 * y + 3.0 * z)
 
 
-def metered(radiance: np.ndarray) -> np.ndarray:
+def metered_exposures_ev(radiance: np.ndarray) -> np.ndarray:
     """Exposures in EV at which these colors have the luminance `CARD_LEVEL` in a picture; the maximum for black.
 
     `radiance`: linear Rec. 709 of gray cards.
@@ -115,7 +115,7 @@ def metered(radiance: np.ndarray) -> np.ndarray:
     low, high = (np.full(len(radiance), end) for end in (-FARTHEST_EV, FARTHEST_EV))
     for _ in range(_EXPOSURE_HALVINGS):
         middle = (low + high) / 2.0
-        dark = displayed(radiance * np.exp2(middle)[:, None]) @ LUMINANCE < CARD_LEVEL
+        dark = display_levels(radiance * np.exp2(middle)[:, None]) @ LUMINANCE < CARD_LEVEL
         low, high = np.where(dark, middle, low), np.where(dark, high, middle)
     return (low + high) / 2.0
 

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.portable import arcsin, arctan2, hypot, sin, sin_cos
-from hulldown.geometry.transforms import rigid
+from hulldown.geometry.transforms import rigid_matrix
 from hulldown.geometry.uniform import UniformNumbers
 
 
@@ -28,20 +28,20 @@ def camera_pose(
     `azimuth`: radians counterclockwise from +x, from the center to the camera.
     `elevation`: radians above the horizontal plane through the center, from -pi/2 to pi/2.
     """
-    c = checked(center, "center", ("...", 3))
-    d = checked(distance, "distance", ("...",))
+    c = checked_array(center, "center", ("...", 3))
+    d = checked_array(distance, "distance", ("...",))
     if (d <= 0.0).any():
         raise ValueError(f"distance: expected positive meters, got {float(d.min())}")
     outward, rotation = shell_axes(azimuth, elevation)
-    return rigid(rotation, c + d[..., None] * outward)
+    return rigid_matrix(rotation, c + d[..., None] * outward)
 
 
 def shell_axes(
     azimuth: ArrayLike, elevation: ArrayLike
 ) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
     """Return unit direction from the center to the camera, and the camera's axes (right, down, forward) as columns."""
-    a = checked(azimuth, "azimuth", ("...",))
-    e = checked(elevation, "elevation", ("...",))
+    a = checked_array(azimuth, "azimuth", ("...",))
+    e = checked_array(elevation, "elevation", ("...",))
     if (np.abs(e) > math.pi / 2).any():
         raise ValueError(f"elevation: expected radians from -pi/2 to pi/2, got {float(e.flat[np.abs(e).argmax()])}")
     a, e = np.broadcast_arrays(a, e)

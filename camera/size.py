@@ -10,9 +10,9 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.portable import hypot
-from hulldown.geometry.transforms import rotate
+from hulldown.geometry.transforms import rotate_vectors
 
 Measure = Literal["height", "width", "diagonal", "area"]
 
@@ -43,25 +43,25 @@ def solve_distance(
     if measure not in get_args(Measure):
         raise ValueError(f"measure: expected one of {', '.join(get_args(Measure))}, got {measure!r}")
     poses, lenses = cameras.world_from_camera, cameras.lenses
-    points = checked(points_world, "points_world", ("k", "n", 3))
+    points = checked_array(points_world, "points_world", ("k", "n", 3))
     m = len(poses)
-    middle = np.broadcast_to(checked(center, "center", ("...", 3)), (m, 3))
-    wanted = np.broadcast_to(checked(pixels, "pixels", ("...",)), (m,))
+    middle = np.broadcast_to(checked_array(center, "center", ("...", 3)), (m, 3))
+    wanted = np.broadcast_to(checked_array(pixels, "pixels", ("...",)), (m,))
     if (wanted <= 0.0).any():
         raise ValueError(f"pixels: expected positive sizes, got {float(wanted.min())}")
     if len(points) not in (1, m):
         raise ValueError(f"points_world: expected 1 or {m} sets of points, got {len(points)}")
     camera_axes = np.swapaxes(poses[:, :3, :3], -1, -2)
-    ray = rotate(camera_axes, (middle - poses[:, :3, 3])[:, None])[:, 0]
+    ray = rotate_vectors(camera_axes, (middle - poses[:, :3, 3])[:, None])[:, 0]
     if (ray[:, 2] <= 0.0).any():
         raise ValueError("center: expected a point in front of every camera")
     ray = ray / np.linalg.norm(ray, axis=1, keepdims=True)
-    local = rotate(camera_axes, points - middle[:, None])
+    local = rotate_vectors(camera_axes, points - middle[:, None])
     # At distance D the pixel of a point is off the center's by f * aside / (D * ray_z + depth).
     aside = (local[..., :2] - local[..., 2:] * (ray[:, None, :2] / ray[:, None, 2:])) * lenses.focal[..., None, :]
     target = np.sqrt(wanted) if measure == "area" else wanted
-    distance = _solve(aside, local[..., 2], target, measure) / ray[:, 2]
-    if not lenses.distorted:
+    distance = _solve_depth(aside, local[..., 2], target, measure) / ray[:, 2]
+    if not lenses.is_distorted:
         return distance
     points = local if len(local) == m else np.broadcast_to(local, (m, *local.shape[1:]))
 
@@ -101,7 +101,7 @@ def refine_distance(
     return solution
 
 
-def _solve(
+def _solve_depth(
     aside: Float[np.ndarray, "m n 2"],
     depth: Float[np.ndarray, "m n"],
     target: Float[np.ndarray, " m"],

@@ -11,9 +11,9 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from hulldown.base.arguments import Count, checked
+from hulldown.base.arguments import Count, make_check
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import say
+from hulldown.base.terminal import print_message
 
 HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
 RESOURCE = "render"  # of workers that render, declared by `dask worker --resources "render=1"`
@@ -63,7 +63,7 @@ def needing_dask() -> Iterator[None]:
 
 
 def run_cluster(
-    *, workers: Count = 2, port: Annotated[int, checked("a port from 0 to 65535", range(65536).__contains__)] = 8786
+    *, workers: Count = 2, port: Annotated[int, make_check("a port from 0 to 65535", range(65536).__contains__)] = 8786
 ) -> None:
     """Start a Dask cluster on this machine.
 
@@ -79,8 +79,8 @@ def run_cluster(
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
     with local_cluster(workers, port=port) as address:
-        say(f"{workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
-        say("Ctrl-C ends them")
+        print_message(f"{workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
+        print_message("Ctrl-C ends them")
         threading.Event().wait()
 
 

@@ -68,7 +68,7 @@ class Cluster:
         self._address, self._resource, self._refusal = scheduler.address, resource, refusal
         self._at_once, self._say = at_once, say
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # this module reports problems itself
-        self.client = _connect(scheduler)
+        self.client = _connect_client(scheduler)
         self._looked, self._told = 0.0, -1
         self._checks: dict[str, Future] = {}  # of the workers with the resource
         self._refused: dict[str, str] = {}
@@ -97,18 +97,18 @@ class Cluster:
             while waiting or running:
                 if stopping():
                     raise Stopped
-                is_connected = self._look()
+                is_connected = self._update_workers()
                 while is_connected and waiting and self._has_room(waiting[0], len(running)):
                     task = waiting.popleft()
                     task.workers = self._fit - task.failed.keys() or self._fit
-                    future = self._submit(_do, call(task.job), workers=task.workers, retries=TASK_RETRIES)
+                    future = self._submit_task(_do_task, call(task.job), workers=task.workers, retries=TASK_RETRIES)
                     running[future] = task
                     ended.add(future)
                 # Dask would wait for lost workers.
-                self._cancel(each for each, task in running.items() if task.workers.isdisjoint(self._checks))
+                self._cancel_tasks(each for each, task in running.items() if task.workers.isdisjoint(self._checks))
                 for future, result in (batch := list(ended.next_batch(block=False))):
                     task = running.pop(future)
-                    if results := self._results(task, result, lost):
+                    if results := self._task_results(task, result, lost):
                         yield task.job, results
                     elif task.failed or task.losses == MAX_LOSSES:
                         waiting.append(task)
@@ -117,20 +117,20 @@ class Cluster:
                 if not batch:
                     time.sleep(POLL_S)
         finally:
-            self._cancel(running)
+            self._cancel_tasks(running)
 
     def _has_room(self, task: _Task[Job, Result], running: int) -> bool:
         """Return whether the workers can take another task; one that may crash them is tried alone."""
         return running < self._at_once * self.working and not (running and task.losses == MAX_LOSSES)
 
-    def _submit(
+    def _submit_task(
         self, function: Callable[..., object], *given: object, workers: Iterable[str], retries: int = 0
     ) -> Future:
         return self.client.submit(
             function, *given, workers=list(workers), resources={self._resource: 1}, retries=retries, pure=False
         )
 
-    def _results(self, task: _Task[Job, Result], result: Any, lost: Result) -> list[Result]:
+    def _task_results(self, task: _Task[Job, Result], result: Any, lost: Result) -> list[Result]:
         """Return all results of a task that has ended; empty if it must be tried again."""
         error = result[1] if isinstance(result, tuple) else result  # of a failed task: type, error, and traceback
         if isinstance(error, CancelledError | KilledWorker):
@@ -141,7 +141,7 @@ class Cluster:
             raise error
         address, answer = result
         if isinstance(answer, str):
-            self._refuse(address, answer)
+            self._exclude_worker(address, answer)
             return []
         for line in answer.lines:
             self._say(f"{address}: {line}")
@@ -152,10 +152,10 @@ class Cluster:
         self._strikes.update(task.failed.keys())
         for failed in task.failed:
             if self._strikes[failed] == MAX_STRIKES:
-                self._refuse(failed, f"has failed at {MAX_STRIKES} tasks that others could do")
+                self._exclude_worker(failed, f"has failed at {MAX_STRIKES} tasks that others could do")
         return results
 
-    def _look(self) -> bool:
+    def _update_workers(self) -> bool:
         """Update the list of workers; return whether the scheduler can be reached."""
         if self.client.status == "closed":  # since it was out of reach for `GONE_S`
             remedy = "start one, and run the same command with its address, which continues"
@@ -167,10 +167,12 @@ class Cluster:
             with contextlib.suppress(OSError):
                 # Client.scheduler_info() is replaced every other second by an answer without workers.
                 workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
-                self._count({at for at, about in workers.items() if about["resources"].get(self._resource, 0) >= 1})
+                self._check_workers(
+                    {at for at, about in workers.items() if about["resources"].get(self._resource, 0) >= 1}
+                )
         for address, check in list(self._checks.items()):
             if check.done() and address not in self._fit | self._refused.keys():
-                self._take(address, check)
+                self._judge_worker(address, check)
         if self._checks and self._checks.keys() <= self._refused.keys():
             address = next(reversed(self._refused))
             raise HulldownError(f"is refused, as all workers are: it {self._refused[address]}", path=address)
@@ -180,37 +182,38 @@ class Cluster:
             self._say({0: "waiting for workers", 1: "1 worker is in use"}.get(self._told, many))
         return True
 
-    def _count(self, there: set[str]) -> None:
+    def _check_workers(self, there: set[str]) -> None:
         """Check new workers, and forget lost ones."""
         for address in self._fit - there:
             self._say(f"{address}: is gone; others do its tasks")
         self._fit &= there
         self._refused = {address: why for address, why in self._refused.items() if address in there}
-        self._cancel(check for address, check in self._checks.items() if address not in there)
+        self._cancel_tasks(check for address, check in self._checks.items() if address not in there)
         self._checks = {
-            address: self._checks.get(address) or self._submit(self._refusal, workers=[address]) for address in there
+            address: self._checks.get(address) or self._submit_task(self._refusal, workers=[address])
+            for address in there
         }
 
-    def _take(self, address: str, check: Future) -> None:
+    def _judge_worker(self, address: str, check: Future) -> None:
         """Use or refuse a checked worker."""
         if check.status == "finished" and not (why := check.result()):
             self._fit |= {address}
         elif check.status == "finished":
-            self._refuse(address, why)
+            self._exclude_worker(address, why)
         elif check.status == "error":
-            self._refuse(address, f"fails: {check.exception()!r}")  # a missing module, for example
+            self._exclude_worker(address, f"fails: {check.exception()!r}")  # a missing module, for example
         else:
             del self._checks[address]  # the scheduler was out of reach, and the worker is checked again
 
-    def _refuse(self, address: str, why: str) -> None:
+    def _exclude_worker(self, address: str, why: str) -> None:
         """Exclude a worker; `why` completes a sentence about it."""
         self._fit -= {address}
         if address in self._checks and address not in self._refused:
             self._refused[address] = why
             self._say(f"{address}: is not used: it {why}")
 
-    def _cancel(self, futures: Iterable[Future]) -> None:
-        """Cancel tasks; a running one notices by `wanted`."""
+    def _cancel_tasks(self, futures: Iterable[Future]) -> None:
+        """Cancel tasks; a running one notices by `task_is_wanted`."""
         if (futures := list(futures)) and self.client.status == "running":
             self.client.cancel(futures, force=True)
 
@@ -221,7 +224,7 @@ class Cluster:
         self.client.close(timeout=5)
 
 
-def _do(call: Callable[[], Answer[Result] | str]) -> tuple[str, Answer[Result] | str]:
+def _do_task(call: Callable[[], Answer[Result] | str]) -> tuple[str, Answer[Result] | str]:
     """Do a task on a worker; return its address, and the answer or the reason why it can't do tasks."""
     address = str(get_worker().address)
     try:
@@ -230,7 +233,7 @@ def _do(call: Callable[[], Answer[Result] | str]) -> tuple[str, Answer[Result] |
         return address, f"fails: {error}"
 
 
-def wanted() -> Callable[[], bool]:
+def task_is_wanted() -> Callable[[], bool]:
     """Return a function that tells, in any thread, whether the client still wants the current task."""
     worker, key = get_worker(), thread_state.key
 
@@ -241,7 +244,7 @@ def wanted() -> Callable[[], bool]:
     return ask
 
 
-def _connect(scheduler: Scheduler) -> Client:
+def _connect_client(scheduler: Scheduler) -> Client:
     security = Security(require_encryption=True, **scheduler.tls) if scheduler.tls else None
     address = scheduler.address
     of_file = address.endswith(".json")

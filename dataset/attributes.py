@@ -33,16 +33,16 @@ class Scale:
     bins: tuple[str, ...] = ()
 
 
-def _binned(name: str, title: str, unit: str, *edges: float) -> Scale:
+def _bin_scale(name: str, title: str, unit: str, *edges: float) -> Scale:
     """Return a scale with a bin from 0 to the first edge, between any two edges, and from the last one on."""
     inner = [f"{low:g} to {high:g} {unit}" for low, high in itertools.pairwise(edges)]
     names = (f"under {edges[0]:g} {unit}", *inner, f"{edges[-1]:g} {unit} and more")
     return Scale(name, title, unit, (0.0, *edges), names)
 
 
-SIZE = _binned("box_size", "box size (root of its area)", "px", 16.0, 32.0, 64.0, 96.0, 192.0, 384.0)
+SIZE = _bin_scale("box_size", "box size (root of its area)", "px", 16.0, 32.0, 64.0, 96.0, 192.0, 384.0)
 SCALES = (
-    _binned("distance", "distance", "m", 25.0, 50.0, 100.0, 200.0, 400.0, 800.0),
+    _bin_scale("distance", "distance", "m", 25.0, 50.0, 100.0, 200.0, 400.0, 800.0),
     Scale(
         "visible_fraction", "visible fraction", "", (-math.inf, 0.25, 0.5, 0.75, 0.9, 1.0),
         ("under 25 %", "25 to 50 %", "50 to 75 %", "75 to 90 %", "90 to 100 %", "100 %"),
@@ -54,20 +54,20 @@ SCALES = (
 )  # fmt: skip
 
 
-def numbers_of(
+def label_numbers(
     labels: Sequence[Label], images: Sequence[Image], image: Int[np.ndarray, " g"]
 ) -> dict[str, Float[np.ndarray, " g"]]:
     """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown."""
     fields = [label.read(LabelRecord) for label in labels]
     placed = [label.read(BoxInCamera) for label in labels]
-    vehicles = poses([each.world_from_vehicle for each in fields])
+    vehicles = pose_array([each.world_from_vehicle for each in fields])
     cameras = camera_poses(images)[image]
     # Centers of 3D boxes in the world; without one, vehicles' origins.
     boxed = np.array([each.bbox_3d is not None for each in placed], dtype=bool)
     in_camera = np.array([each.bbox_3d.center for each in placed if each.bbox_3d], dtype=np.float64).reshape(-1, 3)
     centers = vehicles[:, :3, 3].copy()
     centers[boxed] = (cameras[boxed, :3, :3] @ in_camera[..., None])[..., 0] + cameras[boxed, :3, 3]
-    distance, elevation, azimuth = seen_from(centers, vehicles, cameras)
+    distance, elevation, azimuth = viewing_angles(centers, vehicles, cameras)
     with np.errstate(invalid="ignore", divide="ignore"):
         upright = vehicles[:, 2, 2] / np.linalg.norm(vehicles[:, :3, 2], axis=1)
     stored = {
@@ -84,7 +84,7 @@ def numbers_of(
     }
 
 
-def seen_from(
+def viewing_angles(
     centers: Float[np.ndarray, "n 3"],
     world_from_vehicle: Float[np.ndarray, "n 4 4"],
     world_from_camera: Float[np.ndarray, "n 4 4"],
@@ -99,7 +99,7 @@ def seen_from(
     return distance, np.degrees(elevation), np.degrees(np.arctan2(left, forward))
 
 
-def sides_of(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+def seen_sides(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """Return which of `SIDES` is seen from azimuths in degrees; -1 for nan.
 
     Front is within 45 degrees of straight ahead, rear within 45 of straight behind.
@@ -108,7 +108,7 @@ def sides_of(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     return np.select([turned <= 45.0, turned < 135.0, turned <= 180.0], [0, 1, 2], -1)
 
 
-def bins_of(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
+def value_bins(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
     """Return the bin of each value, lower edges included; -1 for nan and what lies below all."""
     return np.where(np.isnan(values), -1, np.searchsorted(np.array(scale.edges), values, side="right") - 1)
 
@@ -144,17 +144,17 @@ class Conditions(View):
         return f"{kind or 'fog'}, {far}"
 
 
-def conditions_of(images: Sequence[Image]) -> list[Conditions]:
+def image_conditions(images: Sequence[Image]) -> list[Conditions]:
     """Return the conditions of each image."""
     return [fields_of(image.record, Conditions) for image in images]
 
 
 def camera_poses(images: Sequence[Image]) -> Float[np.ndarray, "n 4 4"]:
     """Return the poses of images' cameras; nan if there is none."""
-    return poses([fields_of(image.record, View).world_from_camera for image in images])
+    return pose_array([fields_of(image.record, View).world_from_camera for image in images])
 
 
-def poses(given: Sequence[Pose | None]) -> Float[np.ndarray, "n 4 4"]:
+def pose_array(given: Sequence[Pose | None]) -> Float[np.ndarray, "n 4 4"]:
     """Return poses as an array; nan if there is none."""
     none = np.full((4, 4), np.nan)
     return np.array([none if pose is None or len(pose) != 4 else pose for pose in given]).reshape(-1, 4, 4)

@@ -24,7 +24,7 @@ from hulldown.dataset.store.entries import (
     check_image,
     free_id,
     new_category,
-    place_of,
+    normal_name,
     plain_json,
 )
 from hulldown.dataset.store.journal import MERGED, Journal
@@ -85,7 +85,7 @@ class CocoDataset:
         files = (folder / JOURNAL_NAME, folder / LOCK_NAME, folder, *folder.parents)
         made = [path for path in files if not path.exists()]
         remedy = "choose a folder that you may write to"
-        with DatasetError.explaining("cannot be written to", path=folder, remedy=remedy):
+        with DatasetError.raise_for_system("cannot be written to", path=folder, remedy=remedy):
             folder.mkdir(parents=True, exist_ok=True)
             try:
                 lock.acquire(timeout=0)
@@ -107,7 +107,7 @@ class CocoDataset:
 
     def finished(self, file_name: str) -> bool:
         """Return whether the dataset has an image of that name."""
-        return place_of(file_name) in self._document.file_names
+        return normal_name(file_name) in self._document.file_names
 
     def images(self) -> Iterator[tuple[int, str]]:
         """Return id and file name of each image."""
@@ -163,7 +163,7 @@ class CocoDataset:
                     remedy="add them there, or write to another folder",
                 )
         if categories := self._document.new_categories(records):
-            self._write({"categories": categories})
+            self._write_line({"categories": categories})
             self._document.pending += 1
 
     def reserve(self, key: str, *, images: int, annotations: int) -> Reservation:
@@ -193,7 +193,7 @@ class CocoDataset:
             images=images,
             annotations=annotations,
         )
-        self._write({"run": msgspec.structs.asdict(reservation)})
+        self._write_line({"run": msgspec.structs.asdict(reservation)})
         return reservation
 
     def append(self, image: Record, annotations: Sequence[Record]) -> int:
@@ -220,17 +220,17 @@ class CocoDataset:
         DatasetError
             If it can't be written.
         """
-        line = self._line(image, annotations)
-        self._write(line)
+        line = self._journal_line(image, annotations)
+        self._write_line(line)
         if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MERGE_SHARE):
             self.merge()
         return int(line["image"]["id"])
 
     def check(self, image: Record, annotations: Sequence[Record]) -> None:
         """Raise as `append` would, without writing."""
-        self._line(image, annotations)
+        self._journal_line(image, annotations)
 
-    def _line(self, image: Record, annotations: Sequence[Record]) -> Record:
+    def _journal_line(self, image: Record, annotations: Sequence[Record]) -> Record:
         """Return the journal's line for an image."""
         document = self._document
         record = plain_json(image, "image")
@@ -304,6 +304,6 @@ class CocoDataset:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _write(self, line: Record) -> None:
+    def _write_line(self, line: Record) -> None:
         self._journal.append(line)
-        self._document.apply(line)
+        self._document.apply_line(line)

@@ -21,7 +21,7 @@ from msgspec import Meta, Struct
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import TEXT, read_file, read_text, typed, xml_of, yaml_of
+from hulldown.base.outside import TEXT, parse_value, parse_xml, parse_yaml, read_file, read_text
 
 PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
@@ -77,7 +77,7 @@ def _pictures(folder: Path) -> list[Path]:
 def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:
     refuse = partial(DatasetError, path=described, remedy="add a line such as names: [tank, truck]")
     try:
-        found = typed(yaml_of(read_text(described, refuse)), _Described).names
+        found = parse_value(parse_yaml(read_text(described, refuse)), _Described).names
         names = {int(key): name for key, name in (enumerate(found) if isinstance(found, list) else found.items())}
     except ValueError as error:
         raise refuse(f"names no classes ({error})") from None
@@ -91,7 +91,7 @@ def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:
             if line.strip():
                 try:
                     key, *values = line.split()
-                    _yolo_label(coco, image, ids[int(key)], typed(values, list[_Share], strict=False))
+                    _yolo_label(coco, image, ids[int(key)], parse_value(values, list[_Share], strict=False))
                 except (ValueError, KeyError):
                     problem = f"line {number}: {line[:60]!r} is no class and box, or class and polygon"
                     raise refuse(problem) from None
@@ -117,7 +117,7 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     for path in sorted(texts.glob("*.xml")):
         refuse = partial(DatasetError, path=path, remedy="correct it or take it out")
         try:
-            trees[path] = xml_of(read_file(path, refuse, most=TEXT))
+            trees[path] = parse_xml(read_file(path, refuse, most=TEXT))
         except ValueError as error:
             raise refuse(f"cannot be read ({error})") from None
         if not all(element.findtext("name", "").strip() for element in trees[path].iter("object")):
@@ -133,7 +133,7 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
         for element in tree.iter("object"):
             try:
                 sides = [element.findtext(f"bndbox/{side}", "") for side in ("xmin", "ymin", "xmax", "ymax")]
-                left, top, right, bottom = typed([side.strip() for side in sides], list[_Pixel], strict=False)
+                left, top, right, bottom = parse_value([side.strip() for side in sides], list[_Pixel], strict=False)
             except ValueError:
                 name = element.findtext("name", "")
                 raise DatasetError(f"object {name!r} has no box", path=path, remedy="correct it") from None

@@ -17,7 +17,7 @@ class _Position(Struct):
     position: object = None
 
 
-def group_of(image: Image) -> str:
+def position_group(image: Image) -> str:
     """Return the group of an image that must stay together: shots of one position show one vehicle on the same ground.
 
     The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
@@ -34,9 +34,9 @@ def group_of(image: Image) -> str:
     return f"image {image.id}"
 
 
-def positions(images: Iterable[Image]) -> dict[str, list[Image]]:
-    """Return images by `group_of`, in order."""
+def group_positions(images: Iterable[Image]) -> dict[str, list[Image]]:
+    """Return images by `position_group`, in order."""
     groups: dict[str, list[Image]] = {}
     for image in images:
-        groups.setdefault(group_of(image), []).append(image)
+        groups.setdefault(position_group(image), []).append(image)
     return groups

@@ -17,7 +17,7 @@ class LabeledImages:
     head: Record  # the other keys of the COCO dictionary
 
     @classmethod
-    def of(cls, coco: Coco) -> LabeledImages:
+    def from_coco(cls, coco: Coco) -> LabeledImages:
         """Return the images of a COCO dictionary with usable records, see `dataset.records.check_usable`."""
         categories = tuple(map(Category.of, coco["categories"]))
         names = {category.id: category.name for category in categories}
@@ -42,7 +42,7 @@ class LabeledImages:
         >>> found = [{"id": 0, "name": "army", "supercategory": "none"}]
         >>> found += [{"id": 1, "name": "tank", "supercategory": "army"}]
         >>> coco = {"categories": found, "images": [], "annotations": []}
-        >>> [category.name for category in LabeledImages.of(coco).classes]
+        >>> [category.name for category in LabeledImages.from_coco(coco).classes]
         ['tank']
         """
         ordered = sorted(self.categories, key=lambda category: category.id)

@@ -16,7 +16,7 @@ from msgspec.structs import replace
 from hulldown.annotate.coco_types import Record
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
-from hulldown.base.terminal import reporting
+from hulldown.base.terminal import progress_bar
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import (
     Failure,
@@ -28,7 +28,7 @@ from hulldown.dataset.provenance import (
 )
 from hulldown.dataset.records import refuse_unusable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
-from hulldown.dataset.store.placed_pictures import confined, own_picture, place
+from hulldown.dataset.store.placed_pictures import own_picture, path_inside, place_picture
 from hulldown.dataset.store.reservations import Reservation
 
 
@@ -121,23 +121,23 @@ def join_datasets(
     try:
         for part in read:
             target.add_categories(part.document.categories)
-        moves = [move for part in read for move in _moves(part, target)]
+        moves = [move for part in read for move in _part_moves(part, target)]
         # If two parts have an image, the first part's is used.
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
         for parent in sorted({str(PurePosixPath(move.name).parent) for move in left}):
-            confined(folder, parent)
+            path_inside(folder, parent)
         _refuse_other_images(moves, target)
-        _check(left, target)
-        failures = _failures(read, target)
+        _check_moves(left, target)
+        failures = _failed_images(read, target)
         read_provenance(folder)  # damage is found before anything is added
     except BaseException:
         target.abandon()
         raise
-    with target, reporting("joining", progress) as advance:
+    with target, progress_bar("joining", progress) as advance:
         for done, move in enumerate(left, start=1):
-            place(own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
-            target.append(*_records(move))
+            place_picture(own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
+            target.append(*_moved_records(move))
             advance(done, len(left))
         for part in read:
             plans = [now for _, now in part.reservations(target) if now.key in part.provenance]
@@ -175,7 +175,7 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
     return _Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
 
 
-def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]:
+def _failed_images(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]:
     """Failed images of dataset and parts, by their name in the dataset."""
     latest = {failure.file_name: failure for failure in read_failures(target.folder)}
     for part in parts:
@@ -190,11 +190,11 @@ def _failures(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]
     return latest
 
 
-def _moves(part: _Part, target: CocoDataset) -> Iterator[_Move]:
+def _part_moves(part: _Part, target: CocoDataset) -> Iterator[_Move]:
     reservations = part.reservations(target)
     for index, record in enumerate(part.document.images):
         image_id, old = record["id"], record["file_name"]
-        own = next((pair for pair in reservations if pair[0].owns(image_id, old)), None)
+        own = next((pair for pair in reservations if pair[0].owns_image(image_id, old)), None)
         if own is None:
             yield _Move(part, index, old, old)
         else:
@@ -233,11 +233,11 @@ def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
             raise DatasetError(f"is another picture than {first_picture}", path=picture, remedy=remedy)
 
 
-def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
+def _check_moves(moves: Sequence[_Move], target: CocoDataset) -> None:
     """Refuse records that can't be appended, before any is."""
     claimed: set[int] = set()
     for move in moves:
-        image, boxes = _records(move)
+        image, boxes = _moved_records(move)
         try:
             target.check(image, boxes)
         except ValueError as error:
@@ -250,7 +250,7 @@ def _check(moves: Sequence[_Move], target: CocoDataset) -> None:
         claimed |= ids
 
 
-def _records(move: _Move) -> tuple[Record, Sequence[Record]]:
+def _moved_records(move: _Move) -> tuple[Record, Sequence[Record]]:
     """Return an image and its annotations as records of the dataset."""
     document = move.part.document
     names = {category["id"]: category["name"] for category in document.categories}

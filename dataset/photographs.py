@@ -15,7 +15,7 @@ from msgspec import Meta, Struct
 from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.record_fields import Box
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import sha256_of, typed
+from hulldown.base.outside import file_sha256, parse_value
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, read_coco
 
 EDGE_SHARE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
@@ -75,15 +75,15 @@ def read_photographs(path: Path) -> Photographs:
     """
     path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
     coco = read_coco(path)
-    digest = hashlib.sha256(orjson.dumps(coco)).hexdigest() if path.is_dir() else sha256_of(path)
+    digest = hashlib.sha256(orjson.dumps(coco)).hexdigest() if path.is_dir() else file_sha256(path)
     classes = {category["id"]: k for k, category in enumerate(coco["categories"])}
     index = {image["id"]: i for i, image in enumerate(coco["images"])}
     if len(index) < len(coco["images"]):
         raise DatasetError("two images have the same id", path=path, remedy="give each its own id")
     try:
-        sizes = typed(coco["images"], list[_Size])
+        sizes = parse_value(coco["images"], list[_Size])
         shown = (record for record in coco["annotations"] if record.get("bbox") and not record.get("iscrowd"))
-        boxes = typed(list(shown), list[_Box])
+        boxes = parse_value(list(shown), list[_Box])
     except ValueError as error:
         raise DatasetError(f"isn't a COCO file ({error})", path=path, remedy="export your labels as COCO") from None
     if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in classes), None):

@@ -11,8 +11,8 @@ from msgspec import Struct, to_builtins
 from msgspec.structs import replace
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import read_json, typed
-from hulldown.dataset.store.journal import read_journal, replaced
+from hulldown.base.outside import parse_value, read_json
+from hulldown.dataset.store.journal import read_journal, replace_journal
 
 FAILURES_NAME = "failures.jsonl"
 PROVENANCE_NAME = "provenance.json"
@@ -60,7 +60,7 @@ def add_provenance(folder: Path, plans: Mapping[str, Provenance]) -> None:
         before = known.get(key, new)
         grown = {name: sorted({*getattr(before, name), *getattr(new, name)}) for name in GROWING}
         known[key] = replace(new, **grown)
-    with replaced(folder / PROVENANCE_NAME) as file:
+    with replace_journal(folder / PROVENANCE_NAME) as file:
         file.write(orjson.dumps({"plans": to_builtins(known)}, option=orjson.OPT_INDENT_2))
 
 
@@ -68,7 +68,7 @@ def read_failures(folder: Path) -> list[Failure]:
     """Return one failure per image; empty without a file."""
     refuse = partial(DatasetError, path=folder / FAILURES_NAME, remedy="delete it; the images are tried again")
     try:
-        return typed(list(read_journal(folder / FAILURES_NAME)), list[Failure])
+        return parse_value(list(read_journal(folder / FAILURES_NAME)), list[Failure])
     except ValueError as error:
         raise refuse(f"isn't a list of failed images ({error})") from None
 
@@ -79,5 +79,5 @@ def write_failures(folder: Path, failures: Sequence[Failure]) -> None:
     if not failures:
         path.unlink(missing_ok=True)
         return
-    with replaced(path) as file:
+    with replace_journal(path) as file:
         file.writelines(orjson.dumps(to_builtins(line), option=orjson.OPT_APPEND_NEWLINE) for line in failures)

@@ -17,7 +17,7 @@ from msgspec import Struct
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.label_list import label_misfits, label_problems
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import extent
+from hulldown.annotate.masks import area_and_box
 from hulldown.annotate.record_fields import (
     PICTURE_KEY,
     ROUNDING_PX,
@@ -29,16 +29,16 @@ from hulldown.annotate.record_fields import (
     misfits,
 )
 from hulldown.annotate.records import Category, Image, Label, overhang_px
-from hulldown.base.errors import DatasetError, shortened
+from hulldown.base.errors import DatasetError, shorten_text
 from hulldown.base.files import stays_inside
-from hulldown.base.outside import typed
+from hulldown.base.outside import parse_value
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import place_of
+from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import read_journal
-from hulldown.dataset.store.reservations import reservations_of
+from hulldown.dataset.store.reservations import read_reservations
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
 GAP, GAP_SHARE = 2.0, 0.25
@@ -56,13 +56,13 @@ class Finding:
 
     def __post_init__(self) -> None:
         for field in ("where", "problem"):
-            object.__setattr__(self, field, shortened(getattr(self, field)))
+            object.__setattr__(self, field, shorten_text(getattr(self, field)))
 
     def __str__(self) -> str:
         return f"{self.severity}: {self.where}: {self.problem}"
 
 
-def listed(findings: Iterable[Finding]) -> list[str]:
+def finding_lines(findings: Iterable[Finding]) -> list[str]:
     """Return findings as lines, at most `MAX_LISTED_FINDINGS` of each kind, and the number of further ones."""
     kinds: Counter[tuple[str, str]] = Counter()
     lines = []
@@ -81,7 +81,7 @@ def read_usable(folder: Path) -> LabeledImages:
     """Read the dataset in `folder`, all records of which must be complete."""
     coco = read_coco(folder)
     refuse_unusable(folder, coco["categories"], coco["images"], coco["annotations"])
-    return LabeledImages.of(coco)
+    return LabeledImages.from_coco(coco)
 
 
 def refuse_unusable(
@@ -105,7 +105,7 @@ def unusable_records(
         known.add(category["id"])
     first: dict[object, str] = {}
     for image in images:
-        name = _name(image)
+        name = _image_name(image)
         if image["id"] in first:
             yield Finding("error", name, f"has the id {image['id']}, as has {first[image['id']]}")
         if not stays_inside(image.get("file_name")):
@@ -129,7 +129,7 @@ def check_names(coco: Coco) -> Iterator[Finding]:
     """Find names of classes and images that are there twice, or differ in capitals only."""
     for kind, names in (
         ("category ", [str(category.get("name")) for category in coco["categories"]]),
-        ("", [place_of(str(image.get("file_name"))) for image in coco["images"]]),
+        ("", [normal_name(str(image.get("file_name"))) for image in coco["images"]]),
     ):
         spelled: dict[str, str] = {}
         for name, times in Counter(names).items():
@@ -149,7 +149,7 @@ def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
             except ValueError as error:
                 problems = [f"K and dist are no camera: {error}"]
         kind: Literal["error", "warning"] = "error" if PICTURE_KEY in image else "warning"
-        yield from (Finding(kind, _name(image), problem) for problem in problems)
+        yield from (Finding(kind, _image_name(image), problem) for problem in problems)
 
 
 def sound_images(coco: Coco) -> dict[int, Image]:
@@ -184,17 +184,17 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
             boxes.add(box)
             problems = label_problems(label, image, classes.get(label.category_id))
             yield from (Finding("error", where, problem) for problem in problems)
-            yield from _hints(where, label, image)
+            yield from _label_hints(where, label, image)
     for number, times in numbers.items():
         if times > 1:
             yield Finding("error", f"annotation {number}", f"its id is there {times} times")
 
 
-def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
+def _label_hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
     """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
     if (by := overhang_px(label.bbox, *image.size)) > ROUNDING_PX:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
-    if (gap := _gap(label, image)) > 0.0:
+    if (gap := _box_gap(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
         yield Finding("warning", where, problem, gap)
     left = label.read(LabelRecord).air_contrast
@@ -203,12 +203,12 @@ def _hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
         yield Finding("warning", where, problem, left)
 
 
-def _gap(label: Label, image: Image) -> float:
+def _box_gap(label: Label, image: Image) -> float:
     """Return by how many pixels a box is larger than the mask of a target in full view; 0.0 for as much as antennas."""
     if label.visible_fraction != 1.0 or not (mask := label.read(VisibleMask).segmentation):
         return 0.0
     with contextlib.suppress(ValueError):  # found elsewhere
-        box = extent(mask, *image.size)[1]
+        box = area_and_box(mask, *image.size)[1]
         if box is not None:
             x, y, w, h = label.bbox
             gaps = np.array([box[0] - x, box[1] - y, x + w - box[0] - box[2], y + h - box[1] - box[3]])
@@ -230,15 +230,15 @@ def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
     for number, each in enumerate(read_journal(journal), start=1):
         try:
             if "image" in each:
-                written = typed(each, _Line)
-                lines[place_of(str(written.image.get("file_name")))] = written
+                written = parse_value(each, _Line)
+                lines[normal_name(str(written.image.get("file_name")))] = written
         except ValueError as error:
             yield Finding("error", journal.name, f"line {number} does not fit ({error})")
     labels: dict[str, dict[str, Record]] = {}
     for label in coco["annotations"]:
         labels.setdefault(str(label.get("image_id")), {})[f"annotation {label['id']}"] = label
     for image in coco["images"]:
-        if (line := lines.get(place_of(_name(image)))) is None:
+        if (line := lines.get(normal_name(_image_name(image)))) is None:
             continue
         found: dict[str, Record] = {"its record": image, **labels.get(str(image["id"]), {})}
         wanted: dict[str, Record] = {
@@ -249,12 +249,12 @@ def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
             if found.get(what) != wanted.get(what):
                 how = "added" if what not in wanted else "deleted" if what not in found else "changed"
                 problem = f"{what} was {how} after it was recorded; if that's meant, delete {journal.name}"
-                yield Finding("error", _name(image), problem)
+                yield Finding("error", _image_name(image), problem)
 
 
 def check_reservations(coco: Coco) -> Iterator[Finding]:
     """Find two plans with the same reserved ids."""
-    reservations = reservations_of(coco)
+    reservations = read_reservations(coco)
     for kind in ("image", "annotation"):
         ranges = sorted((getattr(each, f"{kind}_offset"), getattr(each, f"{kind}s"), each.key) for each in reservations)
         for (start, length, first), (following, _, second) in pairwise(ranges):
@@ -263,7 +263,7 @@ def check_reservations(coco: Coco) -> Iterator[Finding]:
                 yield Finding("error", "info: hulldown_runs", problem)
 
 
-def _name(image: Record) -> str:
+def _image_name(image: Record) -> str:
     """Return an image's name in findings: its file's, if it has one."""
     name = image.get("file_name")
     return name if isinstance(name, str) and name else f"image {image['id']}"

@@ -18,16 +18,16 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.dataset.store.entries import new_category
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
-from hulldown.plan.row import PlannedVehicle, Row, encode, fields
+from hulldown.plan.row import PlannedVehicle, Row, encode_line, row_fields
 from hulldown.plan.row_scenes import RowScenes
 
-IMAGE_KEYS = tuple(key for key, field in fields(Row).items() if field.recorded)
-LABEL_KEYS = tuple(key for key, field in fields(PlannedVehicle).items() if field.recorded)
+IMAGE_KEYS = tuple(key for key, field in row_fields(Row).items() if field.recorded)
+LABEL_KEYS = tuple(key for key, field in row_fields(PlannedVehicle).items() if field.recorded)
 
 
 def image_record(row: Row) -> Record:
     """Return a dataset's record of a row's image, without id and file name."""
-    record = orjson.loads(encode(row))
+    record = orjson.loads(encode_line(row))
     return {key: record[key] for key in IMAGE_KEYS if key in record}
 
 
@@ -36,7 +36,7 @@ def label_records(row: Row) -> list[Record]:
     records: list[Record] = []
     for vehicle in row.labeled:
         encoded, placed = (
-            orjson.loads(encode(vehicle)),
+            orjson.loads(encode_line(vehicle)),
             VehicleInCamera(row.camera, vehicle.world_from_vehicle, np.array(vehicle.bounds)),
         )
         planned = {key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded}
@@ -79,7 +79,7 @@ class Segmenter:
 
     def _seen(self, row: Row, vehicle: PlannedVehicle) -> SeenVehicle:
         """Return a row's vehicle in its scene; a target that is left out of the picture, as if it were there."""
-        posed, scene = self._scenes.posed(vehicle), self._scenes.scene(row)
+        posed, scene = self._scenes.posed_vehicle(vehicle), self._scenes.scene(row)
         others = scene.with_vehicles([p for p, v in zip(scene.vehicles, row.vehicles, strict=True) if v is not vehicle])
         whole, visible = vehicle_masks(posed, row.camera, xywh=np.array(vehicle.bbox), world=others)
         return SeenVehicle(row.camera, posed, scene, whole, visible, self._keypoints)

@@ -15,11 +15,11 @@ from hulldown.annotate.coco_types import Record
 from hulldown.annotate.drawing import Overlay, draw
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.attributes import SCALES, SIDES, SIZE, conditions_of, numbers_of, sides_of
+from hulldown.dataset.attributes import SCALES, SIDES, SIZE, image_conditions, label_numbers, seen_sides
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import image_record, label_records
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.plan_file import Plan
@@ -93,7 +93,7 @@ class Dataset(ShownInNotebooks):
                 of_image = {"id": k, "image_id": row.image_id, "category_id": ids[label["category"]]}
                 labels.append({**label, **of_image})
         categories: list[Record] = [{"id": number, "name": name} for name, number in ids.items()]
-        found = LabeledImages.of({"categories": categories, "images": images, "annotations": labels})
+        found = LabeledImages.from_coco({"categories": categories, "images": images, "annotations": labels})
         return cls(str(plan.path), found, picture)
 
     def picture(self, i: int, *, labels: bool = True, masks: bool = True) -> Pictures.Image:
@@ -133,7 +133,7 @@ class Dataset(ShownInNotebooks):
         """
         if not self.images:
             raise DatasetError("has no images yet", path=self.name, remedy="render some first")
-        chosen = spread(len(self.images), count).tolist()
+        chosen = even_sample(len(self.images), count).tolist()
         return contact_sheet([self.picture(i, masks=masks) for i in chosen], columns=columns, tile_width=tile_width)
 
     def __len__(self) -> int:
@@ -145,14 +145,14 @@ class Dataset(ShownInNotebooks):
     def __repr__(self) -> str:
         return f"Dataset({self.name!r}, {len(self):,} images)"
 
-    def _facts(self) -> dict[str, object]:
+    def _table_facts(self) -> dict[str, object]:
         classes, counts = np.unique(
             [label.category for image in self.images for label in image.labels], return_counts=True
         )
         labels = {f"labels of {name}": f"{n:,}" for name, n in zip(classes.tolist(), counts.tolist(), strict=True)}
         return {"images": f"{len(self):,}", **labels}
 
-    def _few(self) -> Pictures.Image:
+    def _preview_picture(self) -> Pictures.Image:
         return self.sheet(count=6, columns=3, tile_width=320)
 
     @cached_property
@@ -165,7 +165,7 @@ class Dataset(ShownInNotebooks):
         rows = [(i, label) for i, image in enumerate(self.images) for label in image.labels]
         index = np.array([i for i, _ in rows], dtype=np.int64)
         boxes = np.array([label.bbox for _, label in rows], dtype=np.float64).reshape(-1, 4)
-        numbers = numbers_of([label for _, label in rows], self.images, index)
+        numbers = label_numbers([label for _, label in rows], self.images, index)
         return {
             "image": index,
             "id": np.array([label.id for _, label in rows], dtype=np.int64),
@@ -175,7 +175,7 @@ class Dataset(ShownInNotebooks):
             "crowd": np.array([label.crowd for _, label in rows], dtype=bool),
             **{scale.name: numbers[scale.name] for scale in SCALES},
             "azimuth": numbers["azimuth"],
-            "side": np.array([*SIDES, ""])[sides_of(numbers["azimuth"])],
+            "side": np.array([*SIDES, ""])[seen_sides(numbers["azimuth"])],
             "vehicle": np.array([label.vehicle or "" for _, label in rows], dtype=str),
             **{key: self.of_images[key][index] for key in CONDITIONS},
         }
@@ -183,7 +183,7 @@ class Dataset(ShownInNotebooks):
     @cached_property
     def of_images(self) -> Columns:
         """A table of images, like `labels`."""
-        conditions = conditions_of(self.images)
+        conditions = image_conditions(self.images)
         scalars = (("id", np.int64), ("file_name", str), ("width", np.int64), ("height", np.int64))
         return {
             **{key: np.array([getattr(image, key) for image in self.images], dtype=kind) for key, kind in scalars},

@@ -17,7 +17,7 @@ from hulldown.base.errors import DatasetError
 MAX_LISTED_BOXES = 10  # boxes that an error names
 
 
-def clipped(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]:
+def clip_labels(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]:
     """Return images with labels whose boxes lie inside.
 
     `clip`: clip every box and leave out those that are outside altogether; else only boxes that leave their image by
@@ -89,7 +89,7 @@ class LabelFloors:
     max_truncated_fraction: Share = 1.0
     below: Annotated[Literal["ignored", "left_out"], Parameter(name_transform=str)] = "ignored"
 
-    def kept(self, labels: Iterable[Label]) -> list[Label]:
+    def kept_labels(self, labels: Iterable[Label]) -> list[Label]:
         """Return the kept labels, in order; ignored ones stay ignored, or are dropped with the others."""
         kept: list[Label] = []
         for label in labels:

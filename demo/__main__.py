@@ -16,7 +16,7 @@ from hulldown.demo.make_assets import BUILT
 SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 
 
-def _jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
+def _asset_jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
     """Yield each asset's name and maker; each has random numbers of its own, so that none depends on its neighbors."""
     for k, name in enumerate(CATEGORY):
         yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
@@ -40,7 +40,7 @@ def main() -> None:
         "--only", nargs="*", metavar="NAME", help="of vehicles, distractors, sceneries, HDRIs; default: all"
     )
     arguments = parser.parse_args()
-    for name, build in _jobs(arguments.folder, arguments.seed):
+    for name, build in _asset_jobs(arguments.folder, arguments.seed):
         if not arguments.only or name in arguments.only:
             print(f"{BUILT}{build()}", flush=True)
 

@@ -11,20 +11,20 @@ from hulldown.demo.model import BlendModel
 from hulldown.demo.shapes import (
     Outline,
     Shape,
-    block,
-    box,
-    joined,
-    lathe,
+    join_shapes,
+    make_block,
+    make_box,
+    make_prism,
+    make_slab,
+    make_tube,
     path_tube,
-    prism,
     profile_tube,
-    slab,
-    stack,
-    tube,
+    stack_outlines,
+    turn_profile,
 )
 
 
-def arched(
+def cut_wheel_arches(
     outline: Outline, axles: Sequence[float], *, center: float, radius: float, sill: float
 ) -> list[tuple[float | int, float | int]]:
     """Return a side profile (x, z), counter-clockwise from its lower rear corner, with arches for wheels."""
@@ -42,30 +42,32 @@ def arched(
 def car_wheels(m: BlendModel, p: Paints, axles: Sequence[float], *, y: float, radius: float, width: float) -> None:
     """Road tires on rims with five double spokes, the tires standing on z = 0."""
     w, inner = width / 2, radius * 0.66
-    tire = lathe(
+    tire = turn_profile(
         [(inner, -w * 0.9), (radius * 0.93, -w), (radius, -w * 0.7), (radius, w * 0.7), (radius * 0.93, w), (inner, w)],
         sides=36,
         hollow=True,
     )
-    dish = lathe([(inner, -w * 0.9), (inner, w * 0.85), (inner * 0.93, w * 0.6), (inner * 0.9, 0.0)], sides=36)
-    spoke = box((0.045, w * 0.3, inner * 0.95), (0, w * 0.68, 0)).turned("x", 4)
-    spokes = joined(spoke.turned("y", k * 72 + side) for k in range(5) for side in (-9, 9))
-    hub = lathe([(inner * 0.24, 0.0), (inner * 0.24, w * 0.86), (inner * 0.14, w * 0.9)], sides=16)
+    dish = turn_profile([(inner, -w * 0.9), (inner, w * 0.85), (inner * 0.93, w * 0.6), (inner * 0.9, 0.0)], sides=36)
+    spoke = make_box((0.045, w * 0.3, inner * 0.95), (0, w * 0.68, 0)).turned("x", 4)
+    spokes = join_shapes(spoke.turned("y", k * 72 + side) for k in range(5) for side in (-9, 9))
+    hub = turn_profile([(inner * 0.24, 0.0), (inner * 0.24, w * 0.86), (inner * 0.14, w * 0.9)], sides=16)
     for k, x in enumerate(axles):
         m.add(f"Tire_{k + 1}", tire.moved(x, y, radius), p.rubber, bevel=0, mirror=True)
         m.add(f"Rim_{k + 1}", dish.moved(x, y, radius), p.dark, bevel=0, mirror=True)
         m.add(f"Spokes_{k + 1}", (spokes + hub).moved(x, y, radius), p.steel, bevel=0, mirror=True)
-    well = joined(block((x - radius - 0.06, -y + w, 0.24), (x + radius + 0.06, y - w - 0.02, 0.75)) for x in axles)
+    well = join_shapes(
+        make_block((x - radius - 0.06, -y + w, 0.24), (x + radius + 0.06, y - w - 0.02, 0.75)) for x in axles
+    )
     m.add("Wheel_Wells", well, p.dark, bevel=0)
 
 
-def _seams(lines: Sequence[Sequence[tuple[float, float]]], y: float) -> Shape:
+def _door_seams(lines: Sequence[Sequence[tuple[float, float]]], y: float) -> Shape:
     """Return the gaps between doors and wings, as thin dark strips on the left side."""
-    return joined(path_tube([(x, y, z) for x, z in line], 0.007, sides=4) for line in lines)
+    return join_shapes(path_tube([(x, y, z) for x, z in line], 0.007, sides=4) for line in lines)
 
 
-def _plates(front: float, rear: float, z: tuple[float, float]) -> Shape:
-    return box((0.02, 0.52, 0.11), (front, 0, z[0])) + box((0.02, 0.52, 0.11), (rear, 0, z[1]))
+def _number_plates(front: float, rear: float, z: tuple[float, float]) -> Shape:
+    return make_box((0.02, 0.52, 0.11), (front, 0, z[0])) + make_box((0.02, 0.52, 0.11), (rear, 0, z[1]))
 
 
 def civilian_car(m: BlendModel, p: Paints) -> None:
@@ -82,16 +84,16 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
         (-2.24, 0.94),
         (-2.29, 0.55),
     ]
-    profile = arched(outline, axles, center=0.32, radius=0.385, sill=0.29)
-    m.add("Body", slab(profile, 0.89), p.body, bevel=0.06, smooth=40)
-    bonnet = slab([(1.02, 0.9), (2.08, 0.74), (1.98, 0.8), (1.06, 0.975)], 0.66)
+    profile = cut_wheel_arches(outline, axles, center=0.32, radius=0.385, sill=0.29)
+    m.add("Body", make_slab(profile, 0.89), p.body, bevel=0.06, smooth=40)
+    bonnet = make_slab([(1.02, 0.9), (2.08, 0.74), (1.98, 0.8), (1.06, 0.975)], 0.66)
     m.add("Bonnet", bonnet, p.body, bevel=0.04, smooth=50)
     waist = [(-2.2, -0.8), (1.12, -0.8), (1.12, 0.8), (-2.2, 0.8)]
     roof = [(-1.92, -0.6), (0.2, -0.58), (0.2, 0.58), (-1.92, 0.6)]
-    m.add("Windows", stack([(0.95, waist), (1.42, roof)]), p.glass, bevel=0.02)
+    m.add("Windows", stack_outlines([(0.95, waist), (1.42, roof)]), p.glass, bevel=0.02)
     top = [(x * 1.01, y * 1.04) for x, y in roof]
     crown = [(x * 0.9 - 0.08, y * 0.8) for x, y in roof]
-    m.add("Roof", stack([(1.40, top), (1.44, top), (1.475, crown)]), p.body, bevel=0.02, smooth=60)
+    m.add("Roof", stack_outlines([(1.40, top), (1.44, top), (1.475, crown)]), p.body, bevel=0.02, smooth=60)
 
     def rail(x0: float, x1: float, width: float) -> Shape:
         foot, head = np.array([x0, 0.8, 0.93]), np.array([x1, 0.605, 1.43])
@@ -104,7 +106,9 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
             ((0, 1, 2, 3), (7, 6, 5, 4), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
         )
 
-    pillars = joined([rail(1.08, 0.2, 0.1), rail(-0.28, -0.3, 0.09), rail(-1.3, -1.26, 0.09), rail(-2.12, -1.88, 0.2)])
+    pillars = join_shapes(
+        [rail(1.08, 0.2, 0.1), rail(-0.28, -0.3, 0.09), rail(-1.3, -1.26, 0.09), rail(-2.12, -1.88, 0.2)]
+    )
     m.add("Pillars", pillars, p.body, mirror=True, bevel=0.008)
     m.add(
         "Roof_Rails",
@@ -118,21 +122,21 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
         [(-0.3, 0.36), (-0.9, 0.38), (-1.12, 0.72), (-1.3, 0.95)],
         [(1.02, 0.93), (1.1, 0.7)],
     ]
-    m.add("Door_Seams", _seams(doors, 0.892), p.dark, mirror=True, bevel=0)
+    m.add("Door_Seams", _door_seams(doors, 0.892), p.dark, mirror=True, bevel=0)
     m.add(
         "Handles",
-        joined(box((0.2, 0.03, 0.03), (x, 0.9, 0.83)) for x in (-0.12, -1.06)),
+        join_shapes(make_box((0.2, 0.03, 0.03), (x, 0.9, 0.83)) for x in (-0.12, -1.06)),
         p.dark,
         mirror=True,
         bevel=0.008,
     )
-    m.add("Sills", block((-0.95, 0.84, 0.25), (0.92, 0.905, 0.34)), p.dark, mirror=True, bevel=0.02)
-    m.add("Front_Bumper", slab([(2.2, 0.26), (2.3, 0.34), (2.29, 0.5), (2.2, 0.52)], 0.8), p.dark, bevel=0.03)
-    bars = joined(block((2.24, -0.42, z), (2.28, 0.42, z + 0.02)) for z in (0.56, 0.6, 0.64))
+    m.add("Sills", make_block((-0.95, 0.84, 0.25), (0.92, 0.905, 0.34)), p.dark, mirror=True, bevel=0.02)
+    m.add("Front_Bumper", make_slab([(2.2, 0.26), (2.3, 0.34), (2.29, 0.5), (2.2, 0.52)], 0.8), p.dark, bevel=0.03)
+    bars = join_shapes(make_block((2.24, -0.42, z), (2.28, 0.42, z + 0.02)) for z in (0.56, 0.6, 0.64))
     m.add("Grille", bars, p.dark, bevel=0)
     m.add(
         "Head_Lamps",
-        prism([(2.02, 0.6), (2.27, 0.58), (2.2, 0.7), (1.98, 0.74)], 0.5, 0.84),
+        make_prism([(2.02, 0.6), (2.27, 0.58), (2.2, 0.7), (1.98, 0.74)], 0.5, 0.84),
         p.lamp,
         mirror=True,
         bevel=0.03,
@@ -144,23 +148,25 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
         mirror=True,
         bevel=0,
     )
-    m.add("Rear_Bumper", slab([(-2.24, 0.3), (-2.36, 0.36), (-2.35, 0.56), (-2.24, 0.6)], 0.84), p.body, bevel=0.04)
+    m.add(
+        "Rear_Bumper", make_slab([(-2.24, 0.3), (-2.36, 0.36), (-2.35, 0.56), (-2.24, 0.6)], 0.84), p.body, bevel=0.04
+    )
     m.add(
         "Tail_Lamps",
-        prism([(-2.3, 0.66), (-2.16, 0.66), (-2.1, 1.0), (-2.25, 0.98)], 0.66, 0.86),
+        make_prism([(-2.3, 0.66), (-2.16, 0.66), (-2.1, 1.0), (-2.25, 0.98)], 0.66, 0.86),
         p.red,
         mirror=True,
         bevel=0.02,
     )
     m.add("Tailgate_Seam", path_tube([(-2.285, -0.62, 0.62), (-2.285, 0.62, 0.62)], 0.008, sides=4), p.dark, bevel=0)
-    m.add("Number_Plates", _plates(2.305, -2.31, (0.4, 0.74)), p.canvas, bevel=0)
-    mirror = box((0.13, 0.2, 0.13), (0.78, 0.98, 0.94)) + box((0.06, 0.14, 0.04), (0.8, 0.87, 0.93))
+    m.add("Number_Plates", _number_plates(2.305, -2.31, (0.4, 0.74)), p.canvas, bevel=0)
+    mirror = make_box((0.13, 0.2, 0.13), (0.78, 0.98, 0.94)) + make_box((0.06, 0.14, 0.04), (0.8, 0.87, 0.93))
     m.add("Mirrors", mirror, p.body, mirror=True, bevel=0.03)
-    wipers = joined(path_tube([(1.1, y, 0.965), (0.72, y + 0.34, 1.155)], 0.01) for y in (-0.5, 0.12))
+    wipers = join_shapes(path_tube([(1.1, y, 0.965), (0.72, y + 0.34, 1.155)], 0.01) for y in (-0.5, 0.12))
     m.add("Wipers", wipers, p.dark, bevel=0)
     m.add("Aerial", path_tube([(-1.8, 0, 1.46), (-2.05, 0, 1.62)], 0.008), p.dark, bevel=0)
-    m.add("Exhaust", tube((-2.1, 0.5, 0.3), (-2.36, 0.5, 0.28), 0.035), p.steel, bevel=0)
-    m.add("Floor_Pan", block((-2.1, -0.8, 0.2), (2.0, 0.8, 0.34)), p.dark, bevel=0)
+    m.add("Exhaust", make_tube((-2.1, 0.5, 0.3), (-2.36, 0.5, 0.28), 0.035), p.steel, bevel=0)
+    m.add("Floor_Pan", make_block((-2.1, -0.8, 0.2), (2.0, 0.8, 0.34)), p.dark, bevel=0)
     car_wheels(m, p, axles, y=0.78, radius=0.32, width=0.21)
 
 
@@ -180,52 +186,56 @@ def panel_van(m: BlendModel, p: Paints) -> None:
         (-2.74, 2.36),
         (-2.78, 1.0),
     ]
-    profile = arched(outline, axles, center=0.36, radius=0.44, sill=0.38)
-    m.add("Body", slab(profile, 0.99), p.body, bevel=0.08, smooth=40)
+    profile = cut_wheel_arches(outline, axles, center=0.36, radius=0.44, sill=0.38)
+    m.add("Body", make_slab(profile, 0.99), p.body, bevel=0.08, smooth=40)
     m.add(
         "Roof_Ribs",
-        joined(block((x, -0.72, 2.46), (x + 0.09, 0.72, 2.515)) for x in np.arange(-2.2, 0.6, 0.45)),
+        join_shapes(make_block((x, -0.72, 2.46), (x + 0.09, 0.72, 2.515)) for x in np.arange(-2.2, 0.6, 0.45)),
         p.body,
         bevel=0.02,
     )
     lean = np.degrees(np.arctan2(1.68 - 1.1, 2.22 - 1.4))
-    pane = box((0.02, 1.64, 0.98), (0, 0, -0.49)).turned("y", -lean).moved(1.415, 0, 1.82)
+    pane = make_box((0.02, 1.64, 0.98), (0, 0, -0.49)).turned("y", -lean).moved(1.415, 0, 1.82)
     m.add("Windscreen", pane, p.glass, bevel=0.004)
-    window = prism([(0.42, 1.36), (1.46, 1.36), (1.02, 2.08), (0.42, 2.08)], 0.97, 1.0)
+    window = make_prism([(0.42, 1.36), (1.46, 1.36), (1.02, 2.08), (0.42, 2.08)], 0.97, 1.0)
     m.add("Side_Windows", window, p.glass, mirror=True, bevel=0.006)
     seams = [
         [(1.62, 1.24), (1.34, 0.5), (0.36, 0.46), (0.34, 2.2), (1.06, 2.2)],
         [(0.3, 0.46), (-1.05, 0.48), (-1.05, 2.24), (0.3, 2.24)],
     ]
-    m.add("Door_Seams", _seams(seams, 0.993), p.dark, mirror=True, bevel=0)
-    m.add("Slide_Rail", block((-2.3, 0.98, 1.32), (-1.05, 1.003, 1.37)), p.dark, mirror=True, bevel=0.004)
-    m.add("Rub_Strip", block((-2.6, 0.97, 0.72), (2.3, 1.015, 0.84)), p.dark, mirror=True, bevel=0.015)
+    m.add("Door_Seams", _door_seams(seams, 0.993), p.dark, mirror=True, bevel=0)
+    m.add("Slide_Rail", make_block((-2.3, 0.98, 1.32), (-1.05, 1.003, 1.37)), p.dark, mirror=True, bevel=0.004)
+    m.add("Rub_Strip", make_block((-2.6, 0.97, 0.72), (2.3, 1.015, 0.84)), p.dark, mirror=True, bevel=0.015)
     m.add(
-        "Handles", joined(box((0.2, 0.04, 0.045), (x, 1.0, 1.14)) for x in (0.55, 0.1)), p.dark, mirror=True, bevel=0.01
+        "Handles",
+        join_shapes(make_box((0.2, 0.04, 0.045), (x, 1.0, 1.14)) for x in (0.55, 0.1)),
+        p.dark,
+        mirror=True,
+        bevel=0.01,
     )
     rear = [path_tube([(-2.775, y, 0.5), (-2.785, y, 1.1), (-2.76, y, 2.34)], 0.008, sides=4) for y in (-0.9, 0.0, 0.9)]
-    m.add("Rear_Seams", joined(rear), p.dark, bevel=0)
-    glass = prism([(-0.02, 1.42), (0.02, 1.42), (0.06, 2.1), (0.02, 2.1)], 0.12, 0.82).pair().moved(-2.785)
+    m.add("Rear_Seams", join_shapes(rear), p.dark, bevel=0)
+    glass = make_prism([(-0.02, 1.42), (0.02, 1.42), (0.06, 2.1), (0.02, 2.1)], 0.12, 0.82).pair().moved(-2.785)
     m.add("Rear_Windows", glass, p.glass, bevel=0.004)
-    hinges = joined(box((0.06, 0.05, 0.12), (-2.77, 0.93, z)) for z in (0.8, 1.4, 2.0))
+    hinges = join_shapes(make_box((0.06, 0.05, 0.12), (-2.77, 0.93, z)) for z in (0.8, 1.4, 2.0))
     m.add("Hinges", hinges, p.dark, mirror=True, bevel=0.008)
-    m.add("Front_Bumper", slab([(2.5, 0.3), (2.76, 0.4), (2.77, 0.66), (2.6, 0.7)], 0.95), p.dark, bevel=0.05)
-    m.add("Rear_Bumper", box((0.24, 1.9, 0.22), (-2.78, 0, 0.42)), p.dark, bevel=0.04)
-    bars = joined(block((2.68, -0.55, z), (2.72, 0.55, z + 0.035)) for z in (0.74, 0.81, 0.88))
+    m.add("Front_Bumper", make_slab([(2.5, 0.3), (2.76, 0.4), (2.77, 0.66), (2.6, 0.7)], 0.95), p.dark, bevel=0.05)
+    m.add("Rear_Bumper", make_box((0.24, 1.9, 0.22), (-2.78, 0, 0.42)), p.dark, bevel=0.04)
+    bars = join_shapes(make_block((2.68, -0.55, z), (2.72, 0.55, z + 0.035)) for z in (0.74, 0.81, 0.88))
     m.add("Grille", bars, p.dark, bevel=0)
     m.add(
         "Head_Lamps",
-        prism([(2.5, 0.74), (2.72, 0.72), (2.64, 1.0), (2.46, 1.1)], 0.6, 0.95),
+        make_prism([(2.5, 0.74), (2.72, 0.72), (2.64, 1.0), (2.46, 1.1)], 0.6, 0.95),
         p.lamp,
         mirror=True,
         bevel=0.03,
     )
-    m.add("Tail_Lamps", box((0.06, 0.14, 0.7), (-2.77, 0.93, 0.86)), p.red, mirror=True, bevel=0.02)
-    m.add("Number_Plates", _plates(2.775, -2.91, (0.46, 0.46)), p.canvas, bevel=0)
-    mirror = box((0.12, 0.2, 0.34), (1.5, 1.12, 1.34)) + box((0.06, 0.2, 0.05), (1.5, 1.02, 1.34))
+    m.add("Tail_Lamps", make_box((0.06, 0.14, 0.7), (-2.77, 0.93, 0.86)), p.red, mirror=True, bevel=0.02)
+    m.add("Number_Plates", _number_plates(2.775, -2.91, (0.46, 0.46)), p.canvas, bevel=0)
+    mirror = make_box((0.12, 0.2, 0.34), (1.5, 1.12, 1.34)) + make_box((0.06, 0.2, 0.05), (1.5, 1.02, 1.34))
     m.add("Mirrors", mirror, p.dark, mirror=True, bevel=0.03)
-    wipers = joined(path_tube([(1.7, y, 1.36), (1.36, y + 0.4, 1.86)], 0.012) for y in (-0.7, 0.15))
+    wipers = join_shapes(path_tube([(1.7, y, 1.36), (1.36, y + 0.4, 1.86)], 0.012) for y in (-0.7, 0.15))
     m.add("Wipers", wipers, p.dark, bevel=0)
-    m.add("Exhaust", tube((-2.4, -0.6, 0.34), (-2.86, -0.6, 0.32), 0.04), p.steel, bevel=0)
-    m.add("Floor_Pan", block((-2.6, -0.85, 0.28), (2.4, 0.85, 0.44)), p.dark, bevel=0)
+    m.add("Exhaust", make_tube((-2.4, -0.6, 0.34), (-2.86, -0.6, 0.32), 0.04), p.steel, bevel=0)
+    m.add("Floor_Pan", make_block((-2.6, -0.85, 0.28), (2.4, 0.85, 0.44)), p.dark, bevel=0)
     car_wheels(m, p, axles, y=0.86, radius=0.35, width=0.24)

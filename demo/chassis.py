@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 
 from hulldown.demo.model import BlendModel
-from hulldown.demo.shapes import Shape, block, box, joined, lathe, path_tube, profile_tube, track, tube
+from hulldown.demo.shapes import (
+    Shape,
+    join_shapes,
+    make_block,
+    make_box,
+    make_track,
+    make_tube,
+    path_tube,
+    profile_tube,
+    turn_profile,
+)
 
 Circle = tuple[float, float, float]  # x, z, radius of a wheel
 
@@ -45,16 +55,18 @@ class Running:
     rollers: int = 0
 
 
-LINK = 0.075  # thickness of a track link
+TRACK_LINK_M = 0.075  # thickness of a track link
 
 
-def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
+def add_tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     """Road wheels, sprocket, idler, return rollers and two tracks; the links touch z = 0."""
     r, w = gear.radius, gear.width
-    z = r + LINK
-    tire = lathe([(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True)
+    z = r + TRACK_LINK_M
+    tire = turn_profile(
+        [(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True
+    )
     tires = tire + tire.scaled(1, -1, 1)
-    disc = lathe(
+    disc = turn_profile(
         [
             (r * 0.02, w * 0.42),
             (r * 0.27, w * 0.40),
@@ -65,8 +77,8 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
         ],
         sides=22,
     )
-    bolts = joined(
-        tube(
+    bolts = join_shapes(
+        make_tube(
             (r * 0.52 * np.cos(a), w * 0.26, r * 0.52 * np.sin(a)),
             (r * 0.52 * np.cos(a), w * 0.34, r * 0.52 * np.sin(a)),
             0.03,
@@ -79,7 +91,7 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     m.add("Road_Wheels", (disc + bolts).moved(gear.first, gear.y, z), p.body, bevel=0, mirror=True, copies=copies)
     ends = []
     for x, height, radius in (gear.sprocket, gear.idler):
-        drum = lathe(
+        drum = turn_profile(
             [
                 (radius * 0.3, -w * 0.42),
                 (radius * 0.9, -w * 0.4),
@@ -90,23 +102,23 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
         )
         ends.append(drum.moved(x, gear.y, height))
     x, height, radius = gear.sprocket
-    teeth = joined(
-        box((0.09, w * 0.12, 0.12), (0, side * w * 0.3, radius * 0.88)).turned("y", a).moved(x, gear.y, height)
+    teeth = join_shapes(
+        make_box((0.09, w * 0.12, 0.12), (0, side * w * 0.3, radius * 0.88)).turned("y", a).moved(x, gear.y, height)
         for a in np.arange(12) * 30.0
         for side in (-1, 1)
     )
-    m.add("Sprocket_Idler", joined(ends), p.body, bevel=0.008, mirror=True)
+    m.add("Sprocket_Idler", join_shapes(ends), p.body, bevel=0.008, mirror=True)
     m.add("Sprocket_Teeth", teeth, p.steel, bevel=0, mirror=True)
     top = min(gear.sprocket[1] + gear.sprocket[2], gear.idler[1] + gear.idler[2])
     if gear.rollers:
         spread = np.linspace(gear.first + 0.6 * gear.step, gear.first + (gear.wheels - 1.6) * gear.step, gear.rollers)
-        rollers = joined(
-            lathe([(0.13, -w * 0.35), (0.13, w * 0.35)], sides=12).moved(x, gear.y, top - 0.14) for x in spread
+        rollers = join_shapes(
+            turn_profile([(0.13, -w * 0.35), (0.13, w * 0.35)], sides=12).moved(x, gear.y, top - 0.14) for x in spread
         )
         m.add("Return_Rollers", rollers, p.steel, bevel=0.01, mirror=True)
-    circles = [(gear.first + i * gear.step, z, r + LINK) for i in range(gear.wheels)]
-    circles += [(x, z, r + LINK) for x, z, r in (gear.sprocket, gear.idler)]
-    belt = track(circles, gear.y, w, pitch=0.16, sag=0.05)
+    circles = [(gear.first + i * gear.step, z, r + TRACK_LINK_M) for i in range(gear.wheels)]
+    circles += [(x, z, r + TRACK_LINK_M) for x, z, r in (gear.sprocket, gear.idler)]
+    belt = make_track(circles, gear.y, w, pitch=0.16, sag=0.05)
     low = belt.vertices[:, 2].min()  # chords of the links cut the circles a little
     m.add("Tracks", belt.moved(z=-low), p.dark, bevel=0, mirror=True, smooth=20)
 
@@ -114,7 +126,7 @@ def tracks(m: BlendModel, p: Paints, gear: Running) -> None:
 def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
     """Tire with tread blocks, and rim with hub, of a truck's wheel about the y axis, its outer side at +y."""
     r, w, sides = radius, width / 2, 24
-    tire = lathe(
+    tire = turn_profile(
         [
             (r * 0.56, -w * 0.9),
             (r * 0.85, -w),
@@ -126,14 +138,14 @@ def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
         sides=sides,
         hollow=True,
     )
-    blocks = joined(
-        box((r * 0.15, w * 0.8, r * 0.05), (0, side * w * 0.42, r * 0.95)).turned(
+    blocks = join_shapes(
+        make_box((r * 0.15, w * 0.8, r * 0.05), (0, side * w * 0.42, r * 0.95)).turned(
             "y", k * 360 / sides + (7.5 if side > 0 else 0)
         )
         for k in range(sides)
         for side in (-1, 1)
     )
-    rim = lathe(
+    rim = turn_profile(
         [
             (r * 0.58, -w * 0.8),
             (r * 0.59, w * 0.95),
@@ -145,8 +157,8 @@ def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
         ],
         sides=sides,
     )
-    nuts = joined(
-        tube(
+    nuts = join_shapes(
+        make_tube(
             (r * 0.36 * np.cos(a), w * 0.4, r * 0.36 * np.sin(a)),
             (r * 0.36 * np.cos(a), w * 0.55, r * 0.36 * np.sin(a)),
             0.025,
@@ -157,7 +169,7 @@ def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
     return tire + blocks, rim + nuts
 
 
-def wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.4) -> None:
+def add_wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.4) -> None:
     """Wheels on axles at the given x, the tires standing on z = 0, with axles and springs between them."""
     tire, rim = road_wheel(radius, width)
     for k, x in enumerate(at):
@@ -165,23 +177,29 @@ def wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: f
         low = tire.vertices[:, 2].min()
         m.add(f"Tire_{k + 1}", tire.moved(x, y, -low), p.rubber, bevel=0, mirror=True)
         m.add(f"Rim_{k + 1}", rim.moved(x, y, -low), p.body, bevel=0, mirror=True)
-    axles = joined(
-        tube((x, -y, radius), (x, y, radius), 0.09)
-        + lathe([(0.1, -0.25), (0.2, -0.12), (0.2, 0.12), (0.1, 0.25)], sides=12).moved(x, 0, radius)
+    axles = join_shapes(
+        make_tube((x, -y, radius), (x, y, radius), 0.09)
+        + turn_profile([(0.1, -0.25), (0.2, -0.12), (0.2, 0.12), (0.1, 0.25)], sides=12).moved(x, 0, radius)
         for x in at
     )
-    springs = joined(block((x - 0.55, 0.42, radius + 0.1), (x + 0.55, 0.52, radius + 0.18)).pair() for x in at)
+    springs = join_shapes(
+        make_block((x - 0.55, 0.42, radius + 0.1), (x + 0.55, 0.52, radius + 0.18)).pair() for x in at
+    )
     m.add("Axles", axles + springs, p.dark, bevel=0)
 
 
 def ladder_frame(m: BlendModel, p: Paints, x0: float, x1: float, z: float, *, y: float = 0.42) -> None:
     """Add two rails with cross members, their upper side at z."""
-    rails = block((x0, y - 0.06, z - 0.26), (x1, y + 0.06, z)).pair()
-    cross = joined(block((x - 0.06, -y, z - 0.2), (x + 0.06, y, z - 0.06)) for x in np.linspace(x0 + 0.2, x1 - 0.2, 6))
+    rails = make_block((x0, y - 0.06, z - 0.26), (x1, y + 0.06, z)).pair()
+    cross = join_shapes(
+        make_block((x - 0.06, -y, z - 0.2), (x + 0.06, y, z - 0.06)) for x in np.linspace(x0 + 0.2, x1 - 0.2, 6)
+    )
     m.add("Frame", rails + cross, p.dark, bevel=0.01)
 
 
-def mudguards(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5) -> None:
+def add_mudguards(
+    m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5
+) -> None:
     """Bent sheets over the wheels."""
     angles = np.radians(np.linspace(15, 165, 9))
     sheets = []
@@ -190,14 +208,14 @@ def mudguards(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius
         for (xa, za), (xb, zb) in pairwise(outer):
             lean = -np.degrees(np.arctan2(zb - za, xb - xa))
             sheets.append(
-                box((np.hypot(xb - xa, zb - za) * 1.05, width, 0.03), (0, 0, 0))
+                make_box((np.hypot(xb - xa, zb - za) * 1.05, width, 0.03), (0, 0, 0))
                 .turned("y", lean)
                 .moved((xa + xb) / 2, y, (za + zb) / 2)
             )
-    m.add("Mudguards", joined(sheets), p.body, bevel=0, mirror=True, smooth=60)
+    m.add("Mudguards", join_shapes(sheets), p.body, bevel=0, mirror=True, smooth=60)
 
 
-def lamps(
+def add_lamps(
     m: BlendModel,
     p: Paints,
     *,
@@ -210,7 +228,7 @@ def lamps(
 ) -> None:
     """Head lamps in housings looking along +x, and tail lamps."""
     housing = profile_tube([(x - 0.16, radius * 0.6), (x - 0.02, radius * 1.15)]).moved(y=y, z=z)
-    post = box((0.07, 0.06, 0.3), (x - 0.12, y, z - 0.3))
+    post = make_box((0.07, 0.06, 0.3), (x - 0.12, y, z - 0.3))
     m.add("Lamp_Housings", housing + post, p.body, bevel=0, mirror=True)
     m.add(
         "Head_Lamps",
@@ -220,10 +238,10 @@ def lamps(
         mirror=True,
     )
     if tail_x is not None:
-        m.add("Tail_Lamps", box((0.06, 0.22, 0.1), (tail_x, y, tail_z)), p.red, bevel=0.01, mirror=True)
+        m.add("Tail_Lamps", make_box((0.06, 0.22, 0.1), (tail_x, y, tail_z)), p.red, bevel=0.01, mirror=True)
 
 
-def antenna(
+def add_antenna(
     m: BlendModel,
     p: Paints,
     at: tuple[float, float, float],
@@ -235,18 +253,18 @@ def antenna(
     """Add a whip aerial on its base, bent by its weight."""
     x, y, z = at
     bend = [(x - lean * t * t, y, z + 0.16 + height * t) for t in np.linspace(0, 1, 5)]
-    m.add("Antenna", tube(at, (x, y, z + 0.2), 0.05) + path_tube(bend, 0.012, sides=5), p.dark, bevel=0, part=part)
+    m.add("Antenna", make_tube(at, (x, y, z + 0.2), 0.05) + path_tube(bend, 0.012, sides=5), p.dark, bevel=0, part=part)
 
 
-def hatch(x: float, y: float, z: float, radius: float = 0.3) -> Shape:
+def make_hatch(x: float, y: float, z: float, radius: float = 0.3) -> Shape:
     """Return a round hatch with its lid, hinge and handle."""
-    ring = tube((x, y, z - 0.05), (x, y, z + 0.07), radius + 0.07, sides=16)
-    lid = tube((x, y, z + 0.07), (x, y, z + 0.12), radius, radius * 0.9, sides=16)
+    ring = make_tube((x, y, z - 0.05), (x, y, z + 0.07), radius + 0.07, sides=16)
+    lid = make_tube((x, y, z + 0.07), (x, y, z + 0.12), radius, radius * 0.9, sides=16)
     return (
         ring
         + lid
-        + box((0.12, 0.2, 0.08), (x - radius - 0.04, y, z + 0.05))
-        + box((0.22, 0.04, 0.04), (x, y, z + 0.13))
+        + make_box((0.12, 0.2, 0.08), (x - radius - 0.04, y, z + 0.05))
+        + make_box((0.22, 0.04, 0.04), (x, y, z + 0.13))
     )
 
 
@@ -260,4 +278,4 @@ def smoke_launchers(x: float, y: float, z: float, *, tubes: int = 4) -> Shape:
             .turned("z", 15 + 12 * k)
         )
         shapes.append(cup.moved(x - k * spread, y + 0.03 * k, z + 0.05 * (k % 2)))
-    return joined(shapes) + box((tubes * spread, 0.06, 0.1), (x - (tubes - 1) * spread / 2, y, z - 0.1))
+    return join_shapes(shapes) + make_box((tubes * spread, 0.06, 0.1), (x - (tubes - 1) * spread / 2, y, z - 0.1))

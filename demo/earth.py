@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hulldown.demo.materials import Color, Graph, linear
+from hulldown.demo.materials import Color, Graph, srgb_to_linear
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Soil:
     clumps: float  # how much tussocks stand out of the cover, 0 to 1
 
 
-def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
+def ground_material(name: str, soil: Soil, *, far: bool = False) -> Any:
     """Ground with patches of every size, bare on slopes, rock where steep; far ground fades into the haze."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
@@ -58,7 +58,7 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
     )
     pebble = g.maths("MULTIPLY", g.ramp(clod, 0.30, 0.20), g.ramp(kind, 0.52, 0.58))
     seen = g.maths("MULTIPLY", pebble, g.maths("MAXIMUM", g.maths("MULTIPLY", worn, 0.8), soil.stony))
-    color = g.mix(seen, g.mix(worn, cover, bare), g.shade(linear(soil.rock[0]), fine, 0.4))
+    color = g.mix(seen, g.mix(worn, cover, bare), g.shade(srgb_to_linear(soil.rock[0]), fine, 0.4))
     steep = g.ramp(g.maths("ADD", up, g.maths("MULTIPLY", middle, 0.16)), 0.88, 0.80)
     color = g.mix(steep, color, rock)
     if far:
@@ -79,7 +79,7 @@ def ground(name: str, soil: Soil, *, far: bool = False) -> Any:
     )
 
 
-def road(name: str, tones: tuple[Color, Color], verge: Color, *, half: float) -> Any:
+def road_material(name: str, tones: tuple[Color, Color], verge: Color, *, half: float) -> Any:
     """Make a dirt road by its UV map (u meters across, v along): two ruts, a grown-over middle, ragged verges."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
@@ -101,7 +101,7 @@ def road(name: str, tones: tuple[Color, Color], verge: Color, *, half: float) ->
     )
 
 
-def stone(name: str, tones: tuple[Color, Color], growth: Color) -> Any:
+def stone_material(name: str, tones: tuple[Color, Color], growth: Color) -> Any:
     """Boulders, with moss or dust on what faces up; each instance a little different."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
@@ -119,17 +119,17 @@ def stone(name: str, tones: tuple[Color, Color], growth: Color) -> Any:
     )
 
 
-def bark(name: str, color: Color) -> Any:
+def bark_material(name: str, color: Color) -> Any:
     """Furrowed bark."""
     g = Graph(name)
     where = g.add("Mapping", {0: g.add("TexCoord").outputs["Object"], "Scale": (9.0, 9.0, 1.6)}).outputs[0]
     furrows = g.noise(where, 1.0, detail=4.0, rough=0.6)
     return g.surface(
-        {"Base Color": g.shade(linear(color), furrows, 0.5), "Roughness": 0.92, "Normal": g.bump(furrows, 0.03)}
+        {"Base Color": g.shade(srgb_to_linear(color), furrows, 0.5), "Roughness": 0.92, "Normal": g.bump(furrows, 0.03)}
     )
 
 
-def leaves(name: str, colors: tuple[Color, Color]) -> Any:
+def leaf_material(name: str, colors: tuple[Color, Color]) -> Any:
     """Leaves that let some light through, each spray and each plant of its own shade."""
     g = Graph(name)
     plant = g.add("ObjectInfo").outputs["Random"]

@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from hulldown.demo.relief import Course, Height, quads, ribbon, sheet, smoothstep
+from hulldown.demo.relief import Course, Height, grid_quads, make_ribbon, make_sheet, smoothstep
 
-FAR = 4500.0  # meters to where the surroundings end, below the horizon's haze
+LAND_REACH_M = 4500.0  # meters to where the surroundings end, below the horizon's haze
 HIDDEN_EDGE = 4.0  # meters by which surroundings reach below the ground, that no gap shows between them
 
 
@@ -46,9 +46,9 @@ class Land:
         """Add a strip with ruts in its shape and (across, along) in meters as UV map; its edges dip into the ground."""
         across = np.array([-half, -half + 0.6, -1.4, -0.95, -0.5, 0.5, 0.95, 1.4, half - 0.6, half])
         rise = np.array([-0.25, 0.0, 0.03, -0.03, 0.03, 0.03, -0.03, 0.03, 0.0, -0.25])
-        thing = self.add(name, ribbon(course, z, across, rise), material, home="Terrain")
+        thing = self.add(name, make_ribbon(course, z, across, rise), material, home="Terrain")
         uv = np.stack(np.broadcast_arrays(across[None], course.at[:, None]), axis=-1).reshape(-1, 2)
-        corners = quads(len(course.xy), len(across)).ravel()
+        corners = grid_quads(len(course.xy), len(across)).ravel()
         thing.data.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv[corners].astype(np.float32).ravel())
 
     def surroundings(self, ground: Height, mountains: Height, material: Any, *, rise: tuple[float, float]) -> None:
@@ -64,13 +64,13 @@ class Land:
             return near + smoothstep(away, *rise) * mountains(x, y)
 
         self.outland = outland
-        out = half - HIDDEN_EDGE + (FAR - half) * (np.linspace(0, 1, 36) ** 2.6)
+        out = half - HIDDEN_EDGE + (LAND_REACH_M - half) * (np.linspace(0, 1, 36) ** 2.6)
         inner = np.linspace(-half + HIDDEN_EDGE, half - HIDDEN_EDGE, 41)
         spans = {"West": -out[::-1], "": inner, "East": out}
         for east, xs in spans.items():
             for north, ys in {"South": -out[::-1], "": inner, "North": out}.items():
                 if east or north:
-                    self.add(f"Horizon_{north}{east}", sheet(xs, ys, outland), material, home="Surroundings")
+                    self.add(f"Horizon_{north}{east}", make_sheet(xs, ys, outland), material, home="Surroundings")
 
     def camera(self, at: tuple[float, float, float], turn_deg: float) -> None:
         """Add the camera that the file is delivered with."""
@@ -80,7 +80,7 @@ class Land:
             @ Matrix.Rotation(np.radians(turn_deg), 4, "Z")
             @ Matrix.Rotation(np.radians(84), 4, "X")
         )
-        camera.data.clip_end = 2 * FAR
+        camera.data.clip_end = 2 * LAND_REACH_M
         self.scene.collection.objects.link(camera)
         self.scene.camera = camera
 
@@ -91,7 +91,7 @@ class Land:
         return path
 
 
-def leveled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
+def level_road(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
     """Bring a surface to the `level` of a road along its course: wholly and not at all within `reach` meters."""
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -102,12 +102,12 @@ def leveled(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[
     return height
 
 
-def highest(*surfaces: Height) -> Height:
+def highest_surface(*surfaces: Height) -> Height:
     """Return the top of several surfaces."""
     return lambda x, y: np.max([surface(x, y) for surface in surfaces], axis=0)
 
 
-def mound(
+def make_mound(
     center: tuple[float, float], half: tuple[float, float], turn_deg: float, top: float, base: Height, *, steep: float
 ) -> Height:
     """Return a hill over `base` that dips below it at its rim; its far side is `steep` times as steep."""
@@ -122,7 +122,7 @@ def mound(
     return height
 
 
-def patch(center: tuple[float, float], reach: float, height: Height) -> tuple[np.ndarray, np.ndarray]:
+def make_patch(center: tuple[float, float], reach: float, height: Height) -> tuple[np.ndarray, np.ndarray]:
     """Return a square sheet about a center, of lines 2 m apart."""
     line = np.linspace(-reach, reach, int(reach) + 1)
-    return sheet(center[0] + line, center[1] + line, height)
+    return make_sheet(center[0] + line, center[1] + line, height)

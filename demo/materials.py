@@ -10,15 +10,15 @@ import bpy
 import numpy as np
 from PIL import Image
 
-from hulldown.base.files import replacing
+from hulldown.base.files import atomic_writer
 from hulldown.geometry.color import linear_color
 from hulldown.reading.blender.api.add_nodes import add_node
 
 Color = str  # "#rrggbb" as a color picker shows it
-TILE = 3.0  # meters of a paint's image without a UV map
+TILE_SIZE_M = 3.0  # meters of a paint's image without a UV map
 
 
-def linear(color: Color) -> tuple[float, float, float, float]:
+def srgb_to_linear(color: Color) -> tuple[float, float, float, float]:
     """Return the color in the linear light that Cycles computes with."""
     return *linear_color(color), 1.0
 
@@ -55,7 +55,7 @@ class Graph:
 
     def mix(self, factor: Any, a: Any, b: Any, *, blend: str = "MIX") -> Any:
         """Color a turning into b as the factor goes from 0 to 1."""
-        a, b = (linear(c) if isinstance(c, str) else c for c in (a, b))
+        a, b = (srgb_to_linear(c) if isinstance(c, str) else c for c in (a, b))
         node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA", blend_type=blend)
         return node.outputs[2]
 
@@ -81,96 +81,100 @@ class Graph:
         self.add("OutputMaterial", {"Surface": shader})
 
 
-def plain(name: str, color: Color, *, rough: float = 0.6, metal: float = 0.0, mottle: float = 0.15) -> Any:
+def plain_material(name: str, color: Color, *, rough: float = 0.6, metal: float = 0.0, mottle: float = 0.15) -> Any:
     """Return one color with slight fine variation: rubber, steel, canvas, wood, lamps."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
     value = g.noise(where, 6.0, detail=4.0)
     return g.surface(
         {
-            "Base Color": g.shade(linear(color), value, mottle),
+            "Base Color": g.shade(srgb_to_linear(color), value, mottle),
             "Roughness": g.maths("ADD", rough - 0.08, g.maths("MULTIPLY", value, 0.16)),
             "Metallic": metal,
         }
     )
 
 
-def glass() -> Any:
+def dark_glass() -> Any:
     """Dark window glass that mirrors the sky; opaque, as windows look from outside."""
     g = Graph("Glass")
-    return g.surface({"Base Color": linear("#10181c"), "Roughness": 0.06, "Specular IOR Level": 0.9})
+    return g.surface({"Base Color": srgb_to_linear("#10181c"), "Roughness": 0.06, "Specular IOR Level": 0.9})
 
 
-def camouflage(name: str, colors: Sequence[Color], *, dust: Color, unit: float = 1.0, size: float = 1.0) -> Any:
+def camouflage_paint(name: str, colors: Sequence[Color], *, dust: Color, unit: float = 1.0, size: float = 1.0) -> Any:
     """Paint in two or three colors in soft-edged patches meters wide, with wear, and dust on the lower hull.
 
     `unit` is how many file units make a meter; patches are placed in the object's own coordinates.
     """
     g = Graph(name)
-    where = _meters(g, unit)
+    where = _position_in_units(g, unit)
     first = g.noise(where, 0.55 / size, detail=1.5, warp=0.6)
-    color: Any = linear(colors[0])
+    color: Any = srgb_to_linear(colors[0])
     edges = [(0.53, 0.555), (0.585, 0.61)]
     for k, paint in enumerate(colors[1:]):
         offset = g.add("VectorMath", {0: where, 1: (37.0 * k, 11.0 * k, 5.0)}).outputs[0]
         patch = g.ramp(first if k == 0 else g.noise(offset, 0.6 / size, detail=1.5, warp=0.6), *edges[k])
         color = g.mix(patch, color, paint)
-    return _painted(g, color, where, dust)
+    return _add_wear(g, color, where, dust)
 
 
 def image_paint(name: str, image: bpy.types.Image, *, dust: Color, by_uv: bool) -> Any:
-    """Paint from an image texture, by UV map or by box projection, with the same wear and dust as `camouflage`."""
+    """Paint from an image texture, by UV map or box projection, with the wear and dust of `camouflage_paint`."""
     g = Graph(name)
-    where = _meters(g, 1.0)
+    where = _position_in_units(g, 1.0)
     if by_uv:
         texture = g.add("TexImage", {"Vector": g.add("TexCoord").outputs["UV"]}, image=image)
     else:
-        scaled = g.add("VectorMath", {0: where, "Scale": 1 / TILE}, operation="SCALE").outputs[0]
+        scaled = g.add("VectorMath", {0: where, "Scale": 1 / TILE_SIZE_M}, operation="SCALE").outputs[0]
         texture = g.add("TexImage", {"Vector": scaled}, image=image, projection="BOX", projection_blend=0.1)
-    return _painted(g, texture.outputs["Color"], where, dust)
+    return _add_wear(g, texture.outputs["Color"], where, dust)
 
 
-def gloss(color: Color, *, dust: Color) -> Any:
+def gloss_paint(color: Color, *, dust: Color) -> Any:
     """Clean car paint with a film of dust toward the ground."""
     g = Graph("Paint")
-    where = _meters(g, 1.0)
+    where = _position_in_units(g, 1.0)
     worn = g.noise(where, 1.6, detail=4.0)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
     film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.05, 0.3), 0.5)
     return g.surface(
         {
-            "Base Color": g.mix(film, g.shade(linear(color), worn, 0.05), g.shade(linear(dust), worn, 0.3)),
+            "Base Color": g.mix(
+                film, g.shade(srgb_to_linear(color), worn, 0.05), g.shade(srgb_to_linear(dust), worn, 0.3)
+            ),
             "Roughness": g.maths("ADD", 0.16, g.maths("MULTIPLY", film, 0.55)),
             "Coat Weight": 0.5,
         }
     )
 
 
-def rusted(name: str, color: Color, *, rust: Color, share: float, streaks: bool = True) -> Any:
+def rusted_paint(name: str, color: Color, *, rust: Color, share: float, streaks: bool = True) -> Any:
     """Old paint through which rust breaks in blisters and runs down in streaks; `share` of it is rust."""
     g = Graph(name)
-    where = _meters(g, 1.0)
+    where = _position_in_units(g, 1.0)
     fine, blister = g.noise(where, 14.0, detail=4.0), g.noise(where, 1.7, detail=6.0, rough=0.7)
     tall = g.add("VectorMath", {0: where, 1: (6.0, 6.0, 0.35)}, operation="MULTIPLY").outputs[0]
     runs = g.noise(tall, 1.0, detail=3.0, rough=0.6) if streaks else blister
     level = 0.75 - 0.5 * share
     broken = g.ramp(blister, level - 0.04, level + 0.05)
     stained = g.maths("MULTIPLY", g.ramp(runs, level - 0.06, level + 0.16), 0.6)
-    paint = g.shade(g.shade(linear(color), blister, 0.22), fine, 0.12)
-    iron = g.mix(fine, g.shade(linear(rust), blister, 0.5), "#2c1c14")
+    paint = g.shade(g.shade(srgb_to_linear(color), blister, 0.22), fine, 0.12)
+    iron = g.mix(fine, g.shade(srgb_to_linear(rust), blister, 0.5), "#2c1c14")
     color_now = g.mix(g.maths("MAXIMUM", broken, stained), paint, iron)
     rough = g.maths("ADD", 0.55, g.maths("MULTIPLY", broken, 0.35))
     return g.surface({"Base Color": color_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
 
 
-def burnt(name: str) -> Any:
+def burnt_steel(name: str) -> Any:
     """Steel after a fire: orange rust, white ash on what lies flat, soot where flames came out."""
     g = Graph(name)
-    where = _meters(g, 1.0)
+    where = _position_in_units(g, 1.0)
     coarse, fine = g.noise(where, 0.9, detail=5.0, rough=0.65), g.noise(where, 11.0, detail=4.0)
     up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
     iron = g.mix(
-        g.ramp(coarse, 0.36, 0.62), g.shade(linear("#46291d"), fine, 0.5), g.shade(linear("#74402a"), fine, 0.4)
+        g.ramp(coarse, 0.36, 0.62),
+        g.shade(srgb_to_linear("#46291d"), fine, 0.5),
+        g.shade(srgb_to_linear("#74402a"), fine, 0.4),
     )
     ash = g.maths("MULTIPLY", g.ramp(up, 0.5, 1.0), g.ramp(g.noise(where, 2.6, detail=4.0), 0.5, 0.68))
     soot = g.ramp(g.noise(where, 0.7, detail=3.0, warp=0.5), 0.44, 0.62)
@@ -179,24 +183,26 @@ def burnt(name: str) -> Any:
     return g.surface({"Base Color": color, "Roughness": 0.92, "Normal": g.bump(fine, 0.006)})
 
 
-def straw(colors: tuple[Color, Color]) -> Any:
+def straw_material(colors: tuple[Color, Color]) -> Any:
     """Dry stalks, wound round the y axis: fine streaks across, tangled, with shadows between them."""
     g = Graph("Straw")
     where = g.add("TexCoord").outputs["Object"]
     wound = g.add("VectorMath", {0: where, 1: (9.0, 60.0, 9.0)}, operation="MULTIPLY").outputs[0]
     streak, clump = g.noise(wound, 1.0, detail=5.0, rough=0.7, warp=1.2), g.noise(where, 3.0, detail=4.0)
     color = g.mix(
-        g.ramp(streak, 0.3, 0.7), g.shade(linear(colors[0]), clump, 0.35), g.shade(linear(colors[1]), clump, 0.3)
+        g.ramp(streak, 0.3, 0.7),
+        g.shade(srgb_to_linear(colors[0]), clump, 0.35),
+        g.shade(srgb_to_linear(colors[1]), clump, 0.3),
     )
     return g.surface({"Base Color": color, "Roughness": 0.9, "Normal": g.bump(streak, 0.03)})
 
 
-def _meters(g: Graph, unit: float) -> Any:
+def _position_in_units(g: Graph, unit: float) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     return where if unit == 1.0 else g.add("VectorMath", {0: where, "Scale": 1 / unit}, operation="SCALE").outputs[0]
 
 
-def _painted(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Material:
+def _add_wear(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Material:
     """Wear in two scales and streaks of rain over a coat of paint; dust thins out upwards to 1.5 m, mud to 0.9 m."""
     worn = g.noise(where, 2.2, detail=5.0, rough=0.65)
     fine = g.noise(where, 18.0, detail=3.0)
@@ -209,7 +215,7 @@ def _painted(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Materia
     up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
     settled = g.maths("MULTIPLY", g.ramp(up, 0.6, 1.0), g.ramp(worn, 0.40, 0.75))
     film = g.maths("MULTIPLY", g.maths("MAXIMUM", low, g.maths("MULTIPLY", settled, 0.55)), 0.8)
-    color = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, color, dust), g.shade(linear(dust), fine, 0.35))
+    color = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, color, dust), g.shade(srgb_to_linear(dust), fine, 0.35))
     rough = g.maths("ADD", 0.5, g.maths("MULTIPLY", worn, 0.3))
     return g.surface(
         {
@@ -232,5 +238,5 @@ def block_pattern(path: Path, colors: Sequence[Color], *, rng: np.random.Generat
     palette = np.array([[int(c[i : i + 2], 16) for i in (1, 3, 5)] for c in colors], np.uint8)
     path.parent.mkdir(parents=True, exist_ok=True)
     if not path.exists():
-        with replacing(path) as file:
+        with atomic_writer(path) as file:
             Image.fromarray(np.kron(palette[level], np.ones((8, 8, 1), np.uint8))).save(file, "PNG")

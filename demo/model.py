@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from hulldown.demo.shapes import Point, Shape, box
+from hulldown.demo.shapes import Point, Shape, make_box
 
 
 class BlendModel:
@@ -73,7 +73,7 @@ class BlendModel:
 
     def crate(self, name: str, size: Point, at: Point, material: Any, *, turn_deg: float = 0.0) -> None:
         """Add a box as artists leave it: a unit cube with its scale and rotation not applied."""
-        thing = self._mesh(name, box((1.0, 1.0, 1.0), (0.0, 0.0, -0.5)), material, 0.02)
+        thing = self._mesh(name, make_box((1.0, 1.0, 1.0), (0.0, 0.0, -0.5)), material, 0.02)
         x, y, z = at
         place = Matrix.Translation(np.array([x, y, z + size[2] / 2]) * self.unit)
         thing.matrix_world = place @ Matrix.Rotation(np.radians(turn_deg), 4, "Z") @ Matrix.Diagonal((*size, 1.0))
@@ -93,7 +93,9 @@ class BlendModel:
     def save(self, path: Path) -> None:
         """Add what such files usually have too (floor, grid, camera, lamps), and write the file."""
         u = self.unit
-        floor = bpy.data.objects.new("Floor", _mesh_data("Floor", box((24 * u, 24 * u, 0.1 * u), (0, 0, -0.1 * u)), 1))
+        floor = bpy.data.objects.new(
+            "Floor", _mesh_data("Floor", make_box((24 * u, 24 * u, 0.1 * u), (0, 0, -0.1 * u)), 1)
+        )
         grid_lines = [((-12, y, 0), (12, y, 0)) for y in range(-12, 13)] + [
             ((x, -12, 0), (x, 12, 0)) for x in range(-12, 13)
         ]

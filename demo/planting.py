@@ -19,7 +19,7 @@ from hulldown.demo.materials import Color
 from hulldown.demo.relief import Height
 
 Share = Callable[[np.ndarray, np.ndarray], np.ndarray]  # how likely a plant stands at x, y: 0 to 1
-LEVEL = 0.8  # least cosine of the slope of ground that geometry nodes strew things on
+MIN_SLOPE_COSINE = 0.8  # least cosine of the slope of ground that geometry nodes strew things on
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,7 +48,9 @@ class Planting:
 
     def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: Share) -> list[Any]:
         """Stones of these shapes and n places, and ten boulders between which a vehicle is small; their meshes."""
-        kinds = [vegetation.boulder(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)]
+        kinds = [
+            vegetation.make_boulder(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)
+        ]
         self.strew("Rocks", kinds, n, share, gap=4.0, scale=(0.2, 1.35), sink=0.1, tilt=0.3)
         few = self._spots(0.8 * self.land.half, 10, share, gap=30.0)
         for boulder in self._copies("Rocks", kinds, few, (1.5, 2.5), 0.4, tilt=0.2):
@@ -60,9 +62,9 @@ class Planting:
         self, name: str, tones: tuple[Color, Color], heights: Sequence[float], n: int, share: Share, *, clumps: int
     ) -> None:
         """Patches of grass some meters wide that lie on the ground, `clumps` in each."""
-        blades = earth.leaves(f"{name}_Blades", tones)
+        blades = earth.leaf_material(f"{name}_Blades", tones)
         patches = [
-            vegetation.tussock(
+            vegetation.make_tussock(
                 f"{name}_{k}", blades, height=height, blades=22 * clumps, clumps=clumps, radius=4.5, rng=self.rng
             )
             for k, height in enumerate(heights)
@@ -175,15 +177,15 @@ def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tupl
     flat = tree.nodes.new("FunctionNodeCompare")
     flat.operation = "GREATER_THAN"
     tree.links.new(up, flat.inputs[0])
-    flat.inputs[1].default_value = LEVEL
+    flat.inputs[1].default_value = MIN_SLOPE_COSINE
     noise = node("ShaderNodeTexNoise", Scale=0.03, Detail=3.0).outputs[0]
     thin = node("ShaderNodeMapRange", Value=noise, From_Min=0.45, From_Max=0.7, To_Min=0.0, To_Max=density).outputs[0]
     points = node(
         "GeometryNodeDistributePointsOnFaces", Mesh=source, Selection=flat.outputs[0], Density=thin, Seed=seed
     )
     pool = node("GeometryNodeCollectionInfo", Collection=made, Separate_Children=True, Reset_Children=True).outputs[0]
-    turn = _random(tree, "FLOAT_VECTOR", (0, 0, 0), (0, 0, 6.28))
-    size = _random(tree, "FLOAT", *scale)
+    turn = _random_value(tree, "FLOAT_VECTOR", (0, 0, 0), (0, 0, 6.28))
+    size = _random_value(tree, "FLOAT", *scale)
     euler = node("FunctionNodeEulerToRotation", Euler=turn).outputs[0]
     placed = node(
         "GeometryNodeInstanceOnPoints",
@@ -200,7 +202,7 @@ def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tupl
     ground.modifiers.new("Scatter", "NODES").node_group = tree
 
 
-def _random(tree: bpy.types.NodeTree, kind: str, low: object, high: object) -> bpy.types.NodeSocket:
+def _random_value(tree: bpy.types.NodeTree, kind: str, low: object, high: object) -> bpy.types.NodeSocket:
     """Random values in a range. Blender 5.0 gives the node sockets of every kind and enables those of its own."""
     new = tree.nodes.new("FunctionNodeRandomValue")
     new.data_type = kind

@@ -13,8 +13,8 @@ from cyclopts import Parameter
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import AssetError, ConfigError, HulldownError
-from hulldown.base.files import make_room, replacing
-from hulldown.base.terminal import reporting
+from hulldown.base.files import atomic_writer, prepare_output_file
+from hulldown.base.terminal import progress_bar
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PLAIN, SCENERY_FILES, TANK, TRUCK
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.asset_sections import CACHE_NAME
@@ -75,7 +75,7 @@ def write_config(folder: Path, text: str) -> Path:
     """Write a config into `folder`, and return its path."""
     config = folder / CONFIG
     refuse_config(config)
-    with replacing(config) as file:
+    with atomic_writer(config) as file:
         file.write(text.encode())
     return config
 
@@ -129,17 +129,17 @@ def create_project(
         raise HulldownError("--bare, --small, and --from exclude each other", remedy="give one of them")
     values = {**(AERIAL if aerial else {}), **(read_camera(Path(camera)) if camera else {})}
     if source is not None:
-        return _project_of(Path(source), folder, values, limits)
+        return _write_project(Path(source), folder, values, limits)
     refuse_config(folder / CONFIG)
-    make_room(folder / CONFIG)
+    prepare_output_file(folder / CONFIG)
     if bare:
         return write_config(folder, bare_text(values))
-    with reporting("building demo assets") as advance:
+    with progress_bar("building demo assets") as advance:
         build_demo_assets(folder, seed=seed, progress=advance)
     return write_config(folder, project_text(small=small, values=values))
 
 
-def _project_of(source: Path, folder: Path, values: Mapping[str, object], limits: ReadLimits) -> Path:
+def _write_project(source: Path, folder: Path, values: Mapping[str, object], limits: ReadLimits) -> Path:
     """Write a config of the files in `source` into `folder`, and return its path."""
     refuse_config(folder / CONFIG)
     files = asset_files(source)
@@ -151,7 +151,7 @@ def _project_of(source: Path, folder: Path, values: Mapping[str, object], limits
             shutil.rmtree(cache)
             folder.rmdir()
         raise
-    make_room(folder / CONFIG)
+    prepare_output_file(folder / CONFIG)
     config = write_config(folder, found_config(source, found, folder, values))
     keep_doubts(found, source, config, cache)
     for word in missing_kinds(found):

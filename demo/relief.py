@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 Field = Float[np.ndarray, "..."]
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]  # z over x and y
 COURSE_STEP = 2.0  # meters between points of a course
-LEVELED = 40.0  # meters of a course over which its ground is averaged
+LEVELED_LENGTH_M = 40.0  # meters of a course over which its ground is averaged
 
 
 def smoothstep(value: Field, low: Any, high: Any) -> Field:
@@ -68,29 +68,29 @@ class Course:
         return (self.nearest(x, y)[0] > gap).astype(float)
 
     def profile(self, height: Height) -> Field:
-        """Heights along the line, averaged over `LEVELED` meters, as a road levels its ground."""
+        """Heights along the line, averaged over `LEVELED_LENGTH_M` meters, as a road levels its ground."""
         z = height(self.xy[:, 0], self.xy[:, 1])
-        n = max(int(LEVELED / COURSE_STEP) | 1, 3)
+        n = max(int(LEVELED_LENGTH_M / COURSE_STEP) | 1, 3)
         padded = np.pad(z, n // 2, mode="edge")
         return np.convolve(padded, np.ones(n) / n, mode="valid")
 
 
-def sheet(xs: Field, ys: Field, height: Height) -> tuple[np.ndarray, np.ndarray]:
+def make_sheet(xs: Field, ys: Field, height: Height) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (v, 3) and quads (f, 4) of the terrain over a grid of lines x and y."""
     x, y = np.meshgrid(xs, ys, indexing="ij")
     vertices = np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3)
-    return vertices, quads(len(xs), len(ys))
+    return vertices, grid_quads(len(xs), len(ys))
 
 
-def quads(rows: int, columns: int) -> np.ndarray:
+def grid_quads(rows: int, columns: int) -> np.ndarray:
     """Quads (f, 4) of vertices numbered row by row: facing up where rows go along x and columns along y."""
     first = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).reshape(-1)
     return np.stack([first, first + columns, first + columns + 1, first + 1], axis=-1)
 
 
-def ribbon(course: Course, z: Field, across: Field, rise: Field) -> tuple[np.ndarray, np.ndarray]:
+def make_ribbon(course: Course, z: Field, across: Field, rise: Field) -> tuple[np.ndarray, np.ndarray]:
     """Return a strip along a course: at each offset to the left a rise above the course's profile z."""
     xy = course.xy[:, None] + course.left[:, None] * across[None, :, None]
     height = z[:, None] + rise[None]
     vertices = np.concatenate([xy, height[..., None]], axis=-1).reshape(-1, 3)
-    return vertices, quads(len(course.xy), len(across))
+    return vertices, grid_quads(len(course.xy), len(across))

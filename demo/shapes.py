@@ -11,7 +11,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.spatial import ConvexHull
 
-from hulldown.geometry.transforms import rotation_about
+from hulldown.geometry.transforms import axis_rotation
 
 Number = float | int
 Point = Sequence[Number]  # (x, y, z)
@@ -26,7 +26,7 @@ class Shape:
     faces: tuple[tuple[int, ...], ...]
 
     def __add__(self, other: Shape) -> Shape:
-        return joined([self, other])
+        return join_shapes([self, other])
 
     def moved(self, x: Number = 0.0, y: Number = 0.0, z: Number = 0.0) -> Shape:
         """Return the shape shifted."""
@@ -34,7 +34,7 @@ class Shape:
 
     def turned(self, axis: str, degrees: Number, about: Point = (0.0, 0.0, 0.0)) -> Shape:
         """Return the shape turned about an axis ("x", "y" or "z") through a point."""
-        rotation = rotation_about(np.eye(3)["xyz".index(axis)], np.radians(degrees))
+        rotation = axis_rotation(np.eye(3)["xyz".index(axis)], np.radians(degrees))
         center = np.asarray(about, float)
         return Shape((self.vertices - center) @ rotation.T + center, self.faces)
 
@@ -48,7 +48,7 @@ class Shape:
         return self + self.scaled(1.0, -1.0, 1.0)
 
 
-def joined(shapes: Iterable[Shape]) -> Shape:
+def join_shapes(shapes: Iterable[Shape]) -> Shape:
     """Return all shapes in one."""
     parts = list(shapes)
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
@@ -56,7 +56,7 @@ def joined(shapes: Iterable[Shape]) -> Shape:
     return Shape(np.concatenate([part.vertices for part in parts]), tuple(faces))
 
 
-def loft(rings: ArrayLike, *, hollow: bool = False) -> Shape:
+def loft_rings(rings: ArrayLike, *, hollow: bool = False) -> Shape:
     """Rings of equally many corners joined by quads, closed by the first and the last ring, or to each other."""
     corners = np.array(rings, float)
     n, m = corners.shape[:2]
@@ -65,43 +65,45 @@ def loft(rings: ArrayLike, *, hollow: bool = False) -> Shape:
         for i in range(m):
             j, above = (i + 1) % m, (k + 1) % n
             faces.append((k * m + i, k * m + j, above * m + j, above * m + i))
-    return _outward(Shape(corners.reshape(-1, 3), tuple(faces)))
+    return _orient_outward(Shape(corners.reshape(-1, 3), tuple(faces)))
 
 
-def block(low: Point, high: Point) -> Shape:
+def make_block(low: Point, high: Point) -> Shape:
     """Return a box between two corners."""
     (x0, y0, z0), (x1, y1, z1) = low, high
-    return stack([(z0, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z1, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])])
+    return stack_outlines(
+        [(z0, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z1, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])]
+    )
 
 
-def box(size: Point, at: Point) -> Shape:
+def make_box(size: Point, at: Point) -> Shape:
     """Return a box of a size standing on the point `at`, the middle of its underside."""
     (sx, sy, sz), (x, y, z) = size, at
-    return block((x - sx / 2, y - sy / 2, z), (x + sx / 2, y + sy / 2, z + sz))
+    return make_block((x - sx / 2, y - sy / 2, z), (x + sx / 2, y + sy / 2, z + sz))
 
 
-def stack(levels: Sequence[tuple[Number, Outline]]) -> Shape:
+def stack_outlines(levels: Sequence[tuple[Number, Outline]]) -> Shape:
     """Return a solid whose horizontal outline (x, y) at each height z is given."""
-    return loft([[(x, y, z) for x, y in outline] for z, outline in levels])
+    return loft_rings([[(x, y, z) for x, y in outline] for z, outline in levels])
 
 
-def prism(outline: Outline, y0: Number, y1: Number) -> Shape:
+def make_prism(outline: Outline, y0: Number, y1: Number) -> Shape:
     """Return a side profile (x, z) drawn out from y0 to y1."""
-    return loft([[(x, y, z) for x, z in outline] for y in (y0, y1)])
+    return loft_rings([[(x, y, z) for x, z in outline] for y in (y0, y1)])
 
 
-def slab(outline: Outline, half_width: float) -> Shape:
+def make_slab(outline: Outline, half_width: float) -> Shape:
     """Return a side profile (x, z) drawn out to both sides of the middle."""
-    return prism(outline, -half_width, half_width)
+    return make_prism(outline, -half_width, half_width)
 
 
-def lathe(profile: Outline, *, sides: int = 20, hollow: bool = False) -> Shape:
+def turn_profile(profile: Outline, *, sides: int = 20, hollow: bool = False) -> Shape:
     """Turn a profile (radius, y) about the y axis: solid between its ends, or a ring round its closed outline."""
     angles = np.arange(sides) * 2 * np.pi / sides
-    return loft([[(r * np.cos(a), y, r * np.sin(a)) for a in angles] for r, y in profile], hollow=hollow)
+    return loft_rings([[(r * np.cos(a), y, r * np.sin(a)) for a in angles] for r, y in profile], hollow=hollow)
 
 
-def tube(start: Point, end: Point, radius: float, end_radius: float | None = None, *, sides: int = 12) -> Shape:
+def make_tube(start: Point, end: Point, radius: float, end_radius: float | None = None, *, sides: int = 12) -> Shape:
     """Return a cylinder, or a cone where the end radius differs, between two points."""
     a, b = np.asarray(start, float), np.asarray(end, float)
     along = (b - a) / np.linalg.norm(b - a)
@@ -109,26 +111,26 @@ def tube(start: Point, end: Point, radius: float, end_radius: float | None = Non
     u /= np.linalg.norm(u)
     angles = (np.arange(sides)[:, None] + 0.5) * 2 * np.pi / sides
     circle = np.cos(angles) * u + np.sin(angles) * np.cross(along, u)
-    return loft([a + radius * circle, b + (radius if end_radius is None else end_radius) * circle])
+    return loft_rings([a + radius * circle, b + (radius if end_radius is None else end_radius) * circle])
 
 
 def profile_tube(stations: Sequence[tuple[float, float]], *, sides: int = 14, z: float = 0.0) -> Shape:
     """Return a round body along +x through stations (x, radius): a barrel, a missile."""
-    return lathe([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(z=z)
+    return turn_profile([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(z=z)
 
 
 def path_tube(points: Sequence[Point], radius: float, *, sides: int = 6) -> Shape:
     """Return a bent bar through points: a rail, a hoop, a handle."""
-    return joined(tube(a, b, radius, sides=sides) for a, b in pairwise(points))
+    return join_shapes(make_tube(a, b, radius, sides=sides) for a, b in pairwise(points))
 
 
-def hoop(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
+def hoop_points(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
     """Return a tarpaulin hoop's points across the vehicle at x: upright sides, a rounded roof."""
     bow = [(half, z0), (half, z1 - 0.42), (half * 0.93, z1 - 0.2), (half * 0.72, z1 - 0.06), (half * 0.35, z1)]
     return [(x, y, z) for y, z in bow] + [(x, -y, z) for y, z in reversed(bow)]
 
 
-def shell(rows: ArrayLike, *, thickness: float) -> Shape:
+def make_shell(rows: ArrayLike, *, thickness: float) -> Shape:
     """Return a sheet through rows of points, as a thin solid: each strip is drawn inward (down) by the thickness."""
     outer = np.array(rows, float)
     center = outer.mean(axis=(0, 1))
@@ -141,18 +143,20 @@ def shell(rows: ArrayLike, *, thickness: float) -> Shape:
         for i in range(m - 1):
             a, b, c, d = k * m + i, k * m + i + 1, (k + 1) * m + i + 1, (k + 1) * m + i
             faces += [(a, b, c, d), (d + n * m, c + n * m, b + n * m, a + n * m)]
-    return _outward(Shape(points, tuple(faces)))
+    return _orient_outward(Shape(points, tuple(faces)))
 
 
-def ellipsoid(size: Point, at: Point, *, sides: int = 16, rings: int = 8, floor: float = -1.0) -> Shape:
+def make_ellipsoid(size: Point, at: Point, *, sides: int = 16, rings: int = 8, floor: float = -1.0) -> Shape:
     """Return an ellipsoid of half axes `size`, cut off below `floor` (-1 keeps all of it)."""
     heights = np.sin(np.linspace(np.arcsin(max(floor, -0.995)), np.arcsin(0.995), rings))
     angles = np.arange(sides) * 2 * np.pi / sides
     unit = [[(np.sqrt(1 - h * h) * np.cos(a), np.sqrt(1 - h * h) * np.sin(a), h) for a in angles] for h in heights]
-    return loft(unit).scaled(*size).moved(*at)
+    return loft_rings(unit).scaled(*size).moved(*at)
 
 
-def track(circles: Sequence[tuple[float, float, float]], y: float, width: float, *, pitch: float, sag: float) -> Shape:
+def make_track(
+    circles: Sequence[tuple[float, float, float]], y: float, width: float, *, pitch: float, sag: float
+) -> Shape:
     """Lay a track of single links round circles (x, z, radius) of wheels, hanging by `sag` between the upper ones."""
     angles = np.linspace(0, 2 * np.pi, 73)[:-1]
     rim = np.concatenate([np.stack([x + r * np.cos(angles), z + r * np.sin(angles)], -1) for x, z, r in circles])
@@ -171,12 +175,12 @@ def track(circles: Sequence[tuple[float, float, float]], y: float, width: float,
     for i in range(links):
         j = (i + 1) % links
         lean = np.degrees(np.arctan2(z[j] - z[i], x[j] - x[i]))
-        link = prism([(-half, 0), (half, 0), (half * 0.8, -thick), (-half * 0.8, -thick)], -width / 2, width / 2)
+        link = make_prism([(-half, 0), (half, 0), (half * 0.8, -thick), (-half * 0.8, -thick)], -width / 2, width / 2)
         shapes.append(link.turned("y", -lean).moved((x[i] + x[j]) / 2, y, (z[i] + z[j]) / 2))
-    return joined(shapes)
+    return join_shapes(shapes)
 
 
-def _outward(shape: Shape) -> Shape:
+def _orient_outward(shape: Shape) -> Shape:
     """Return the shape with its faces turned outward, judged by its signed volume."""
     points = shape.vertices - shape.vertices.mean(axis=0)
     volume = 0.0

@@ -9,10 +9,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.base.files import replace_file, replacing
+from hulldown.base.files import atomic_writer, replace_file
 from hulldown.geometry.color import LUMINANCE
 
-WIDTH = 2048  # pixels around the horizon
+SKY_WIDTH_PX = 2048  # pixels around the horizon
 SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats can hold its brightness
 
 
@@ -54,7 +54,7 @@ def write_sky(name: str, folder: Path) -> Path:
     scene = bpy.context.scene
     world = scene.world = bpy.data.worlds.new(name)
     world.cycles.sampling_method = "NONE"  # it lights nothing here
-    _build(world.node_tree, sky)
+    _build_sky(world.node_tree, sky)
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.data.type = "PANO"
     camera.data.panorama_type = "EQUIRECTANGULAR"
@@ -64,7 +64,11 @@ def write_sky(name: str, folder: Path) -> Path:
     scene.render.engine = "CYCLES"
     scene.cycles.device = "CPU"
     scene.cycles.samples, scene.cycles.use_denoising, scene.cycles.use_adaptive_sampling = 2, False, False
-    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = WIDTH, WIDTH // 2, 100
+    scene.render.resolution_x, scene.render.resolution_y, scene.render.resolution_percentage = (
+        SKY_WIDTH_PX,
+        SKY_WIDTH_PX // 2,
+        100,
+    )
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode, settings.color_depth, settings.exr_codec = "OPEN_EXR", "RGB", "32", "ZIP"
     scene.view_settings.view_transform = "Raw"
@@ -72,12 +76,12 @@ def write_sky(name: str, folder: Path) -> Path:
     raw, path = folder / f".{name}.raw.exr", folder / f"{name}.exr"
     scene.render.filepath = str(raw)
     bpy.ops.render.render(write_still=True)
-    _finish(raw, path, scene, sky)
+    _finish_sky(raw, path, scene, sky)
     raw.unlink()
     return path
 
 
-def _build(tree: Any, sky: Sky) -> None:
+def _build_sky(tree: Any, sky: Sky) -> None:
     """Blue sky and sun, clouds on a plane overhead, hazy earth below the horizon."""
     tree.nodes.clear()
 
@@ -121,7 +125,7 @@ def _build(tree: Any, sky: Sky) -> None:
     node("OutputWorld", background)
 
 
-def _finish(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
+def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     """Add earth and sun, scale so that a white sheet lying under this sky has its `light`, store in half floats."""
     image = bpy.data.images.load(str(raw))
     width, height = image.size
@@ -137,15 +141,17 @@ def _finish(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     rows[..., :3] += (earth - rows[..., :3]) * depth
     rise = np.radians(sky.sun_elevation_deg)
     radiance = sky.sun_share * sky.light / np.sin(rise) / (SUN_SIZE / 2) ** 2
-    rows[..., :3] += radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun(width, height, rise)[..., None]
+    rows[..., :3] += (
+        radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun_disc(width, height, rise)[..., None]
+    )
     image.pixels.foreach_set(np.minimum(rows, 60000.0).ravel())
     settings = scene.render.image_settings
     settings.color_depth, settings.exr_codec = "16", "DWAA"
-    with replacing(path) as file:
+    with atomic_writer(path) as file:
         image.save_render(file.name, scene=scene)
 
 
-def _sun(width: int, height: int, rise: float) -> np.ndarray:
+def _sun_disc(width: int, height: int, rise: float) -> np.ndarray:
     """(h, w) share of each pixel that the sun's disc covers, at half the width and the elevation `rise`."""
     fine = (np.arange(8) + 0.5) / 8
     elevation = ((np.arange(height)[:, None] + fine) / height).ravel() * np.pi - np.pi / 2

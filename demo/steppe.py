@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 
 from hulldown.demo import earth, vegetation
-from hulldown.demo.land import Land, highest, leveled, mound, patch
+from hulldown.demo.land import Land, highest_surface, level_road, make_mound, make_patch
 from hulldown.demo.planting import Planting
-from hulldown.demo.relief import Course, Height, Noise, sheet, smoothstep
+from hulldown.demo.relief import Course, Height, Noise, make_sheet, smoothstep
 
 SOIL = earth.Soil(
     cover=("#836a45", "#b29a70", "#725c3d"),
@@ -50,7 +50,7 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
         return plain(x, y) - 4.2 * smoothstep(bed, width + 5.5, width) + 0.25 * noise(x, y, 9.0, octaves=2)
 
     level = course.profile(plain)
-    ground = leveled(carved, course, level, reach=(4.5, 12.0))
+    ground = level_road(carved, course, level, reach=(4.5, 12.0))
 
     def dune(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         # Wind from the west: long slopes rise to sharp crests, slip faces fall at 33 degrees behind them.
@@ -60,26 +60,26 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
         cover = smoothstep(np.hypot((x - 120) / 150, (y - 185) / 90), 1.0, 0.45)
         return ground(x, y) - 0.8 + cover * (1.2 + 7.5 * ridge)
 
-    mesa = mound((-190.0, 200.0), (75.0, 60.0), 10.0, 24.0, ground, steep=1.6)
+    mesa = make_mound((-190.0, 200.0), (75.0, 60.0), 10.0, 24.0, ground, steep=1.6)
     field = np.linspace(-land.half, land.half, 241)
-    earthy, sand = earth.ground("Steppe_Ground", SOIL), earth.ground("Dune_Sand", SAND)
-    plain_mesh = land.add("Ground_Plain", sheet(field, field, ground), earthy, home="Terrain")
-    dunes = sheet(np.linspace(-40, 280, 161), np.linspace(90, 280, 96), dune)
+    earthy, sand = earth.ground_material("Steppe_Ground", SOIL), earth.ground_material("Dune_Sand", SAND)
+    plain_mesh = land.add("Ground_Plain", make_sheet(field, field, ground), earthy, home="Terrain")
+    dunes = make_sheet(np.linspace(-40, 280, 161), np.linspace(90, 280, 96), dune)
     land.add("Sand_Dunes", dunes, sand, home="Terrain")
-    land.add("Terrain_Mesa", patch((-190, 200), 82, mesa), earthy, home="Terrain")
-    gravel = earth.road("Gravel", ("#a8926c", "#bda985"), "#a98f66", half=2.4)
+    land.add("Terrain_Mesa", make_patch((-190, 200), 82, mesa), earthy, home="Terrain")
+    gravel = earth.road_material("Gravel", ("#a8926c", "#bda985"), "#a98f66", half=2.4)
     land.road("Track_Gravel", course, level, gravel, half=2.4)
 
     def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 40 + 120 * np.abs(noise(x, y, 1100.0, octaves=4))
 
-    land.surroundings(ground, mountains, earth.ground("Far_Ground", SOIL, far=True), rise=(300.0, 3000.0))
+    land.surroundings(ground, mountains, earth.ground_material("Far_Ground", SOIL, far=True), rise=(300.0, 3000.0))
 
     def dry(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         clear = course.clear(x, y, 5.0) * (dune(x, y) < ground(x, y))
         return (0.2 + smoothstep(noise(x + 300, y, 60.0, octaves=3), -0.1, 0.5)) * clear
 
-    _plant(Planting(land, highest(ground, dune, mesa), rng), dry, wadi, plain_mesh)
+    _add_plants(Planting(land, highest_surface(ground, dune, mesa), rng), dry, wadi, plain_mesh)
     lamp = bpy.data.objects.new("Sun_Weak", bpy.data.lights.new("Sun_Weak", "SUN"))
     lamp.data.energy, lamp.data.angle = 0.15, 0.02
     lamp.rotation_euler = (0.8, 0.1, 2.0)
@@ -88,27 +88,27 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     return land.save(path)
 
 
-def _plant(planting: Planting, dry: Height, wadi: Course, plain_mesh: object) -> None:
+def _add_plants(planting: Planting, dry: Height, wadi: Course, plain_mesh: object) -> None:
     """Shrubs, thorn trees along the wadi, stones down to gravel, straw."""
     rng = planting.rng
-    wood = earth.bark("Dry_Bark", "#6e5a44")
-    scrub = earth.leaves("Scrub_Leaves", ("#5b5a34", "#8b8152"))
+    wood = earth.bark_material("Dry_Bark", "#6e5a44")
+    scrub = earth.leaf_material("Scrub_Leaves", ("#5b5a34", "#8b8152"))
     shrubs = [
-        vegetation.bush(f"Shrub_{k}", [wood, scrub], height=h, rng=rng, leaf=0.07, clumps=c)
+        vegetation.make_bush(f"Shrub_{k}", [wood, scrub], height=h, rng=rng, leaf=0.07, clumps=c)
         for k, (h, c) in enumerate([(0.7, 6), (1.1, 8), (1.6, 9)])
     ]
-    thorn = [vegetation.broadleaf("Tree_Thorn", [wood, scrub], height=5.0, spread=2.8, rng=rng)]
+    thorn = [vegetation.make_broadleaf("Tree_Thorn", [wood, scrub], height=5.0, spread=2.8, rng=rng)]
 
-    def along(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    def shape_along_course(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return (np.abs(wadi.nearest(x, y)[0] - 22.0) < 7.0).astype(float)
 
     def everywhere(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.full(x.shape, 0.6)
 
     planting.strew("Vegetation", shrubs, 1500, dry, gap=2.5, scale=(0.5, 1.3), sink=0.08)
-    planting.strew("Vegetation", thorn, 90, along, gap=7.0, scale=(0.6, 1.2), sink=0.15)
+    planting.strew("Vegetation", thorn, 90, shape_along_course, gap=7.0, scale=(0.6, 1.2), sink=0.15)
     planting.outskirts("Shrub_Patch", shrubs, 380, everywhere, reach=750.0, group=7)
-    stone = earth.stone("Desert_Stone", ("#7a654a", "#a38c69"), "#b39a70")
+    stone = earth.stone_material("Desert_Stone", ("#7a654a", "#a38c69"), "#b39a70")
     stones = planting.stones("Rock", stone, (0.6, 0.8, 0.5), 350, dry)
     planting.undergrowth(plain_mesh, "Rock_Scattered", stones[0], size=0.35, density=0.008, scale=(0.25, 1.2))
     planting.grass("Grass_Dry_Tuft", ("#9c8756", "#c9b784"), (0.3, 0.4), 2200, dry, clumps=40)

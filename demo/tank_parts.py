@@ -6,15 +6,25 @@ import numpy as np
 
 from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
-from hulldown.demo.shapes import Outline, Shape, block, box, joined, path_tube, prism, profile_tube, tube
+from hulldown.demo.shapes import (
+    Outline,
+    Shape,
+    join_shapes,
+    make_block,
+    make_box,
+    make_prism,
+    make_tube,
+    path_tube,
+    profile_tube,
+)
 
 
-def mirrored(outline: Outline) -> Outline:
+def mirror_outline(outline: Outline) -> Outline:
     """Return a plan outline (x, y) closed by its mirror image; give the left half from front to rear."""
     return [*outline, *((x, -y) for x, y in reversed(outline))]
 
 
-def barrel(x0: float, x1: float, z: float, radius: float, *, evacuator: float, brake: bool = False) -> Shape:
+def make_barrel(x0: float, x1: float, z: float, radius: float, *, evacuator: float, brake: bool = False) -> Shape:
     """Return a gun barrel with thermal sleeve bands, a bore evacuator at a share of its length, and perhaps a brake."""
     e, length = x0 + evacuator * (x1 - x0), x1 - x0
     stations = [
@@ -30,14 +40,16 @@ def barrel(x0: float, x1: float, z: float, radius: float, *, evacuator: float, b
     else:
         stations += [(x1 - 0.12, radius * 0.95), (x1 - 0.11, radius * 1.15), (x1 - 0.005, radius * 1.15)]
     stations += [(x1, radius * 0.7), (x1 - 0.2, radius * 0.6)]
-    bands = joined(tube((x, 0, z), (x + 0.05, 0, z), radius * 1.32) for x in x0 + length * np.array([0.18, 0.3]))
+    bands = join_shapes(
+        make_tube((x, 0, z), (x + 0.05, 0, z), radius * 1.32) for x in x0 + length * np.array([0.18, 0.3])
+    )
     return profile_tube(stations, z=z, sides=16) + bands
 
 
-def skirts(m: BlendModel, p: Paints, x0: float, x1: float, y: float, z0: float, z1: float, panels: int) -> None:
+def add_skirts(m: BlendModel, p: Paints, x0: float, x1: float, y: float, z0: float, z1: float, panels: int) -> None:
     """Add a row of side plates with gaps, by an array and a mirror modifier."""
     step = (x1 - x0) / panels
-    plate = prism(
+    plate = make_prism(
         [(x0 + 0.02, z1), (x0 + 0.02, z0 + 0.05), (x0 + 0.1, z0), (x0 + step - 0.02, z0), (x0 + step - 0.02, z1)],
         y,
         y + 0.05,
@@ -47,21 +59,21 @@ def skirts(m: BlendModel, p: Paints, x0: float, x1: float, y: float, z0: float, 
 
 def engine_deck(m: BlendModel, p: Paints, x0: float, x1: float, z: float, half: float) -> None:
     """Louvred grilles on the rear deck."""
-    frame = joined(
-        block((x0, y - half * 0.42, z - 0.02), (x1, y + half * 0.42, z + 0.03)) for y in (-half * 0.5, half * 0.5)
+    frame = join_shapes(
+        make_block((x0, y - half * 0.42, z - 0.02), (x1, y + half * 0.42, z + 0.03)) for y in (-half * 0.5, half * 0.5)
     )
     m.add("Engine_Covers", frame, p.body, bevel=0.01)
-    bars = joined(
-        block((x, y - half * 0.36, z + 0.03), (x + 0.05, y + half * 0.36, z + 0.06))
+    bars = join_shapes(
+        make_block((x, y - half * 0.36, z + 0.03), (x + 0.05, y + half * 0.36, z + 0.06))
         for x in np.arange(x0 + 0.1, x1 - 0.1, 0.11)
         for y in (-half * 0.5, half * 0.5)
     )
     m.add("Engine_Louvres", bars, p.dark, bevel=0)
 
 
-def fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: float, z: float) -> None:
+def add_fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: float, z: float) -> None:
     """Tow hooks, cables and a rear stowage of tools."""
-    hooks = joined(box((0.16, 0.08, 0.2), (x, 0.85, 0.72)).pair() for x in (front, rear))
+    hooks = join_shapes(make_box((0.16, 0.08, 0.2), (x, 0.85, 0.72)).pair() for x in (front, rear))
     m.add("Tow_Hooks", hooks, p.dark, bevel=0.01)
     cable = path_tube(
         [
@@ -73,18 +85,18 @@ def fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: float
         0.035,
     )
     m.add("Tow_Cable", cable, p.steel, bevel=0, mirror=True)
-    m.add("Shovel", block((-1.2, half - 0.28, z), (0.1, half - 0.23, z + 0.05)), p.wood, bevel=0)
+    m.add("Shovel", make_block((-1.2, half - 0.28, z), (0.1, half - 0.23, z + 0.05)), p.wood, bevel=0)
 
 
 def machine_gun(m: BlendModel, p: Paints, at: tuple[float, float, float]) -> None:
     """Add a heavy machine gun on a pintle to the turret."""
     x, y, z = at
-    gun = box((0.55, 0.12, 0.15), (x, y, z + 0.25)) + tube(
+    gun = make_box((0.55, 0.12, 0.15), (x, y, z + 0.25)) + make_tube(
         (x + 0.2, y, z + 0.34), (x + 1.25, y, z + 0.4), 0.025, sides=8
     )
     m.add(
         "Roof_MG",
-        gun + tube(at, (x, y, z + 0.28), 0.04) + box((0.2, 0.14, 0.2), (x + 0.05, y + 0.15, z + 0.22)),
+        gun + make_tube(at, (x, y, z + 0.28), 0.04) + make_box((0.2, 0.14, 0.2), (x + 0.05, y + 0.15, z + 0.22)),
         p.dark,
         bevel=0.008,
         part="turret",

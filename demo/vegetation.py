@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.demo.relief import Noise, quads, smoothstep
+from hulldown.demo.relief import Noise, grid_quads, smoothstep
 
 Points = Float[np.ndarray, "n 3"]
 
@@ -38,7 +38,9 @@ class Plant:
         angles = np.linspace(0, 2 * np.pi, sides + 1)
         ring = np.cos(angles)[:, None] * side[:, None] + np.sin(angles)[:, None] * np.cross(along, side)[:, None]
         self.add(
-            (points[:, None] + radii[:, None, None] * ring).reshape(-1, 3), quads(len(points), sides + 1)[:, ::-1], 0
+            (points[:, None] + radii[:, None, None] * ring).reshape(-1, 3),
+            grid_quads(len(points), sides + 1)[:, ::-1],
+            0,
         )
 
     def sprays(self, centers: Points, along: Points, across: Points) -> None:
@@ -61,23 +63,25 @@ class Plant:
         return mesh
 
 
-def _directions(n: int, rng: np.random.Generator) -> Points:
+def _random_directions(n: int, rng: np.random.Generator) -> Points:
     d = rng.normal(size=(n, 3))
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
-def _foliage(plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator) -> None:
+def _add_foliage(
+    plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator
+) -> None:
     """Add a clump of sprays, denser toward its surface, leaning outward."""
-    out = _directions(n, rng)
+    out = _random_directions(n, rng)
     at = center + out * size * (rng.random((n, 1)) ** 0.4)
-    along = out + _directions(n, rng) * 0.9
+    along = out + _random_directions(n, rng) * 0.9
     along *= leaf * rng.uniform(0.6, 1.1, (n, 1)) / np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.cross(along, _directions(n, rng))
+    across = np.cross(along, _random_directions(n, rng))
     across *= leaf * 0.55 / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-6)
     plant.sprays(at, along, across)
 
 
-def broadleaf(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
+def make_broadleaf(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
     """Return a tree with a forked trunk and a crown of clumps."""
     plant = Plant()
     fork = height * 0.32
@@ -99,14 +103,14 @@ def broadleaf(name: str, materials: list[Any], *, height: float, spread: float, 
         branch = base + (tip - base) * bow + np.array([0, 0, 0.10 * height]) * bow * (1 - bow)
         plant.limb(branch, height * 0.010 * np.linspace(1.0, 0.3, 4), sides=5)
         size = spread * rng.uniform(0.36, 0.5) * np.array([1, 1, 0.72])
-        _foliage(plant, tip, size, 640, 0.042 * height**0.5, rng)
+        _add_foliage(plant, tip, size, 640, 0.042 * height**0.5, rng)
     for z in (0.72, 0.86):
         top = trunk[-1] * [1, 1, 0] + [0, 0, height * z] + [*rng.normal(0, 0.12 * spread, 2), 0]
-        _foliage(plant, top, spread * (1.2 - z) * np.array([1.25, 1.25, 0.85]), 960, 0.042 * height**0.5, rng)
+        _add_foliage(plant, top, spread * (1.2 - z) * np.array([1.25, 1.25, 0.85]), 960, 0.042 * height**0.5, rng)
     return plant.mesh(name, materials)
 
 
-def conifer(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
+def make_conifer(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
     """Return a spruce: whorls of drooping fronds that get shorter to the top."""
     plant = Plant()
     t = np.linspace(-0.03, 1, 5)
@@ -132,7 +136,7 @@ def conifer(name: str, materials: list[Any], *, height: float, spread: float, rn
     return plant.mesh(name, materials)
 
 
-def bush(
+def make_bush(
     name: str, materials: list[Any], *, height: float, rng: np.random.Generator, leaf: float = 0.11, clumps: int = 7
 ) -> Any:
     """Return a bush of leafy clumps on a few stems."""
@@ -143,13 +147,13 @@ def bush(
         reach = height * rng.uniform(0.2, 0.6)
         tip = np.array([reach * np.cos(angle), reach * np.sin(angle), height * rng.uniform(0.45, 0.78)])
         plant.limb(np.linspace(foot, tip, 3), np.array([0.03, 0.02, 0.008]) * height, sides=4)
-        _foliage(
+        _add_foliage(
             plant, tip, height * rng.uniform(0.26, 0.4) * np.array([1, 1, 0.8]), 170, 0.65 * leaf * height**0.5, rng
         )
     return plant.mesh(name, materials)
 
 
-def tussock(
+def make_tussock(
     name: str,
     material: Any,
     *,
@@ -180,14 +184,14 @@ def tussock(
     return curves
 
 
-def boulder(name: str, material: Any, *, flat: float, rng: np.random.Generator) -> Any:
+def make_boulder(name: str, material: Any, *, flat: float, rng: np.random.Generator) -> Any:
     """Return a weathered block about a meter in radius, sunk a little."""
     noise = Noise(rng)
     lat, lon = np.linspace(-np.pi / 2, np.pi / 2, 15), np.linspace(0, 2 * np.pi, 25)
     a, b = np.meshgrid(lat, lon[:-1], indexing="ij")
     unit = np.stack([np.cos(a) * np.cos(b), np.cos(a) * np.sin(b), np.sin(a)], axis=-1)
     # A few random planes cut the ball into facets.
-    cuts, depth = _directions(9, rng), rng.uniform(0.62, 0.95, 9)
+    cuts, depth = _random_directions(9, rng), rng.uniform(0.62, 0.95, 9)
     reach = np.min(depth / np.maximum(unit @ cuts.T, 0.25), axis=-1)
     reach = np.minimum(reach, 1.0) + 0.06 * noise(unit[..., 0] + 3 * unit[..., 2], unit[..., 1], 0.45, octaves=3)
     reach[[0, -1]] = reach[[0, -1]].mean(axis=1, keepdims=True)

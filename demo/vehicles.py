@@ -42,34 +42,34 @@ TEXTURES = {
 
 
 DISTRACTORS = {  # what builds it, and the material of its body
-    "civilian_car": (cars.civilian_car, lambda: materials.gloss("#7d1f1c", dust=DUSTS["earth"])),
-    "panel_van": (cars.panel_van, lambda: materials.gloss("#d9dad6", dust=DUSTS["earth"])),
+    "civilian_car": (cars.civilian_car, lambda: materials.gloss_paint("#7d1f1c", dust=DUSTS["earth"])),
+    "panel_van": (cars.panel_van, lambda: materials.gloss_paint("#d9dad6", dust=DUSTS["earth"])),
     "container": (
-        leftovers.container,
-        lambda: materials.rusted("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
+        leftovers.add_container,
+        lambda: materials.rusted_paint("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
     ),
-    "bale_stack": (farm.bale_stack, lambda: materials.straw(("#8f7440", "#c6a868"))),
-    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss("#2e6b34", dust=DUSTS["earth"])),
-    "burnt_hull": (leftovers.burnt_hull, lambda: materials.burnt("Burnt_Steel")),
+    "bale_stack": (farm.bale_stack, lambda: materials.straw_material(("#8f7440", "#c6a868"))),
+    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss_paint("#2e6b34", dust=DUSTS["earth"])),
+    "burnt_hull": (leftovers.burnt_hull, lambda: materials.burnt_steel("Burnt_Steel")),
 }
-# Where one differs from `_paints`: a part's name there, and the material in its place.
+# Where one differs from `_vehicle_paints`: a part's name there, and the material in its place.
 OTHER = {
-    "civilian_car": {"canvas": lambda: materials.plain("Plates", "#e6e4d8", rough=0.4, mottle=0.03)},
-    "panel_van": {"canvas": lambda: materials.plain("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
-    "container": {"canvas": lambda: materials.plain("Lettering", "#dedad0", rough=0.6, mottle=0.1)},
+    "civilian_car": {"canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03)},
+    "panel_van": {"canvas": lambda: materials.plain_material("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
+    "container": {"canvas": lambda: materials.plain_material("Lettering", "#dedad0", rough=0.6, mottle=0.1)},
     "bale_stack": {
-        "canvas": lambda: materials.straw(("#8f7440", "#c6a868")),
-        "dark": lambda: materials.plain("Twine", "#5d6f8a", rough=0.8, mottle=0.05),
+        "canvas": lambda: materials.straw_material(("#8f7440", "#c6a868")),
+        "dark": lambda: materials.plain_material("Twine", "#5d6f8a", rough=0.8, mottle=0.05),
     },
     "tractor_trailer": {
-        "canvas": lambda: materials.plain("Cab_Roof", "#e8e6dc", rough=0.4, mottle=0.05),
-        "red": lambda: materials.rusted("Red_Paint", "#9a2a1d", rust="#5c3a26", share=0.2),
-        "wood": lambda: materials.straw(("#9a7e45", "#d2b673")),
+        "canvas": lambda: materials.plain_material("Cab_Roof", "#e8e6dc", rough=0.4, mottle=0.05),
+        "red": lambda: materials.rusted_paint("Red_Paint", "#9a2a1d", rust="#5c3a26", share=0.2),
+        "wood": lambda: materials.straw_material(("#9a7e45", "#d2b673")),
     },
     "burnt_hull": {
-        "steel": lambda: materials.rusted("Bare_Rust", "#6e3c22", rust="#8c4d28", share=0.6, streaks=False),
-        "dark": lambda: materials.burnt("Burnt_Iron"),
-        "rubber": lambda: materials.plain("Soot", "#0d0b0a", rough=1.0, mottle=0.3),
+        "steel": lambda: materials.rusted_paint("Bare_Rust", "#6e3c22", rust="#8c4d28", share=0.6, streaks=False),
+        "dark": lambda: materials.burnt_steel("Burnt_Iron"),
+        "rubber": lambda: materials.plain_material("Soot", "#0d0b0a", rough=1.0, mottle=0.3),
     },
 }
 
@@ -78,8 +78,8 @@ def write_distractor(name: str, folder: Path) -> Path:
     """Model one thing that is no target and save it as folder/<name>.blend."""
     build, body = DISTRACTORS[name]
     model = BlendModel(name)
-    build(model, replace(_paints(body()), **{part: make() for part, make in OTHER.get(name, {}).items()}))
-    return _save(model, name, folder)
+    build(model, replace(_vehicle_paints(body()), **{part: make() for part, make in OTHER.get(name, {}).items()}))
+    return _save_model(model, name, folder)
 
 
 def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
@@ -89,26 +89,30 @@ def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
         materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
     build, colors, dust, size, unit = LOOK[name]
     model = BlendModel(name, unit=unit)
-    build(model, _paints(materials.camouflage("Camouflage", colors, dust=DUSTS[dust], unit=unit, size=size)), folder)
-    return _save(model, name, folder)
+    build(
+        model,
+        _vehicle_paints(materials.camouflage_paint("Camouflage", colors, dust=DUSTS[dust], unit=unit, size=size)),
+        folder,
+    )
+    return _save_model(model, name, folder)
 
 
-def _paints(body: Any) -> Paints:
+def _vehicle_paints(body: Any) -> Paints:
     """Return a vehicle's paints: its own for the body, and those that most vehicles share."""
     return Paints(
         body=body,
-        rubber=materials.plain("Rubber", "#2b2a28", rough=0.85, mottle=0.3),
-        steel=materials.plain("Steel", "#5e5c57", rough=0.5, metal=0.6),
-        dark=materials.plain("Dark_Steel", "#35332f", rough=0.7, metal=0.3, mottle=0.3),
-        glass=materials.glass(),
-        canvas=materials.plain("Canvas", "#5b5840", rough=0.95, mottle=0.25),
-        wood=materials.plain("Wood", "#7a6444", rough=0.8, mottle=0.3),
-        lamp=materials.plain("Lamp", "#d8d6c8", rough=0.1, mottle=0.02),
-        red=materials.plain("Tail_Lamp", "#8e1712", rough=0.25, mottle=0.05),
+        rubber=materials.plain_material("Rubber", "#2b2a28", rough=0.85, mottle=0.3),
+        steel=materials.plain_material("Steel", "#5e5c57", rough=0.5, metal=0.6),
+        dark=materials.plain_material("Dark_Steel", "#35332f", rough=0.7, metal=0.3, mottle=0.3),
+        glass=materials.dark_glass(),
+        canvas=materials.plain_material("Canvas", "#5b5840", rough=0.95, mottle=0.25),
+        wood=materials.plain_material("Wood", "#7a6444", rough=0.8, mottle=0.3),
+        lamp=materials.plain_material("Lamp", "#d8d6c8", rough=0.1, mottle=0.02),
+        red=materials.plain_material("Tail_Lamp", "#8e1712", rough=0.25, mottle=0.05),
     )
 
 
-def _save(model: BlendModel, name: str, folder: Path) -> Path:
+def _save_model(model: BlendModel, name: str, folder: Path) -> Path:
     """Remove unused materials, and write the file."""
     for material in list(bpy.data.materials):
         if material.users == 0:

@@ -59,16 +59,16 @@ class AlphaMap:
         at = np.asarray(uv, dtype=np.float64) * self.texels.shape[::-1]
         if not self.smooth:
             column, row = np.floor(at).T
-            return self.graded(self._values(column, row))
+            return self.apply_curve(self._texel_values(column, row))
         at = at - 0.5
         low = np.floor(at)
         column, row = low.T
         u, v = (at - low).astype(np.float32).T
-        lower = self._values(column, row) * (1 - u) + self._values(column + 1, row) * u
-        upper = self._values(column, row + 1) * (1 - u) + self._values(column + 1, row + 1) * u
-        return self.graded(lower * (1 - v) + upper * v)
+        lower = self._texel_values(column, row) * (1 - u) + self._texel_values(column + 1, row) * u
+        upper = self._texel_values(column, row + 1) * (1 - u) + self._texel_values(column + 1, row + 1) * u
+        return self.apply_curve(lower * (1 - v) + upper * v)
 
-    def _values(self, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
+    def _texel_values(self, column: Float[np.ndarray, " n"], row: Float[np.ndarray, " n"]) -> Float32[np.ndarray, " n"]:
         height, width = self.texels.shape
         if self.extension == Extension.REPEAT:
             column, row = np.mod(column, width), np.mod(row, height)
@@ -76,12 +76,12 @@ class AlphaMap:
             inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
             column, row = np.clip(column, 0, width - 1), np.clip(row, 0, height - 1)
         found = self.texels.ravel().take((row * width + column).astype(np.intp))
-        values = _unit(found)
+        values = _unit_values(found)
         if self.extension == Extension.CLIP:
             values = np.where(inside, values, np.float32(0.0))
         return values
 
-    def graded(self, values: Float32[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
+    def apply_curve(self, values: Float32[np.ndarray, "..."]) -> Float32[np.ndarray, "..."]:
         """Opacity at interpolated values of texels."""
         if self.curve is None:
             return np.clip(values, np.float32(0.0), np.float32(1.0))
@@ -89,7 +89,7 @@ class AlphaMap:
 
     def graded_texels(self) -> Float32[np.ndarray, "h w"]:
         """Opacity at the middle of every texel."""
-        return self.graded(_unit(self.texels))
+        return self.apply_curve(_unit_values(self.texels))
 
 
 def fewer_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
@@ -110,7 +110,7 @@ def fewer_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
     return np.rint(opacity * 255.0).astype(np.uint8)
 
 
-def _unit(texels: np.ndarray) -> Float32[np.ndarray, "..."]:
+def _unit_values(texels: np.ndarray) -> Float32[np.ndarray, "..."]:
     return texels * np.float32(1.0 / 255.0) if texels.dtype == np.uint8 else texels
 
 
@@ -127,7 +127,7 @@ class TexelCounts:
 
     def __init__(self, alpha: AlphaMap, marks: Callable[[np.ndarray], Bool[np.ndarray, "..."]]) -> None:
         self._alpha, marked = alpha, marks(alpha.graded_texels())
-        self._outside = marks(alpha.graded(np.zeros(1, dtype=np.float32)))[0]
+        self._outside = marks(alpha.apply_curve(np.zeros(1, dtype=np.float32)))[0]
         height, width = marked.shape
         self._sums = np.zeros((height + 1, width + 1), dtype=np.int64)
         self._sums[1:, 1:] = np.cumsum(np.cumsum(marked, axis=0, dtype=np.int64), axis=1)
@@ -143,19 +143,19 @@ class TexelCounts:
         end = np.floor(high * size + room) + 1
         total = (end - first).prod(axis=1)
         if self._alpha.extension == Extension.REPEAT:
-            return self._within(first, end), total
+            return self._count_window(first, end), total
         kept_first, kept_end = np.clip(first, 0, size), np.clip(end, 0, size)
         if self._alpha.extension == Extension.EXTEND:
             kept_first, kept_end = np.minimum(kept_first, size - 1), np.maximum(kept_end, 1)
-            return self._within(kept_first, kept_end), (kept_end - kept_first).prod(axis=1)
+            return self._count_window(kept_first, kept_end), (kept_end - kept_first).prod(axis=1)
         beyond = total - (kept_end - kept_first).prod(axis=1)
-        return self._within(kept_first, kept_end) + beyond * self._outside, total
+        return self._count_window(kept_first, kept_end) + beyond * self._outside, total
 
-    def _within(self, first: Float[np.ndarray, "m 2"], end: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:
+    def _count_window(self, first: Float[np.ndarray, "m 2"], end: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:
         a, b, c, d = first[:, 0], first[:, 1], end[:, 0], end[:, 1]
-        return self._below(c, d) - self._below(a, d) - self._below(c, b) + self._below(a, b)
+        return self._count_corner(c, d) - self._count_corner(a, d) - self._count_corner(c, b) + self._count_corner(a, b)
 
-    def _below(self, column: Float[np.ndarray, " m"], row: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    def _count_corner(self, column: Float[np.ndarray, " m"], row: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Return marked texels left of a column and below a row of the plane that the image repeats over."""
         height, width = self._alpha.texels.shape
         times_x, left_x = np.divmod(column, width)
@@ -175,7 +175,7 @@ class Cutouts:
     face_map: Int[np.ndarray, " m"]  # for each the index into `maps`
     maps: tuple[AlphaMap, ...]
 
-    def of(self, faces: Int[np.ndarray, " k"]) -> Cutouts | None:
+    def take_faces(self, faces: Int[np.ndarray, " k"]) -> Cutouts | None:
         """Return the cut-outs of a mesh of these ascending faces alone; None if none of them is cut out."""
         place = np.searchsorted(faces, self.face)
         kept = place < len(faces)
@@ -184,7 +184,7 @@ class Cutouts:
             return None
         return Cutouts(place[kept], self.uv[kept], self.face_map[kept], self.maps)
 
-    def cuts(self) -> UInt8[np.ndarray, " m"]:
+    def face_cuts(self) -> UInt8[np.ndarray, " m"]:
         """Return what its texture makes of each face; a code of `Cut`."""
         cuts = np.full(len(self.face), Cut.MIXED, dtype=np.uint8)
         low, high = self.uv.min(axis=1).astype(np.float64), self.uv.max(axis=1).astype(np.float64)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, DTypeLike
 LARGEST = sys.float_info.max
 
 
-def checked(
+def checked_array(
     value: ArrayLike,
     name: str,
     shape: tuple[int | str, ...],
@@ -30,7 +30,7 @@ def checked(
         array = np.ascontiguousarray(given, dtype=dtype) if given.ndim else np.asarray(given, dtype=dtype)
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected {np.dtype(dtype)} array of shape {expected}, got {value!r:.80}") from None
-    if not _matches(array.shape, shape):
+    if not _shape_matches(array.shape, shape):
         raise ValueError(f"{name}: expected shape {expected}, got {array.shape}")
     if finite and np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
         first = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
@@ -38,9 +38,9 @@ def checked(
     return array
 
 
-def positive(value: ArrayLike, name: str) -> np.ndarray:
+def positive_array(value: ArrayLike, name: str) -> np.ndarray:
     """`value` as finite positive numbers of any shape, or a ValueError that names it."""
-    array = checked(value, name, ("...",))
+    array = checked_array(value, name, ("...",))
     if (array <= 0.0).any():
         raise ValueError(f"{name}: expected positive numbers, got {float(array.min())}")
     return array
@@ -58,14 +58,14 @@ def are_numbers(values: Iterable[object]) -> bool:
     return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= LARGEST for x in values)
 
 
-def whole(value: object, name: str) -> int:
+def whole_number(value: object, name: str) -> int:
     """`value` as an int, or a ValueError that names it."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name}: expected a whole number, got {value!r:.80}")
     return int(value)
 
 
-def _matches(actual: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
+def _shape_matches(actual: tuple[int, ...], expected: tuple[int | str, ...]) -> bool:
     if expected and expected[0] == "...":
         expected = expected[1:]
         actual = actual[len(actual) - len(expected) :] if len(actual) >= len(expected) else (-1,)

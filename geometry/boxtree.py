@@ -13,14 +13,14 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.indices import numbered
+from hulldown.geometry.indices import group_and_rank
 
 TREE_FANOUT = 8
 EDGE_SLACK_SHARE = 1e-14  # relative rounding error of a ray through a box's edge
 MIN_DIRECTION_COORDINATE = 1e-200  # below this, a direction's coordinate counts as 0
 PACKET_RAYS = 16  # rays that are tested together
 MAX_PACKET_SPREAD = 0.1  # largest difference of their directions' coordinates
-VISITS = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
+PAIRS_PER_BLOCK = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
 
 
 class BoxTree:
@@ -45,7 +45,7 @@ class BoxTree:
                 break
             boxes = np.concatenate([grouped[..., :d].min(axis=1), grouped[..., d:].max(axis=1)], axis=1)
 
-    def crossed(
+    def crossed_boxes(
         self,
         origins: Float[np.ndarray, "n 3"],
         directions: Float[np.ndarray, "n 3"],
@@ -55,7 +55,7 @@ class BoxTree:
 
         A box that a ray passes by less than rounding may be among them.
         """
-        first = self._packets(origins, directions)
+        first = self._ray_packets(origins, directions)
         count = np.diff(first, append=len(origins))
         # A packet's origins and directions lie between these, and every box that one of its rays crosses meets what
         # lies between them. Rounding is monotone, so this holds in float64, too.
@@ -81,21 +81,21 @@ class BoxTree:
                     np.minimum(leave, np.where(away, np.inf, at), out=leave)
             return (enter <= leave * (1 + EDGE_SLACK_SHARE)) & (enter < np.inf)
 
-        packet, place = self._descend(len(first), touch)
+        packet, place = self._touching_pairs(len(first), touch)
         blocks = []
-        for i in range(0, max(len(packet), 1), VISITS):
-            some = packet[i : i + VISITS]
-            pair, number = numbered(count[some])
-            ray, places = first[some][pair] + number, place[i : i + VISITS][pair]
+        for i in range(0, max(len(packet), 1), PAIRS_PER_BLOCK):
+            some = packet[i : i + PAIRS_PER_BLOCK]
+            pair, number = group_and_rank(count[some])
+            ray, places = first[some][pair] + number, place[i : i + PAIRS_PER_BLOCK][pair]
             bounds = (
                 self._levels[-1][places // TREE_FANOUT, :, places % TREE_FANOUT] if self._levels else np.zeros((0, 6))
             )
-            crossed, entry = _entries(bounds, origins[ray], directions[ray], max_distance[ray])
+            crossed, entry = _entry_distances(bounds, origins[ray], directions[ray], max_distance[ray])
             blocks.append((ray[crossed], self._order[places[crossed]], entry))
         rays, boxes, entry = (np.concatenate(part) for part in zip(*blocks, strict=True))
         return rays, boxes, entry
 
-    def _packets(
+    def _ray_packets(
         self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
     ) -> Int[np.ndarray, " p"]:
         """Return the first ray of each packet: rays side by side that go much the same way, or one ray alone."""
@@ -109,7 +109,7 @@ class BoxTree:
         ray = np.arange(len(origins))
         return ray[alone[ray // PACKET_RAYS] | (ray % PACKET_RAYS == 0)]
 
-    def overlapping(
+    def overlapping_pairs(
         self, low: Float[np.ndarray, "n d"], high: Float[np.ndarray, "n d"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Return all pairs (query, box) where the query's own box touches the box; every pair once."""
@@ -119,10 +119,10 @@ class BoxTree:
             apart = (boxes[:, :d] > high[query][:, :, None]) | (boxes[:, d:] < low[query][:, :, None])
             return ~apart.any(axis=1)
 
-        query, place = self._descend(len(low), touch)
+        query, place = self._touching_pairs(len(low), touch)
         return query, self._order[place]
 
-    def _descend(
+    def _touching_pairs(
         self, n: int, touch: Callable[[np.ndarray, np.ndarray], Bool[np.ndarray, "v f"]]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Walk all queries down; return the pairs of query and box that touch, boxes by their place in the order."""
@@ -130,8 +130,11 @@ class BoxTree:
         waiting = [(0, np.arange(n), np.zeros(n, dtype=np.int64))] if self._levels else []
         while waiting:
             level, query, node = waiting.pop()
-            if len(query) > VISITS:
-                waiting += [(level, query[i : i + VISITS], node[i : i + VISITS]) for i in range(0, len(query), VISITS)]
+            if len(query) > PAIRS_PER_BLOCK:
+                waiting += [
+                    (level, query[i : i + PAIRS_PER_BLOCK], node[i : i + PAIRS_PER_BLOCK])
+                    for i in range(0, len(query), PAIRS_PER_BLOCK)
+                ]
                 continue
             row, slot = np.nonzero(touch(query, self._levels[level][node]))
             child = node[row] * TREE_FANOUT + slot
@@ -143,7 +146,7 @@ class BoxTree:
         return query, place
 
 
-def _entries(
+def _entry_distances(
     bounds: Float[np.ndarray, "p 6"],
     start: Float[np.ndarray, "p 3"],
     along: Float[np.ndarray, "p 3"],

@@ -27,24 +27,24 @@ def take(table: Table, rows: Int[np.ndarray, " k"]) -> Table:
     return type(table)(*(column[rows] if isinstance(column, np.ndarray) else take(column, rows) for column in columns))
 
 
-def put(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
+def put_rows(table: Table, rows: Int[np.ndarray, " k"], values: Table) -> None:
     """Overwrite some rows with those of another table."""
     for field in fields(table):
         column, new = getattr(table, field.name), getattr(values, field.name)
         if isinstance(column, np.ndarray):
             column[rows] = new
         else:
-            put(column, rows, new)
+            put_rows(column, rows, new)
 
 
-def join(tables: Sequence[Table]) -> Table:
+def join_rows(tables: Sequence[Table]) -> Table:
     """Concatenate one or more tables."""
     columns = ([getattr(table, field.name) for table in tables] for field in fields(tables[0]))
     return type(tables[0])(
-        *(np.concatenate(parts) if isinstance(parts[0], np.ndarray) else join(parts) for parts in columns)
+        *(np.concatenate(parts) if isinstance(parts[0], np.ndarray) else join_rows(parts) for parts in columns)
     )
 
 
-def objects_of(kind: Callable[..., RowObject], columns: Mapping[str, Iterable[object]]) -> list[RowObject]:
+def row_objects(kind: Callable[..., RowObject], columns: Mapping[str, Iterable[object]]) -> list[RowObject]:
     """Return an object for each row of columns of the same length; their names are its fields."""
     return [kind(**dict(zip(columns, values, strict=True))) for values in zip(*columns.values(), strict=True)]

@@ -21,11 +21,11 @@ MIN_TRANSMITTANCE = 1e-3  # share of light below which a ray counts as blocked
 ON_PLANE = 1e-4  # cosine from which on a hit is where the ray meets the face's plane in float64
 
 
-def caster_of(mesh: Mesh) -> RayCaster:
+def make_caster(mesh: Mesh) -> RayCaster:
     """Return a ray caster for a mesh; one without holes is as fast as `RayCaster`."""
     if mesh.cutouts is None:
         return RayCaster(mesh)
-    cuts = mesh.cutouts.cuts()
+    cuts = mesh.cutouts.face_cuts()
     return RayCaster(mesh) if (cuts == Cut.OPAQUE).all() else CutoutCaster(mesh, cuts)
 
 
@@ -59,7 +59,7 @@ class CutoutCaster(RayCaster):
         if self._opaque is not None:
             met = self._opaque.cast(start, along, max_distance=reach)
             distance, face = met.distance, np.where(met.hit, self._opaque_face[met.face], -1).astype(np.int32)
-        left, at, mixed = self._through(start, along, np.minimum(reach, distance), hard=True)
+        left, at, mixed = self._trace_mixed(start, along, np.minimum(reach, distance), hard=True)
         stopped = np.flatnonzero(left == 0.0)
         distance[stopped], face[stopped] = at[stopped], self._mixed_face[mixed[stopped]]
         return RayHits(distance, face)
@@ -68,15 +68,15 @@ class CutoutCaster(RayCaster):
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
         """Return whether anything that hides lies along each ray; arguments as for `RayCaster.cast`."""
-        return self._left(origins, directions, max_distance, hard=True) == 0.0
+        return self._transmitted(origins, directions, max_distance, hard=True) == 0.0
 
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
         """Return how much of the light along each ray gets through, from 0 to 1; arguments as for `RayCaster.cast`."""
-        return self._left(origins, directions, max_distance, hard=False)
+        return self._transmitted(origins, directions, max_distance, hard=False)
 
-    def _left(
+    def _transmitted(
         self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike, *, hard: bool
     ) -> Float[np.ndarray, " n"]:
         start, along, reach = checked_rays(origins, directions, max_distance)
@@ -84,10 +84,10 @@ class CutoutCaster(RayCaster):
         if self._opaque is not None:
             left[self._opaque.occluded(start, along, max_distance=reach)] = 0.0
         free = np.flatnonzero(left)
-        left[free] = self._through(start[free], along[free], reach[free], hard=hard)[0]
+        left[free] = self._trace_mixed(start[free], along[free], reach[free], hard=hard)[0]
         return left
 
-    def _through(
+    def _trace_mixed(
         self,
         start: Float[np.ndarray, "n 3"],
         along: Float[np.ndarray, "n 3"],
@@ -109,7 +109,7 @@ class CutoutCaster(RayCaster):
             rays, face = rays[on], met.face[on]
             at = from_start[rays] + met.distance[on]
             again = face == last[rays]
-            opacity, step = self._opacity(face, start[rays], along[rays], at)
+            opacity, step = self._hit_opacity(face, start[rays], along[rays], at)
             if hard:
                 opacity = (opacity >= HIT_OPACITY).astype(np.float64)
             opacity[again] = 0.0
@@ -121,7 +121,7 @@ class CutoutCaster(RayCaster):
             rays = rays[share > 0.0]
         return left, distance, hit
 
-    def _opacity(
+    def _hit_opacity(
         self,
         face: Int[np.ndarray, " k"],
         start: Float[np.ndarray, "k 3"],
@@ -131,9 +131,9 @@ class CutoutCaster(RayCaster):
         """Opacity of mixed faces where rays meet them, and how far beyond rays are safe from meeting the same point."""
         texture = self._texture
         normal, off = texture.normal[face], start - texture.first[face]
-        facing = _dot(normal, along)
+        facing = _row_dot(normal, along)
         steep = np.abs(facing) > ON_PLANE
-        on_plane = -_dot(normal, off) / np.where(steep, facing, 1.0)
+        on_plane = -_row_dot(normal, off) / np.where(steep, facing, 1.0)
         uv = texture.uv(face, off + np.where(steep, on_plane, at)[:, None] * along)
         uv = np.clip(uv, texture.low[face], texture.high[face])
         maps = texture.cutouts.maps
@@ -171,7 +171,7 @@ class _Textured:
     def uv(self, face: Int[np.ndarray, " k"], off: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 2"]:
         """At points relative to the faces' first corners, anywhere on their planes or off them."""
         u, v = self.gradient[face].swapaxes(0, 1)
-        return self._uv_first[face] + np.stack([_dot(u, off), _dot(v, off)], axis=1)
+        return self._uv_first[face] + np.stack([_row_dot(u, off), _row_dot(v, off)], axis=1)
 
 
 class Solidity:
@@ -185,7 +185,7 @@ class Solidity:
         self._texture = _Textured(mesh.of_faces(cutouts.face))
         self._hiding = [TexelCounts(alpha, lambda opacity: opacity >= HIT_OPACITY) for alpha in cutouts.maps]
 
-    def solid(
+    def may_be_solid(
         self,
         face: Int[np.ndarray, " p"],
         middle: Float[np.ndarray, "p 3"],
@@ -210,5 +210,5 @@ class Solidity:
         return solid
 
 
-def _dot(a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+def _row_dot(a: Float[np.ndarray, "k 3"], b: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
     return a[:, 0] * b[:, 0] + a[:, 1] * b[:, 1] + a[:, 2] * b[:, 2]

@@ -70,8 +70,8 @@ def hulls_of_groups(
     order = np.lexsort((points[:, 1], points[:, 0], group))
     points, group = points[order], group[order]
     column = np.append(True, (np.diff(points[:, 0]) != 0.0) | (np.diff(group) != 0))[: len(points)]
-    below = _chain(points, group, np.flatnonzero(column), 1.0)
-    above = _chain(points, group, np.flatnonzero(np.append(column[1:], True)[: len(points)]), -1.0)[::-1]
+    below = _hull_chain(points, group, np.flatnonzero(column), 1.0)
+    above = _hull_chain(points, group, np.flatnonzero(np.append(column[1:], True)[: len(points)]), -1.0)[::-1]
     ring = np.concatenate([below, above])
     ring = ring[np.argsort(group[ring], kind="stable")]
     # The chains share their ends, unless the leftmost or rightmost side is upright.
@@ -86,7 +86,7 @@ def hulls_of_groups(
     return points[ring[kept]], group[ring[kept]]
 
 
-def _chain(
+def _hull_chain(
     points: Float[np.ndarray, "n 2"], group: Int[np.ndarray, " n"], chain: Int[np.ndarray, " c"], side: float
 ) -> Int[np.ndarray, " k"]:
     """Return which points of each group, by ascending x, are corners of its hull's lower (1.0) or upper (-1.0) side.

@@ -8,37 +8,37 @@ import numpy as np
 from jaxtyping import Int
 
 
-def numbered(counts: Int[np.ndarray, " g"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+def group_and_rank(counts: Int[np.ndarray, " g"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Group of each element and its number in the group, for consecutive groups of `counts` elements.
 
     Examples
     --------
-    >>> [column.tolist() for column in numbered(np.array([2, 0, 3]))]
+    >>> [column.tolist() for column in group_and_rank(np.array([2, 0, 3]))]
     [[0, 0, 2, 2, 2], [0, 1, 0, 1, 2]]
     """
     group = np.repeat(np.arange(len(counts)), counts)
     return group, np.arange(len(group)) - np.repeat(np.cumsum(counts) - counts, counts)
 
 
-def batches(n: int, size: int) -> Iterator[Int[np.ndarray, " k"]]:
+def index_batches(n: int, size: int) -> Iterator[Int[np.ndarray, " k"]]:
     """Yield 0, 1, ..., n - 1, at most `size` at a time; without any, one empty batch."""
     for start in range(0, max(n, 1), size):
         yield np.arange(start, min(start + size, n))
 
 
-def joined(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
+def matching_pairs(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -> tuple[np.ndarray, np.ndarray]:
     """Return all pairs (i, j) with `keys[i] == wanted[j]`, where `wanted` ascends; ordered by i, then by j."""
     first, last = np.searchsorted(wanted, keys, "left"), np.searchsorted(wanted, keys, "right")
-    i, number = numbered(last - first)
+    i, number = group_and_rank(last - first)
     return i, first[i] + number
 
 
-def rounds(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> Iterator[Int[np.ndarray, " m"]]:
+def rank_batches(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> Iterator[Int[np.ndarray, " m"]]:
     """Yield the indices of the first few of each group, then the next few, in ever larger batches.
 
     Examples
     --------
-    >>> [batch.tolist() for batch in rounds(np.array([3, 3, 3, 8, 8]))]
+    >>> [batch.tolist() for batch in rank_batches(np.array([3, 3, 3, 8, 8]))]
     [[0, 3], [1, 4], [2]]
     """
     index = np.arange(len(group))
@@ -49,12 +49,12 @@ def rounds(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> 
         done, end = end, growth * end
 
 
-def spread(n: int, most: int) -> Int[np.ndarray, " k"]:
+def even_sample(n: int, most: int) -> Int[np.ndarray, " k"]:
     """Return indices of at most `most` of `n` things, ascending, spread evenly from the first to the last.
 
     Examples
     --------
-    >>> spread(10, 4)
+    >>> even_sample(10, 4)
     array([0, 3, 6, 9])
     """
     return np.unique(np.linspace(0, n - 1, min(most, n)).round().astype(int))

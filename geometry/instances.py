@@ -14,15 +14,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.cutouts import caster_of
-from hulldown.geometry.indices import rounds
+from hulldown.geometry.cutouts import make_caster
+from hulldown.geometry.indices import rank_batches
 from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
-from hulldown.geometry.transforms import apply, invert_affine
+from hulldown.geometry.transforms import invert_affine, transform_points
 
-RAYS = 1 << 16  # rays whose crossings are in memory at a time
+RAYS_PER_BLOCK = 1 << 16  # rays whose crossings are in memory at a time
 # Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.
 MIN_DETERMINANT_SHARE = 1e-6
 # With so many instances and rays, or more, Embree first finds the rays that cross any box.
@@ -53,26 +53,28 @@ class InstancedScene:
 
     def __init__(self, meshes: Sequence[Mesh], instance_mesh: ArrayLike, world_from_instance: ArrayLike) -> None:
         poses = np.asarray(world_from_instance, dtype=np.float64)
-        poses = checked(poses.reshape(0, 4, 4) if not poses.size else poses, "world_from_instance", ("k", 4, 4))
+        poses = checked_array(poses.reshape(0, 4, 4) if not poses.size else poses, "world_from_instance", ("k", 4, 4))
         which = np.asarray(instance_mesh)
-        which = checked(which if which.size else which.astype(int), "instance_mesh", (len(poses),), dtype=np.int64)
+        which = checked_array(
+            which if which.size else which.astype(int), "instance_mesh", (len(poses),), dtype=np.int64
+        )
         if len(which) and (which.min() < 0 or which.max() >= len(meshes)):
             raise ValueError(f"instance_mesh: expected indices below {len(meshes)}, got {which.min()} to {which.max()}")
         if (poses[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():
             raise ValueError("world_from_instance: expected last rows (0, 0, 0, 1)")
-        self.bounds = _bounds(meshes, which, poses)
+        self.bounds = _instance_bounds(meshes, which, poses)
         every, self.instance_mesh, self.world_from_instance = list(meshes), which.copy(), poses.copy()
         stretch = np.linalg.svd(poses[:, :3, :3], compute_uv=False)
         for i in np.flatnonzero(stretch[:, 2] <= MIN_DETERMINANT_SHARE * stretch[:, 0]):
             mesh = meshes[which[i]]
             self.instance_mesh[i] = len(every)
-            every.append(mesh.at(apply(poses[i], mesh.vertices)))
+            every.append(mesh.with_vertices(transform_points(poses[i], mesh.vertices)))
             self.world_from_instance[i] = np.eye(4)
         self.meshes = tuple(every)
         self.instance_from_world = invert_affine(self.world_from_instance)
-        self._casters = {i: caster_of(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
-        self._tree = BoxTree(_padded(self.bounds))
-        roomy = _roomy(self.bounds)
+        self._casters = {i: make_caster(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
+        self._tree = BoxTree(_pad_bounds(self.bounds))
+        roomy = _grow_bounds(self.bounds)
         self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= PRETEST_INSTANCES else None
         self._widest = float(np.linalg.norm(np.ptp(roomy, axis=1), axis=1).max(initial=0.0))
 
@@ -80,11 +82,11 @@ class InstancedScene:
         """Return the first face along each ray; arguments as for `RayCaster.cast`."""
         start, along, limit = checked_rays(origins, directions, max_distance)
         hits, reach = InstanceHits.missed(len(start)), limit.copy()
-        for begin in range(0, len(start), RAYS):
-            ray, instance, entry = self._crossings(start, along, reach, slice(begin, begin + RAYS))
-            for batch in rounds(ray):
+        for begin in range(0, len(start), RAYS_PER_BLOCK):
+            ray, instance, entry = self._crossing_pairs(start, along, reach, slice(begin, begin + RAYS_PER_BLOCK))
+            for batch in rank_batches(ray):
                 on = batch[entry[batch] <= reach[ray[batch]]]
-                self.cast_by(start, along, ray[on], instance=instance[on], reach=reach, hits=hits)
+                self.cast_pairs(start, along, ray[on], instance=instance[on], reach=reach, hits=hits)
         return hits
 
     def occluded(
@@ -93,9 +95,9 @@ class InstancedScene:
         """Return whether anything lies along each ray; arguments as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
-        for begin in range(0, len(start), RAYS):
-            ray, instance, _ = self._crossings(start, along, reach, slice(begin, begin + RAYS))
-            self.occlude_by(start, along, ray, instance=instance, hidden=blocked, reach=reach)
+        for begin in range(0, len(start), RAYS_PER_BLOCK):
+            ray, instance, _ = self._crossing_pairs(start, along, reach, slice(begin, begin + RAYS_PER_BLOCK))
+            self.occlude_pairs(start, along, ray, instance=instance, hidden=blocked, reach=reach)
         return blocked
 
     def normals(self, instance: Int[np.ndarray, " n"], face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -108,13 +110,13 @@ class InstancedScene:
         turned = self.world_from_instance[instance, :3, :3]
         return unit_normals(np.einsum("nij,nkj->nki", turned, triangles))
 
-    def overlapping(
+    def overlapping_pairs(
         self, low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Return all pairs of a query's box (low to high, in the world) and an instance whose bounds touch it."""
-        return self._tree.overlapping(low, high)
+        return self._tree.overlapping_pairs(low, high)
 
-    def transmittance_by(
+    def transmittance_pairs(
         self,
         origins: ArrayLike,
         directions: ArrayLike,
@@ -126,12 +128,12 @@ class InstancedScene:
         """Return each ray's transmittance through the instances that it's paired with."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         passed = np.ones(len(start))
-        for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
+        for caster, rows, inside, inward, scale in self._mesh_rays(start, along, ray, instance):
             through = caster.transmittance(inside, inward, max_distance=reach[ray[rows]] * scale)
             np.multiply.at(passed, ray[rows], through)
         return passed
 
-    def cast_by(
+    def cast_pairs(
         self,
         start: Float[np.ndarray, "n 3"],
         along: Float[np.ndarray, "n 3"],
@@ -143,7 +145,7 @@ class InstancedScene:
     ) -> None:
         """Let rays meet the instances that they're paired with."""
         distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
-        for caster, rows, inside, inward, scale in self._moved(start, along, ray, instance):
+        for caster, rows, inside, inward, scale in self._mesh_rays(start, along, ray, instance):
             met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale)
             distance[rows], face[rows] = met.distance / scale, met.face
         # The nearest of each ray; of equals, the instance that comes first.
@@ -154,7 +156,7 @@ class InstancedScene:
         reach[at] = hits.distance[at] = distance[first]
         hits.face[at], hits.instance[at] = face[first], instance[first]
 
-    def occlude_by(
+    def occlude_pairs(
         self,
         start: Float[np.ndarray, "n 3"],
         along: Float[np.ndarray, "n 3"],
@@ -168,14 +170,14 @@ class InstancedScene:
 
         `reach`: how far each ray looks; None: endlessly.
         """
-        for batch in rounds(ray, growth=4):
+        for batch in rank_batches(ray, growth=4):
             on = batch[~hidden[ray[batch]]]
-            for caster, rows, inside, inward, scale in self._moved(start, along, ray[on], instance[on]):
+            for caster, rows, inside, inward, scale in self._mesh_rays(start, along, ray[on], instance[on]):
                 rows = on[rows]
                 far = np.inf if reach is None else reach[ray[rows]] * scale
                 hidden[ray[rows[caster.occluded(inside, inward, max_distance=far)]]] = True
 
-    def _crossings(
+    def _crossing_pairs(
         self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, part: slice
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Pairs of some rays and instances whose boxes these cross, by ray, nearest first; and where rays enter."""
@@ -184,11 +186,11 @@ class InstancedScene:
             # Further than the ray goes: one that ends inside a box meets a side of it only beyond its end.
             far = (reach[part] + self._widest) * (1 + 1e-4)
             rows = rows[self._boxes.occluded(start[part], along[part], max_distance=far)]
-        ray, box, entry = self._tree.crossed(start[rows], along[rows], reach[rows])
+        ray, box, entry = self._tree.crossed_boxes(start[rows], along[rows], reach[rows])
         order = np.lexsort((box, entry, ray))
         return rows[ray[order]], box[order], entry[order]
 
-    def _moved(
+    def _mesh_rays(
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
     ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
@@ -203,7 +205,7 @@ class InstancedScene:
             yield self._casters[which[rows[0]]], rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
 
 
-def _bounds(
+def _instance_bounds(
     meshes: Sequence[Mesh], instance_mesh: Int[np.ndarray, " k"], poses: Float[np.ndarray, "k 4 4"]
 ) -> Float[np.ndarray, "k 2 3"]:
     """Tight world boxes of all instances, from the few points of each mesh that can be extreme."""
@@ -220,7 +222,7 @@ def _bounds(
     return bounds
 
 
-def _roomy(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
+def _grow_bounds(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
     """Grow boxes by more than float32's rounding error at the scene's scale."""
     extent = np.ptp(bounds.reshape(-1, 3), axis=0).max() if len(bounds) else 0.0
     return bounds + 1e-5 * (extent + 1e-3) * np.array([[-1.0], [1.0]])
@@ -236,7 +238,7 @@ def _box_mesh(bounds: Float[np.ndarray, "k 2 3"]) -> Mesh:
     return Mesh(corners.reshape(-1, 3), every.reshape(-1, 3), "instance boxes")
 
 
-def _padded(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
+def _pad_bounds(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
     """Grow boxes so that the float32 meshes stay inside."""
     pad = 1e-6 * np.ptp(bounds, axis=1) + 1e-14 * np.abs(bounds).max(axis=1) + 1e-12
     pad = pad.max(axis=1, keepdims=True)[:, None]

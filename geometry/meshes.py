@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.base.errors import AssetError
-from hulldown.base.files import replacing
+from hulldown.base.files import atomic_writer
 from hulldown.geometry.alpha import Cutouts, merged_cutouts
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.hulls import extreme_points
 
 FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")
@@ -84,26 +84,26 @@ class Mesh:
     @property
     def bounds(self) -> Float[np.ndarray, "2 3"]:
         """Lowest and highest corner of the axis-aligned box around all vertices that a face uses."""
-        used = self._used()
+        used = self._used_mask()
         # Column by column: NumPy reduces a long thin array many times slower along its length.
         columns = [column if used.all() else column[used] for column in self.vertices.T]
         return np.array([[c.min() for c in columns], [c.max() for c in columns]])
 
-    def _used(self) -> Bool[np.ndarray, " v"]:
+    def _used_mask(self) -> Bool[np.ndarray, " v"]:
         used = np.zeros(len(self.vertices), dtype=bool)
         used[self.faces] = True
         return used
 
     @property
-    def used(self) -> Int[np.ndarray, " u"]:
+    def used_vertices(self) -> Int[np.ndarray, " u"]:
         """Vertices that a face uses, ascending."""
-        return np.flatnonzero(self._used())
+        return np.flatnonzero(self._used_mask())
 
     def extreme_vertices(self) -> Int[np.ndarray, " k"]:
         """Ascending vertices that include the maximum of every linear function over all used ones."""
         if self.extreme is not None:
             return self.extreme
-        used = self.used
+        used = self.used_vertices
         return used[extreme_points(self.vertices[used])]
 
     @property
@@ -120,7 +120,7 @@ class Mesh:
         import trimesh
 
         triangles = self.triangles
-        there = np.broadcast_to(checked(point, "point", (3,)), (len(triangles), 3))
+        there = np.broadcast_to(checked_array(point, "point", (3,)), (len(triangles), 3))
         with np.errstate(invalid="ignore", divide="ignore"):  # faces without area
             apart = np.linalg.norm(trimesh.triangles.closest_point(triangles, there) - there, axis=1)
         return int(np.nanargmin(apart))
@@ -128,10 +128,10 @@ class Mesh:
     def of_faces(self, face: Int[np.ndarray, " k"]) -> Mesh:
         """Return these ascending faces and the vertices that they use, without others."""
         used, faces = np.unique(self.faces[face], return_inverse=True)
-        cutouts = self.cutouts and self.cutouts.of(face)
+        cutouts = self.cutouts and self.cutouts.take_faces(face)
         return Mesh(self.vertices[used], faces.reshape(-1, 3), self.name, cutouts)
 
-    def at(self, points: Float[np.ndarray, "v 3"]) -> Mesh:
+    def with_vertices(self, points: Float[np.ndarray, "v 3"]) -> Mesh:
         """Return the same faces with their vertices elsewhere."""
         return Mesh(points, self.faces, self.name, self.cutouts)
 
@@ -211,7 +211,7 @@ class Mesh:
         else:
             content = mesh.export(file_type=kind)
         try:
-            with replacing(path) as file:
+            with atomic_writer(path) as file:
                 file.write(content)
         except OSError as error:
             raise AssetError(f"cannot be written ({error})", path=path, remedy="name a folder that exists") from None
@@ -240,7 +240,7 @@ def first_equal(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
     return first
 
 
-def merge(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np.ndarray, " f"]]:
+def merge_meshes(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np.ndarray, " f"]]:
     """Return all meshes as one, and for every face the index of the mesh it came from."""
     if not meshes:
         raise ValueError("meshes: expected at least one mesh, got none")

@@ -15,16 +15,16 @@ from jaxtyping import Bool, Float
 
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.cutouts import Solidity
-from hulldown.geometry.indices import rounds
+from hulldown.geometry.indices import rank_batches
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.portable import sin_cos
-from hulldown.geometry.transforms import BOX_CORNERS, apply, compose, invert_rigid, rotate
+from hulldown.geometry.transforms import BOX_CORNERS, compose_affine, invert_rigid, rotate_vectors, transform_points
 
 ENCLOSURE_REACH_M = 100.0  # meters; a sky dome is farther away
-PAIRS = 1 << 14  # pairs of box and triangle tested at a time
+PAIRS_PER_BLOCK = 1 << 14  # pairs of box and triangle tested at a time
 
 
-def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
+def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
     """Straight up first, then directions spread evenly over the upper half of the sphere, from the top down.
 
     References
@@ -38,7 +38,7 @@ def _skyward(n: int) -> Float[np.ndarray, "n 3"]:
     return np.stack([flat * cos, flat * sin, z], axis=1)
 
 
-SKYWARD = _skyward(48)
+SKYWARD = _skyward_directions(48)
 MIN_FREE_RAYS = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
 
 
@@ -129,7 +129,7 @@ class Obstacles:
         self._solid = np.ones(len(scene.bounds), dtype=bool) if solid is None else solid
         self._triangles: dict[int, tuple[BoxTree, Float[np.ndarray, "3 3 f"], Solidity | None]] = {}
 
-    def touched(
+    def touches_boxes(
         self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
     ) -> Bool[np.ndarray, " n"]:
         """Return whether each box touches a triangle of an instance, or is shut in by one on all sides and above.
@@ -142,7 +142,7 @@ class Obstacles:
         """
         center = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
-        box, instance = self._scene.overlapping(center - reach, center + reach)
+        box, instance = self._scene.overlapping_pairs(center - reach, center + reach)
         box, instance = box[self._solid[instance]], instance[self._solid[instance]]
         touched = np.zeros(len(half), dtype=bool)
         bounds = self._scene.bounds[instance]
@@ -153,10 +153,10 @@ class Obstacles:
         within = ((bounds[:, 0] <= center[box]) & (center[box] <= bounds[:, 1])).all(axis=1)
         inside = np.unique(box[within])
         inside = inside[~touched[inside]]
-        touched[inside] = self._shut_in(world_from_box[inside])
+        touched[inside] = self._is_enclosed(world_from_box[inside])
         return touched
 
-    def open_above(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def sees_sky(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether light reaches each point: the ray upwards, or `MIN_FREE_RAYS` others, meet no obstacle.
 
         `point`: world. No ray leaves a closed house, a boulder, or a hall.
@@ -175,7 +175,7 @@ class Obstacles:
             is_open |= free >= (1 if begin == 0 else MIN_FREE_RAYS)
         return is_open
 
-    def below(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def stands_on_obstacle(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether the first thing below each point is an obstacle, and no dome around the ground."""
         met = self._scene.cast(point, np.tile([0.0, 0.0, -1.0], (len(point), 1)))
         near, hit = met.distance <= ENCLOSURE_REACH_M, np.flatnonzero(met.instance >= 0)
@@ -198,19 +198,19 @@ class Obstacles:
             solidity = None if mesh.cutouts is None else Solidity(mesh)
             self._triangles[number] = tree, np.ascontiguousarray(corners.transpose(1, 2, 0)), solidity
         tree, triangles, solidity = self._triangles[number]
-        mesh_from_box = compose(self._scene.instance_from_world[instance], world_from_box[box])
-        corners = apply(mesh_from_box, BOX_CORNERS * half[box][:, None])
-        pair, face = tree.overlapping(corners.min(axis=1), corners.max(axis=1))
-        box_from_mesh = compose(invert_rigid(world_from_box[box]), self._scene.world_from_instance[instance])
+        mesh_from_box = compose_affine(self._scene.instance_from_world[instance], world_from_box[box])
+        corners = transform_points(mesh_from_box, BOX_CORNERS * half[box][:, None])
+        pair, face = tree.overlapping_pairs(corners.min(axis=1), corners.max(axis=1))
+        box_from_mesh = compose_affine(invert_rigid(world_from_box[box]), self._scene.world_from_instance[instance])
         moves = np.ascontiguousarray(np.moveaxis(box_from_mesh[:, :3], 0, 2))
         sizes = np.ascontiguousarray(half.T)
         order = np.argsort(box[pair], kind="stable")
         # Most boxes that touch anything touch one of the first few triangles.
-        for batch in rounds(box[pair[order]], first=8, growth=8):
+        for batch in rank_batches(box[pair[order]], first=8, growth=8):
             left = order[batch]
             left = left[~touched[box[pair[left]]]]
-            for i in range(0, len(left), PAIRS):
-                which, faces = pair[left[i : i + PAIRS]], face[left[i : i + PAIRS]]
+            for i in range(0, len(left), PAIRS_PER_BLOCK):
+                which, faces = pair[left[i : i + PAIRS_PER_BLOCK]], face[left[i : i + PAIRS_PER_BLOCK]]
                 into = moves[:, :, which]
                 moved = [
                     [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]
@@ -220,15 +220,15 @@ class Obstacles:
                 if solidity is not None:
                     pose = mesh_from_box[which[touching]]
                     sides = pose[:, :3, :3] * half[box[which[touching]]][:, None]
-                    touching[touching] = solidity.solid(faces[touching], pose[:, :3, 3], sides)
+                    touching[touching] = solidity.may_be_solid(faces[touching], pose[:, :3, 3], sides)
                 touched[box[which[touching]]] = True
 
-    def _shut_in(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
+    def _is_enclosed(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
         around = np.full(len(world_from_box), -1)
         left = np.arange(len(world_from_box))
         # Upward first, since most boxes in the open have nothing above them.
         for axis in ([0.0, 0, 1], [1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]):
-            directions = rotate(world_from_box[left, :3, :3], np.array([axis]))[:, 0]
+            directions = rotate_vectors(world_from_box[left, :3, :3], np.array([axis]))[:, 0]
             met = self._scene.cast(world_from_box[left, :3, 3], directions, max_distance=ENCLOSURE_REACH_M).instance
             kept = (met >= 0) & self._solid[met] & ((around[left] < 0) | (met == around[left]))
             left = left[kept]

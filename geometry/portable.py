@@ -100,7 +100,7 @@ def exp(power: ArrayLike) -> np.ndarray:
     doublings = np.rint(x / math.log(2.0))
     high, low = x - doublings * _LN_2[0], doublings * _LN_2[1]
     r = high - low
-    c = r - r * r * _polynomial(_EXP, r * r)
+    c = r - r * r * _evaluate_polynomial(_EXP, r * r)
     return np.asarray(np.ldexp(1.0 - ((low - r * c / (2.0 - c)) - high), doublings.astype(np.int64)))
 
 
@@ -110,7 +110,7 @@ def log(value: ArrayLike) -> np.ndarray:
     small = mantissa < math.sqrt(0.5)
     f, k = np.where(small, 2.0 * mantissa, mantissa) - 1.0, doublings - 1.0 * small
     s, half = f / (2.0 + f), 0.5 * f * f
-    r = s * s * _polynomial(_LOG, s * s)
+    r = s * s * _evaluate_polynomial(_LOG, s * s)
     return np.asarray(k * _LN_2[0] - ((half - (s * (half + r) + k * _LN_2[1])) - f))
 
 
@@ -124,10 +124,10 @@ def _around_zero(x: Number, turns: Number) -> tuple[Number, Number]:
     tail = (left - r) - rest
     z = r * r
     cube = z * r
-    sine = r - ((z * (0.5 * tail - cube * _polynomial(_SIN[:-1], z)) - tail) - cube * _SIN[-1])
+    sine = r - ((z * (0.5 * tail - cube * _evaluate_polynomial(_SIN[:-1], z)) - tail) - cube * _SIN[-1])
     half = 0.5 * z
     whole = 1.0 - half
-    return sine, whole + (((1.0 - whole) - half) + (z * z * _polynomial(_COS, z) - r * tail))
+    return sine, whole + (((1.0 - whole) - half) + (z * z * _evaluate_polynomial(_COS, z) - r * tail))
 
 
 def _arctan_to_one(ratio: np.ndarray) -> np.ndarray:
@@ -135,10 +135,10 @@ def _arctan_to_one(ratio: np.ndarray) -> np.ndarray:
     half, one = (ratio >= 7.0 / 16.0) & (ratio < 11.0 / 16.0), ratio >= 11.0 / 16.0
     t = np.where(half, (2.0 * ratio - 1.0) / (2.0 + ratio), np.where(one, (ratio - 1.0) / (ratio + 1.0), ratio))
     about, lacking = (np.where(half, a, np.where(one, b, 0.0)) for a, b in zip(_ATAN_HALF, _ATAN_ONE, strict=True))
-    return np.asarray(about - ((t * (t * t * _polynomial(_ATAN, t * t)) - lacking) - t))
+    return np.asarray(about - ((t * (t * t * _evaluate_polynomial(_ATAN, t * t)) - lacking) - t))
 
 
-def _polynomial(coefficients: tuple[float, ...], x: Number) -> Number:
+def _evaluate_polynomial(coefficients: tuple[float, ...], x: Number) -> Number:
     """By Horner's rule, the highest power's coefficient first."""
     value: Number = coefficients[0]
     for coefficient in coefficients[1:]:

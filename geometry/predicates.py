@@ -28,13 +28,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Bool, Float, Int8, Shaped
 
-EPS = 2.0**-53  # half an ulp of 1: the relative error of one rounding
-ORIENT_BOUND = (3.0 + 16.0 * EPS) * EPS
+ROUNDING_ERROR = 2.0**-53  # half an ulp of 1: the relative error of one rounding
+ORIENT_BOUND = (3.0 + 16.0 * ROUNDING_ERROR) * ROUNDING_ERROR
 # Below this a product may have lost bits to underflow, and no bound that is relative to it holds.
 MIN_EXACT_PRODUCT = 1e-250
 
 
-def orient(
+def orientation_sign(
     ax: Float[np.ndarray, " n"],
     ay: Float[np.ndarray, " n"],
     bx: Float[np.ndarray, " n"],
@@ -78,7 +78,7 @@ def _orient_closely(
         exact &= _difference_is_exact(a, b, difference)
     open_ = np.flatnonzero(~exact)
     if len(open_):
-        (a_x, a_y, b_x, b_y, p_x, p_y), _ = integers(*(v[open_] for v in (ax, ay, bx, by, px, py)))
+        (a_x, a_y, b_x, b_y, p_x, p_y), _ = exact_integers(*(v[open_] for v in (ax, ay, bx, by, px, py)))
         area = (a_x - p_x) * (b_y - p_y) - (a_y - p_y) * (b_x - p_x)
         sign[open_] = (area > 0).astype(np.int8) - (area < 0).astype(np.int8)
     return sign
@@ -98,18 +98,18 @@ def _two_product(
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     # Dekker's product with Veltkamp's split (Shewchuk, theorems 17 and 18): a * b = product + tail, without error.
     product = a * b
-    a_high, a_low = _split(a)
-    b_high, b_low = _split(b)
+    a_high, a_low = _split_float(a)
+    b_high, b_low = _split_float(b)
     return product, a_low * b_low - (((product - a_high * b_high) - a_low * b_high) - a_high * b_low)
 
 
-def _split(a: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+def _split_float(a: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     c = 134217729.0 * a  # 2**27 + 1
     high = c - (c - a)
     return high, a - high
 
 
-def integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, " n"]], int]:
+def exact_integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, " n"]], int]:
     """Float64 arrays as arrays of Python integers, and the power of two that all of them are multiples of."""
     mantissas, exponents = zip(*(np.frexp(v) for v in values), strict=True)
     lowest = min(int(np.min(e, where=m != 0, initial=2000)) for m, e in zip(mantissas, exponents, strict=True))
@@ -118,15 +118,15 @@ def integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, 
     return [w << s for w, s in zip(whole, shift, strict=True)], lowest - 53
 
 
-def heights(
+def exact_heights(
     corners: Float[np.ndarray, "n 3 3"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
 ) -> tuple[Shaped[np.ndarray, " n"], Shaped[np.ndarray, " n"]]:
     """Return the exact height of each triangle's plane at each point: integer numerators, positive denominators.
 
     The triangles must have an XY area. Dividing the integers rounds once, to the nearest float64.
     """
-    (ax, ay, bx, by, cx, cy, px, py), _ = integers(*corners[:, :, :2].reshape(-1, 6).T, x, y)
-    (az, bz, cz), exponent = integers(*corners[:, :, 2].T)
+    (ax, ay, bx, by, cx, cy, px, py), _ = exact_integers(*corners[:, :, :2].reshape(-1, 6).T, x, y)
+    (az, bz, cz), exponent = exact_integers(*corners[:, :, 2].T)
     a = (bx - px) * (cy - py) - (by - py) * (cx - px)
     b = (cx - px) * (ay - py) - (cy - py) * (ax - px)
     c = (ax - px) * (by - py) - (ay - py) * (bx - px)
@@ -135,9 +135,9 @@ def heights(
     return (sign * (a * az + b * bz + c * cz)) << max(exponent, 0), (sign * whole) << max(-exponent, 0)
 
 
-def normals(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
+def exact_normals(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
     """Return unit upward normals of triangles that have an XY area, from exact cross products."""
-    (ax, ay, az, bx, by, bz, cx, cy, cz), _ = integers(*corners.reshape(-1, 9).T)
+    (ax, ay, az, bx, by, bz, cx, cy, cz), _ = exact_integers(*corners.reshape(-1, 9).T)
     x = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
     y = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
     z = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)

@@ -26,14 +26,16 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float32, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 
 T = TypeVar("T")
 R = TypeVar("R")
 
 _FAR = np.float32(1e37)  # embreex's value for no limit
-BLOCK = 1 << 16  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
+RAYS_PER_BLOCK = (
+    1 << 16
+)  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
 _WORTH_SORTING = 4096
 _MAX_COORDINATE = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centered
 
@@ -73,12 +75,12 @@ class RayCaster:
         self._building = threading.Lock()
 
     @property
-    def _scene(self) -> EmbreeScene:
+    def _embree_scene(self) -> EmbreeScene:
         """The hierarchy, built when the first ray asks for it."""
         if self._built is None:
             with self._building:
                 if self._built is None:
-                    scene = EmbreeScene(_device(os.getpid()), robust=True)
+                    scene = EmbreeScene(_process_device(os.getpid()), robust=True)
                     with np.errstate(over="ignore"):  # vertices without a face may be huge
                         vertices = (self.mesh.vertices - self._center).astype(np.float32)
                     TriangleMesh(scene, vertices, self.mesh.faces)
@@ -95,8 +97,8 @@ class RayCaster:
         """
         start, unit, limit = checked_rays(origins, directions, max_distance)
         hits = RayHits.missed(len(start))
-        for i, entry, along, reach, skipped in self._blocks(start, unit, limit):
-            met = self._scene.run(entry, along, dists=reach.copy(), output=True)
+        for i, entry, along, reach, skipped in self._ray_blocks(start, unit, limit):
+            met = self._embree_scene.run(entry, along, dists=reach.copy(), output=True)
             within = (met["primID"] >= 0) & (reach >= 0)
             hits.face[i[within]] = met["primID"][within]
             hits.distance[i[within]] = skipped[within] + met["tfar"][within]
@@ -108,8 +110,8 @@ class RayCaster:
         """Return whether anything lies along each ray; arguments as for `cast`."""
         start, unit, limit = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
-        for i, entry, along, reach, _ in self._blocks(start, unit, limit):
-            met = self._scene.run(entry, along, dists=reach.copy(), query="OCCLUDED")
+        for i, entry, along, reach, _ in self._ray_blocks(start, unit, limit):
+            met = self._embree_scene.run(entry, along, dists=reach.copy(), query="OCCLUDED")
             blocked[i] = (met >= 0) & (reach >= 0)
         return blocked
 
@@ -123,24 +125,24 @@ class RayCaster:
         """Return unit normals of these faces, by their winding; nan for faces without area."""
         return self.mesh.normals(face)
 
-    def down(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
+    def top_face(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
         """Return the topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
-        return self._scene.run(self._above(x, y), _DOWN)
+        return self._embree_scene.run(self._start_above(x, y), _DOWN)
 
-    def below(
+    def first_face_below(
         self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], z: Float[np.ndarray, " k"]
     ) -> Int[np.ndarray, " k"]:
         """As `down`, for points of any height: the first face under each."""
-        origins = self._above(x, y)
+        origins = self._start_above(x, y)
         np.subtract(z, self._center[2], out=origins[:, 2], casting="same_kind")
-        return self._scene.run(origins, _DOWN)
+        return self._embree_scene.run(origins, _DOWN)
 
     @property
     def resolution(self) -> float:
         """Twice the largest rounding error of a coordinate, in meters."""
         return float(np.spacing(np.float32(self._radius)))
 
-    def _above(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Float32[np.ndarray, "k 3"]:
+    def _start_above(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Float32[np.ndarray, "k 3"]:
         # Just above the highest vertex: the start height costs digits of the distance.
         origins = np.empty((len(x), 3), dtype=np.float32)
         with np.errstate(over="ignore"):
@@ -149,7 +151,7 @@ class RayCaster:
         origins[:, 2] = self._top + 2 * np.spacing(self._top) + np.float32(1e-3) * np.float32(self._radius)
         return origins
 
-    def _blocks(
+    def _ray_blocks(
         self, start: Float[np.ndarray, "n 3"], unit: Float[np.ndarray, "n 3"], limit: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[Int[np.ndarray, " k"], np.ndarray, np.ndarray, np.ndarray, Float[np.ndarray, " k"]]]:
         """Yield indices of rays, in blocks; origins, directions, and limits for Embree; how far origins were moved."""
@@ -164,7 +166,7 @@ class RayCaster:
 
 
 @functools.cache
-def _device(process: int) -> EmbreeDevice:
+def _process_device(process: int) -> EmbreeDevice:
     """Return the only Embree device of a process; a forked child opens its own, as threads don't survive a fork."""
     return EmbreeDevice()
 
@@ -173,8 +175,8 @@ def checked_rays(
     origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
     """Check the arguments of `RayCaster.cast`; return origins, unit directions, and maximum distances."""
-    start = checked(origins, "origins", ("n", 3))
-    along = checked(directions, "directions", (len(start), 3))
+    start = checked_array(origins, "origins", ("n", 3))
+    along = checked_array(directions, "directions", (len(start), 3))
     reach = np.asarray(max_distance, dtype=np.float64)
     if reach.shape not in ((), (len(start),)):
         raise ValueError(f"max_distance: expected a number or shape ({len(start)},), got shape {reach.shape}")
@@ -224,7 +226,7 @@ def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray
                     bits = (bits | bits << apart) & kept  # until each bit is followed by a zero
                 key |= bits << shift
     order = np.argsort(key, kind="stable")
-    yield from (order[i : i + BLOCK] for i in range(0, n, BLOCK))
+    yield from (order[i : i + RAYS_PER_BLOCK] for i in range(0, n, RAYS_PER_BLOCK))
 
 
 def in_threads(work: Callable[[T], R], items: Iterable[T], *, threads: int) -> list[R]:

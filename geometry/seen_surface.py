@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.alpha import HIT_OPACITY, AlphaMap, Cut, Cutouts
 from hulldown.geometry.hulls import hulls_of_groups
-from hulldown.geometry.indices import numbered
+from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.meshes import Mesh
 
 FLAT_HEIGHT_ULPS = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles
@@ -18,11 +18,11 @@ MAX_FLAT_SHARE = (
 )
 STEPS_PER_TEXEL = 8  # steps per texel at which a texture is looked up
 LEAST, MOST = 16, 512  # steps along a face's sides
-LOOKUPS = 1 << 23  # in all faces of a mesh
+MAX_TEXEL_LOOKUPS = 1 << 23  # in all faces of a mesh
 MAX_SIDE_TILES = 8  # along a face's sides, at most: what is seen in each becomes one convex piece
 MIN_TILE_STEPS = 32  # steps along a tile's side, at least
-CHUNK = 1 << 16  # faces measured together
-LATTICES = 1 << 18  # points of lattices in memory together
+FACES_PER_BLOCK = 1 << 16  # faces measured together
+LATTICE_POINTS_PER_BLOCK = 1 << 18  # points of lattices in memory together
 EDGE_HALVINGS = 12  # of a step, to find where a texture's edge crosses it
 
 
@@ -32,11 +32,11 @@ def faces_with_area(mesh: Mesh) -> Int[np.ndarray, " k"]:
     finest = FLAT_HEIGHT_ULPS * float(np.spacing(np.float32(np.abs(mesh.bounds).max())))
     finest = min(finest, MAX_FLAT_SHARE * float((high - low).max()))
     drawn = np.empty(len(mesh.faces), dtype=bool)
-    for start in range(0, len(drawn), CHUNK):
-        a, b, c = np.moveaxis(mesh.vertices[mesh.faces[start : start + CHUNK]], 1, 0)
+    for start in range(0, len(drawn), FACES_PER_BLOCK):
+        a, b, c = np.moveaxis(mesh.vertices[mesh.faces[start : start + FACES_PER_BLOCK]], 1, 0)
         normal = np.cross(b - a, c - a)
         longest = np.max([((q - p) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-        drawn[start : start + CHUNK] = (normal * normal).sum(axis=1) > finest * finest * longest
+        drawn[start : start + FACES_PER_BLOCK] = (normal * normal).sum(axis=1) > finest * finest * longest
     return np.flatnonzero(drawn)
 
 
@@ -50,22 +50,22 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     cutouts = mesh.cutouts
     if cutouts is None:
         return mesh, np.arange(len(mesh.faces))
-    cuts = cutouts.cuts()
+    cuts = cutouts.face_cuts()
     mixed = np.flatnonzero(cuts == Cut.MIXED)
     whole = np.ones(len(mesh.faces), dtype=bool)
     whole[cutouts.face[cuts == Cut.CLEAR]] = False
     whole[cutouts.face[mixed]] = False
     faces, origin, vertices = [mesh.faces[whole]], [np.flatnonzero(whole)], [mesh.vertices]
     count = len(mesh.vertices)
-    for steps, some in _blocks(cutouts, mixed):
+    for steps, some in _face_blocks(cutouts, mixed):
         corners = mesh.vertices[mesh.faces[cutouts.face[some]]]
         alpha = cutouts.maps[cutouts.face_map[some[0]]]
-        ring, face = _rings(alpha, cutouts.uv[some].astype(np.float64), steps)
+        ring, face = _opaque_rings(alpha, cutouts.uv[some].astype(np.float64), steps)
         if not len(ring):
             continue
-        vertices.append((_weights(ring)[:, None] @ corners[face // MAX_SIDE_TILES**2])[:, 0])
+        vertices.append((_corner_weights(ring)[:, None] @ corners[face // MAX_SIDE_TILES**2])[:, 0])
         size = np.unique(face, return_counts=True)[1]
-        piece, number = numbered(size - 2)
+        piece, number = group_and_rank(size - 2)
         first = count + (np.cumsum(size) - size)[piece]
         faces.append(np.stack([first, first + number + 1, first + number + 2], axis=1))
         origin.append(cutouts.face[some[face[first - count] // MAX_SIDE_TILES**2]])
@@ -77,27 +77,27 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     return seen.of_faces(np.arange(len(triangles))), np.concatenate(origin)
 
 
-def _blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
+def _face_blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
     """Yield steps along sides, and mixed faces of one map that have so many, few enough to be in memory together."""
-    steps = _steps(cutouts, mixed)
+    steps = _side_steps(cutouts, mixed)
     order = np.lexsort((steps, cutouts.face_map[mixed]))
     kinds = np.stack([cutouts.face_map[mixed], steps])[:, order]
     for same in np.split(order, np.flatnonzero(np.diff(kinds, axis=1).any(axis=0)) + 1):
         if len(same):
-            most = max(1, LATTICES // int(steps[same[0]] + 1) ** 2)
+            most = max(1, LATTICE_POINTS_PER_BLOCK // int(steps[same[0]] + 1) ** 2)
             yield from ((int(steps[same[0]]), mixed[same[i : i + most]]) for i in range(0, len(same), most))
 
 
-def _steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
-    """Return steps along the sides of each mixed face, so that lookups stay within `LOOKUPS`."""
+def _side_steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+    """Return steps along the sides of each mixed face, so that lookups stay within `MAX_TEXEL_LOOKUPS`."""
     sizes = np.array([alpha.texels.shape[::-1] for alpha in cutouts.maps])[cutouts.face_map[mixed]]
     texels = (np.ptp(cutouts.uv[mixed], axis=1) * sizes).max(axis=1)
     steps = np.clip(np.ceil(STEPS_PER_TEXEL * texels), LEAST, MOST)
-    few = np.sqrt(min(1.0, 2.0 * LOOKUPS / max((steps * steps).sum(), 1.0)))
+    few = np.sqrt(min(1.0, 2.0 * MAX_TEXEL_LOOKUPS / max((steps * steps).sum(), 1.0)))
     return np.maximum(steps * few, 2).astype(np.int64)
 
 
-def _rings(
+def _opaque_rings(
     alpha: AlphaMap, uv: Float[np.ndarray, "m 3 2"], steps: int
 ) -> tuple[Float[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
     """Return rings around what hides in each tile of faces, as weights of first and second corners.
@@ -106,23 +106,23 @@ def _rings(
     """
 
     def hides(face: Int[np.ndarray, " n"], at: Float[np.ndarray, "n 2"]) -> Bool[np.ndarray, " n"]:
-        return alpha.opacity((_weights(at)[:, None] @ uv[face])[:, 0]) >= HIT_OPACITY
+        return alpha.opacity((_corner_weights(at)[:, None] @ uv[face])[:, 0]) >= HIT_OPACITY
 
     i, j = np.mgrid[: steps + 1, : steps + 1].reshape(2, -1)
     inside = i + j <= steps
     grid = np.stack([i, j], axis=1)
     hiding = np.zeros((len(uv), len(grid)), dtype=bool)
-    lattice = _weights(grid[inside] / steps) @ uv
+    lattice = _corner_weights(grid[inside] / steps) @ uv
     hiding[:, inside] = (alpha.opacity(lattice.reshape(-1, 2)) >= HIT_OPACITY).reshape(len(uv), -1)
     tiles = min(MAX_SIDE_TILES, max(1, steps // MIN_TILE_STEPS))
-    one, other, line = _edges(steps)
+    one, other, line = _lattice_edges(steps)
     face, edge = np.nonzero(hiding[:, one] != hiding[:, other])
     whole, point = np.nonzero(hiding)
     if tiles == 1:  # no corner of a hull lies between others on a line of the lattice
-        first, last = _ends(face, line[edge])
+        first, last = _line_ends(face, line[edge])
         outer = np.where(hiding[face, other[edge]], first, last)
         face, edge = face[outer], edge[outer]
-        outer = np.logical_or(*_ends(whole, i[point]))
+        outer = np.logical_or(*_line_ends(whole, i[point]))
         whole, point = whole[outer], point[outer]
     one, other = one[edge], other[edge]
     one, other = np.where(hiding[face, one], one, other), np.where(hiding[face, one], other, one)
@@ -142,7 +142,7 @@ def _rings(
     return hulls_of_groups(np.concatenate(in_tiles), np.concatenate(ring))
 
 
-def _edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
+def _lattice_edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
     """Return both ends of each edge of a face's lattice, as numbers in the square, and its line; along each line."""
     q, k = np.tril_indices(steps)
     r = steps - 1 - q
@@ -151,7 +151,7 @@ def _edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], In
     return one, other, np.concatenate([q, q + steps, q + 2 * steps])
 
 
-def _ends(
+def _line_ends(
     face: Int[np.ndarray, " n"], line: Int[np.ndarray, " n"]
 ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     """Return which points, by face and line, are the first and the last of theirs."""
@@ -159,5 +159,5 @@ def _ends(
     return np.append(True, changes)[: len(face)], np.append(changes, True)[: len(face)]
 
 
-def _weights(at: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
+def _corner_weights(at: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
     return np.column_stack([at, 1.0 - at.sum(axis=1)])

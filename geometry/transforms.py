@@ -10,23 +10,23 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.portable import sin_cos
 
 # (8, 3) corners of a box from its center, in halves of its size; z changes from one to the next.
 BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 
-def apply(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
+def transform_points(b_from_a: ArrayLike, points_a: ArrayLike) -> Float[np.ndarray, "... n 3"]:
     """Return points of frame a in frame b."""
-    matrix = checked(b_from_a, "b_from_a", ("...", 4, 4))
-    points = checked(points_a, "points_a", ("...", "n", 3), finite=False)
-    moved = rotate(matrix[..., :3, :3], points)
+    matrix = checked_array(b_from_a, "b_from_a", ("...", 4, 4))
+    points = checked_array(points_a, "points_a", ("...", "n", 3), finite=False)
+    moved = rotate_vectors(matrix[..., :3, :3], points)
     moved += matrix[..., None, :3, 3]
     return moved
 
 
-def rotate(
+def rotate_vectors(
     b_from_a: Float[np.ndarray, "... 3 3"], vectors_a: Float[np.ndarray, "... n 3"]
 ) -> Float[np.ndarray, "... n 3"]:
     """Vectors of frame a in frame b: `vectors_a @ b_from_a.T`, for inner loops, without checks."""
@@ -41,7 +41,7 @@ def rotate(
     return turned
 
 
-def product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
+def matrix_product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
     """Return `a @ b` as explicit sums, without checks; leading axes broadcast.
 
     A matrix product may round differently with the number of rows, and rows of plans and labels must not depend on
@@ -50,7 +50,7 @@ def product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) ->
     return a[..., :, 0:1] * b[..., 0:1, :] + a[..., :, 1:2] * b[..., 1:2, :] + a[..., :, 2:3] * b[..., 2:3, :]
 
 
-def compose(
+def compose_affine(
     c_from_b: Float[np.ndarray, "... r 4"], b_from_a: Float[np.ndarray, "... r 4"]
 ) -> Float[np.ndarray, "... r 4"]:
     """`c_from_a` of affine transforms (r = 4) or their first three rows, without checks; leading axes broadcast."""
@@ -66,7 +66,7 @@ def compose(
 
 def invert_rigid(b_from_a: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
     """`a_from_b` for rigid transforms (rotation and translation only), exact up to rounding without a solve."""
-    matrix = checked(b_from_a, "b_from_a", ("...", 4, 4))
+    matrix = checked_array(b_from_a, "b_from_a", ("...", 4, 4))
     inverse = np.zeros_like(matrix)
     rotation = np.swapaxes(matrix[..., :3, :3], -1, -2)
     inverse[..., :3, :3] = rotation
@@ -83,15 +83,15 @@ def invert_affine(b_from_a: Float[np.ndarray, "... 4 4"]) -> Float[np.ndarray, "
     volume = x[..., 0] * yz[..., 0] + x[..., 1] * yz[..., 1] + x[..., 2] * yz[..., 2]
     inverse = np.zeros_like(b_from_a)
     inverse[..., :3, :3] = np.stack([yz, np.cross(z, x), np.cross(x, y)], -2) / volume[..., None, None]
-    inverse[..., :3, 3] = -rotate(inverse[..., :3, :3], b_from_a[..., None, :3, 3])[..., 0, :]
+    inverse[..., :3, 3] = -rotate_vectors(inverse[..., :3, :3], b_from_a[..., None, :3, 3])[..., 0, :]
     inverse[..., 3, 3] = 1.0
     return inverse
 
 
-def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
+def rigid_matrix(rotation: ArrayLike, translation: ArrayLike) -> Float[np.ndarray, "... 4 4"]:
     """Return the 4x4 matrix of a (..., 3, 3) rotation followed by a (..., 3) translation; leading axes broadcast."""
-    r = checked(rotation, "rotation", ("...", 3, 3))
-    t = checked(translation, "translation", ("...", 3))
+    r = checked_array(rotation, "rotation", ("...", 3, 3))
+    t = checked_array(translation, "translation", ("...", 3))
     lead = np.broadcast_shapes(r.shape[:-2], t.shape[:-1])
     matrix = np.zeros((*lead, 4, 4))
     matrix[..., :3, :3] = r
@@ -100,15 +100,15 @@ def rigid(rotation: ArrayLike, translation: ArrayLike) -> Float[np.ndarray, "...
     return matrix
 
 
-def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Rotation by `angle` radians (...) about the unit `axis` (..., 3) through the origin.
 
     References
     ----------
     Rodrigues' formula: Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 1994, eq 2.14.
     """
-    k = checked(axis, "axis", ("...", 3))
-    theta = checked(angle, "angle", ("...",))[..., None, None]
+    k = checked_array(axis, "axis", ("...", 3))
+    theta = checked_array(angle, "angle", ("...",))[..., None, None]
     zero = np.zeros(k.shape[:-1])
     cross = np.stack(
         [
@@ -120,25 +120,25 @@ def rotation_about(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 
     )
     # Sine and 1 - cosine from half the angle: of small angles 1 - cos would lose half the digits.
     half, half_cosine = sin_cos(theta / 2)
-    # `rotate` multiplies by the transposed matrix, which of `-cross` is `cross`.
-    return np.eye(3) + 2.0 * (half * half_cosine) * cross + 2.0 * (half * half) * rotate(-cross, cross)
+    # `rotate_vectors` multiplies by the transposed matrix, which of `-cross` is `cross`.
+    return np.eye(3) + 2.0 * (half * half_cosine) * cross + 2.0 * (half * half) * rotate_vectors(-cross, cross)
 
 
 def rotation_z(angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Rotation by `angle` radians (...) about +z, counterclockwise seen from above."""
-    theta = checked(angle, "angle", ("...",))
+    theta = checked_array(angle, "angle", ("...",))
     (s, c), zero, one = sin_cos(theta), np.zeros_like(theta), np.ones_like(theta)
     return np.stack([np.stack([c, -s, zero], -1), np.stack([s, c, zero], -1), np.stack([zero, zero, one], -1)], -2)
 
 
-def tilt_to(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+def tilt_rotation(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Return the smallest rotation that takes +z to the unit `normal` (..., 3), which must not point to -z.
 
     References
     ----------
     Moeller, Hughes, Efficiently building a matrix to rotate one vector to another, JGT 4(4), 1999.
     """
-    n = checked(normal, "normal", ("...", 3))
+    n = checked_array(normal, "normal", ("...", 3))
     x, y, z = n[..., 0], n[..., 1], n[..., 2]
     if (z <= -1.0 + 1e-12).any():
         raise ValueError("normal: expected a direction away from -z, where the smallest rotation is not unique")
@@ -153,17 +153,17 @@ def tilt_to(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     )
 
 
-def facing(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+def upright_rotation(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Return the rotation whose z axis is `up` and whose x axis, seen from above, points along `yaw`.
 
     This is the tilt that keeps the heading: the vertical plane that holds the x axis does not turn, whatever `up` is.
-    (`tilt_to(up) @ rotation_z(yaw)`, the smallest tilt after the turn, lets the heading drift by up to about a
+    (`tilt_rotation(up) @ rotation_z(yaw)`, the smallest tilt after the turn, lets the heading drift by up to about a
     quarter of the square of the tilt: 4 degrees at a tilt of 30.)
 
     `yaw`: radians, counter-clockwise from +x.
     """
-    theta = checked(yaw, "yaw", ("...",))
-    z_axis = checked(up, "up", ("...", 3))
+    theta = checked_array(yaw, "yaw", ("...",))
+    z_axis = checked_array(up, "up", ("...", 3))
     if (z_axis[..., 2] <= 0).any():
         raise ValueError("up: expected directions with z > 0, where every heading has one direction across them")
     s, c = sin_cos(theta)

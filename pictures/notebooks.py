@@ -20,21 +20,21 @@ class ShownInNotebooks(os.PathLike[str]):
     """What notebooks show as its path, a table of facts, and a few pictures if they can be read."""
 
     @abstractmethod
-    def _facts(self) -> dict[str, object]: ...
+    def _table_facts(self) -> dict[str, object]: ...
 
     @abstractmethod
-    def _few(self) -> Image.Image: ...
+    def _preview_picture(self) -> Image.Image: ...
 
     @cached_property
-    def _png(self) -> bytes:
+    def _preview_png(self) -> bytes:
         file = BytesIO()
-        self._few().save(file, format="PNG")
+        self._preview_picture().save(file, format="PNG")
         return file.getvalue()
 
     def _repr_html_(self) -> str:
-        facts, image = self._facts(), ""
+        facts, image = self._table_facts(), ""
         try:
-            image = f'<img src="data:image/png;base64,{b64encode(self._png).decode()}">'
+            image = f'<img src="data:image/png;base64,{b64encode(self._preview_png).decode()}">'
         except HulldownError as error:
             facts["no pictures"] = error
         rows = "".join(f"<tr><th>{escape(key)}</th><td>{escape(str(value))}</td></tr>" for key, value in facts.items())
@@ -42,6 +42,6 @@ class ShownInNotebooks(os.PathLike[str]):
 
     def _repr_png_(self) -> bytes | None:
         try:
-            return self._png
+            return self._preview_png
         except HulldownError:
             return None

@@ -8,7 +8,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import make_room, open_regular, replacing
+from hulldown.base.files import atomic_writer, open_regular, prepare_output_file
 
 SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
 _MARK = b"tEXtSoftware\0hulldown"
@@ -21,7 +21,7 @@ def save_picture(picture: Image.Image, path: Path) -> None:
     notes = PngInfo()
     for key, text in SOFTWARE.items():
         notes.add_text(key, text)
-    with replacing(path) as file:
+    with atomic_writer(path) as file:
         picture.save(file, format="PNG", pnginfo=notes)
 
 
@@ -41,6 +41,6 @@ def refuse_foreign(path: Path, mark: bytes = _MARK) -> None:
 
 
 def make_room_for_picture(path: Path) -> None:
-    """As `make_room`, and refuse to replace a file that isn't our picture."""
-    make_room(path)
+    """As `prepare_output_file`, and refuse to replace a file that isn't our picture."""
+    prepare_output_file(path)
     refuse_foreign(path)

@@ -6,11 +6,11 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.uniform import UniformNumbers
 
 
-def candidates(
+def sample_candidates(
     bounds: ArrayLike, n: int, *, rng: UniformNumbers, margin: float = 0.8
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
     """Positions uniform in the shrunken bounds, and headings uniform over the circle.
@@ -28,7 +28,7 @@ def candidates(
     ----------
     Paper, section 2.1.5: the placeable area is shrunk to 80 percent of the scenery.
     """
-    low, high = checked(np.asarray(bounds)[..., :2], "bounds", (2, 2))
+    low, high = checked_array(np.asarray(bounds)[..., :2], "bounds", (2, 2))
     if (low > high).any():
         raise ValueError(f"bounds: expected the lowest corner first, got {low.tolist()} and {high.tolist()}")
     if n < 0:

@@ -25,12 +25,12 @@ class Footing:
         """Return the sample points of a footprint by these rules."""
         if not isinstance(footprint, Underside):
             return cls(plate_samples(footprint, rules.n), plate_samples(footprint, rules.contact_n))
-        contact = underside_samples(footprint, rules.contact_n).solid()
+        contact = underside_samples(footprint, rules.contact_n).below_underside()
         support = rules.rule == "support"
         return cls(underside_samples(footprint, rules.n) if support else plate_samples(footprint.box, rules.n), contact)
 
 
-def stacked(samples: Sequence[Samples]) -> Samples:
+def stack_samples(samples: Sequence[Samples]) -> Samples:
     """Stack the samples of several vehicles, padded with each one's first sample."""
     most = max(len(sample.xy) for sample in samples)
     padded = [np.minimum(np.arange(most), len(sample.xy)) % max(len(sample.xy), 1) for sample in samples]
@@ -54,7 +54,7 @@ def gap_and_penetration(
     return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
 
 
-def depth_below(
+def underside_depth(
     surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
 ) -> Float[np.ndarray, " k"]:
     """Largest depth in meters of posed vehicles' undersides below a surface such as water; 0 next to it."""

@@ -16,12 +16,12 @@ from jaxtyping import Bool, Float, Int, Int8, Shaped
 
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.meshes import first_equal
-from hulldown.geometry.predicates import heights as exact_heights
-from hulldown.geometry.predicates import normals as exact_normals
-from hulldown.geometry.predicates import orient
-from hulldown.placement.ground import Ground, Hits, upward
+from hulldown.geometry.predicates import exact_heights as exact_heights
+from hulldown.geometry.predicates import exact_normals as exact_normals
+from hulldown.geometry.predicates import orientation_sign
+from hulldown.placement.ground import Ground, Hits, upward_normals
 
-_POINTS = 1 << 11  # points looked at together, so that intermediate arrays stay in cache
+_POINTS_PER_BLOCK = 1 << 11  # points looked at together, so that intermediate arrays stay in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,57 +48,57 @@ class ExactGround:
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Return how many faces contain each point, and whether it is strictly inside all of them."""
         faces, on_edge = np.zeros(len(x), dtype=np.intp), np.zeros(len(x), dtype=bool)
-        for batch, over in self._containing(x, y, np.full(len(x), -np.inf)):
+        for batch, over in self._containing_faces(x, y, np.full(len(x), -np.inf)):
             n = batch.stop - batch.start
             faces[batch] = np.bincount(over.point, minlength=n)
             on_edge[batch] = np.bincount(over.point[(over.sides == 0).any(axis=1)], minlength=n) > 0
         return faces, ~on_edge
 
-    def tops(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]) -> Hits:
+    def top_hits(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]) -> Hits:
         """Return the highest ground face at each point; ties go to the lowest face.
 
         `proposal`: a face that may contain each point, or -1: faces certainly below it aren't looked at.
         """
         n = len(x)
         tops = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))
-        for batch, over in self._containing(x, y, self._least(x, y, proposal)):
+        for batch, over in self._containing_faces(x, y, self._certain_height(x, y, proposal)):
             here = x[batch], y[batch]
-            over = self._highest(here, over)
+            over = self._highest_pairs(here, over)
             row = over.point + batch.start
             tops.face[row] = over.face
-            tops.z[row] = self._heights(here, over)
-            tops.normal[row] = self._normals(over.face)
+            tops.z[row] = self._pair_heights(here, over)
+            tops.normal[row] = self._face_normals(over.face)
         return tops
 
-    def _least(
+    def _certain_height(
         self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
         """Return a height that each point's top certainly reaches: the proposed face's if it contains the point."""
         g = self._ground
         least = np.full(len(x), -np.inf)
         row = np.flatnonzero(proposal >= 0)
-        over = self._inside(x, y, row, proposal[row])
+        over = self._inside_pairs(x, y, row, proposal[row])
         least[over.point] = g.height_bounds(over.face, x[over.point], y[over.point])[0]
         return least
 
-    def _containing(
+    def _containing_faces(
         self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], least: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[slice, _Over]]:
         """Yield batches of points, with the faces that contain them and may be as high as `least` there."""
         g = self._ground
-        for begin in range(0, len(x), _POINTS):
-            batch = slice(begin, min(begin + _POINTS, len(x)))
+        for begin in range(0, len(x), _POINTS_PER_BLOCK):
+            batch = slice(begin, min(begin + _POINTS_PER_BLOCK, len(x)))
             low = np.stack([x[batch], y[batch], least[batch]], axis=1)
             high = np.stack([x[batch], y[batch], np.full(len(low), np.inf)], axis=1)
-            point, face = self._boxes.overlapping(low, high)
+            point, face = self._boxes.overlapping_pairs(low, high)
             if len(face) > 2 * len(low):  # else looking at heights doesn't pay
                 _, highest = g.height_bounds(face, low[point, 0], low[point, 1])
                 kept = np.flatnonzero(highest >= low[point, 2])
                 point, face = point[kept], face[kept]
-            over = self._inside(x[batch], y[batch], point, face)
+            over = self._inside_pairs(x[batch], y[batch], point, face)
             yield batch, over[np.lexsort((over.face, over.point))]
 
-    def _inside(
+    def _inside_pairs(
         self,
         x: Float[np.ndarray, " n"],
         y: Float[np.ndarray, " n"],
@@ -110,13 +110,13 @@ class ExactGround:
         over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
         for i in range(3):
             a, b = g.corners[(i + 1) % 3][over.face], g.corners[(i + 2) % 3][over.face]
-            over.sides[:, i] = orient(g.x[a], g.y[a], g.x[b], g.y[b], x[over.point], y[over.point])
+            over.sides[:, i] = orientation_sign(g.x[a], g.y[a], g.x[b], g.y[b], x[over.point], y[over.point])
             over = over[np.flatnonzero(over.sides[:, i] >= 0)]
         return over
 
-    def _highest(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
+    def _highest_pairs(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
         """Return the pair of each point with its highest face."""
-        alone = _alone(over.point)
+        alone = _is_single(over.point)
         rest = over[np.flatnonzero(~alone)]
         if not len(rest.point):
             return over
@@ -124,9 +124,11 @@ class ExactGround:
         rest = _first_of_each(rest, np.where(rest.sides > 0, self._ground.corners[:, rest.face].T, -1))
         rest = self._not_certainly_lower(at, rest)
         # The same for sheets that coincide, with vertices of their own.
-        rest = _first_of_each(rest, np.where(rest.sides > 0, self._alike(self._ground.corners[:, rest.face].T), -1))
+        rest = _first_of_each(
+            rest, np.where(rest.sides > 0, self._place_numbers(self._ground.corners[:, rest.face].T), -1)
+        )
         done = [over[np.flatnonzero(alone)]]
-        alone = _alone(rest.point)
+        alone = _is_single(rest.point)
         done.append(rest[np.flatnonzero(alone)])
         rest = rest[np.flatnonzero(~alone)]
         if len(rest.point):
@@ -140,7 +142,7 @@ class ExactGround:
         return over[np.flatnonzero(high >= bar)]
 
     def _highest_by_integers(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
-        numerator, denominator = exact_heights(self._corners(over.face), at[0][over.point], at[1][over.point])
+        numerator, denominator = exact_heights(self._face_corners(over.face), at[0][over.point], at[1][over.point])
         best: dict[int, int] = {}
         # Faces come in rising order, and only a higher one replaces: ties stay with the lowest face.
         for i, p in enumerate(over.point.tolist()):
@@ -149,7 +151,7 @@ class ExactGround:
                 best[p] = i
         return over[np.fromiter(best.values(), dtype=np.intp, count=len(best))]
 
-    def _heights(
+    def _pair_heights(
         self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over
     ) -> Float[np.ndarray, " k"]:
         g = self._ground
@@ -158,31 +160,31 @@ class ExactGround:
         ill_conditioned = np.flatnonzero(~g.well_conditioned[over.face])
         if len(ill_conditioned):
             numerator, denominator = exact_heights(
-                self._corners(over.face[ill_conditioned]), x[ill_conditioned], y[ill_conditioned]
+                self._face_corners(over.face[ill_conditioned]), x[ill_conditioned], y[ill_conditioned]
             )
             z[ill_conditioned] = (numerator / denominator).astype(np.float64)
         return z
 
-    def _normals(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
-        normal = upward(self._ground.slope[face])
+    def _face_normals(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3"]:
+        normal = upward_normals(self._ground.slope[face])
         ill_conditioned = np.flatnonzero(~self._ground.well_conditioned[face])
         if len(ill_conditioned):
-            normal[ill_conditioned] = exact_normals(self._corners(face[ill_conditioned]))
+            normal[ill_conditioned] = exact_normals(self._face_corners(face[ill_conditioned]))
         return normal
 
-    def _alike(self, vertices: Int[np.ndarray, "k 3"]) -> Int[np.ndarray, "k 3"]:
+    def _place_numbers(self, vertices: Int[np.ndarray, "k 3"]) -> Int[np.ndarray, "k 3"]:
         """Return one number for all vertices at the same place."""
         g = self._ground
         used, local = np.unique(vertices, return_inverse=True)
         places = np.column_stack([g.x[used], g.y[used], g.z[used]])
         return used[first_equal(places)][local].reshape(vertices.shape)
 
-    def _corners(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
+    def _face_corners(self, face: Int[np.ndarray, " k"]) -> Float[np.ndarray, "k 3 3"]:
         vertex = self._ground.corners[:, face].T
         return np.stack([self._ground.x[vertex], self._ground.y[vertex], self._ground.z[vertex]], axis=2)
 
 
-def _alone(point: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
+def _is_single(point: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
     """Return whether each number of a sorted list differs from its neighbors."""
     changes = np.concatenate([[True], point[1:] != point[:-1], [True]]) if len(point) else np.ones(1, dtype=bool)
     return changes[:-1] & changes[1:]

@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.hulls import inner_point
-from hulldown.geometry.indices import numbered
+from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.portable import hypot
 from hulldown.geometry.rays import RayCaster
@@ -31,7 +31,7 @@ def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
 
     `vertices`: of the parts that stand on the ground, vehicle frame, z up.
     """
-    points = checked(vertices, "vertices", ("v", 3))
+    points = checked_array(vertices, "vertices", ("v", 3))
     if not len(points):
         raise ValueError("vertices: expected at least one vertex, got none")
     low, high = points.min(axis=0), points.max(axis=0)
@@ -55,7 +55,7 @@ class Underside:
     heights: Float[np.ndarray, "a b"]
 
 
-def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
+def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
     """Return the underside of a vehicle over its contact footprint.
 
     The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell,
@@ -63,7 +63,7 @@ def underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> U
 
     `mesh`: the vehicle at rest, in its own frame: z = 0 is what it stands on.
     """
-    used = mesh.vertices[mesh.used]
+    used = mesh.vertices[mesh.used_vertices]
     box = contact_footprint(used)
     if (box[0] >= box[1]).any():
         raise ValueError(f"mesh: expected a length and a width, got {mesh.name!r} with the footprint {box.tolist()}")
@@ -107,7 +107,7 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
         steps = (np.abs(mesh.vertices[end, :2] - mesh.vertices[start, :2]) / step).max(axis=1)
         far = np.flatnonzero(steps > 1)
         pieces = np.ceil(steps[far]).astype(np.int64)
-        edge, number = numbered(pieces)
+        edge, number = group_and_rank(pieces)
         share = number / pieces[edge]
         first, last = mesh.vertices[start[far[edge]]], mesh.vertices[end[far[edge]]]
         points.append(first + share[:, None] * (last - first))
@@ -125,11 +125,11 @@ class Samples:
     # ground if the middle is not above that
     center: Float[np.ndarray, "... 2"]
 
-    def of(self, which: Int[np.ndarray, " k"]) -> Samples:
+    def take(self, which: Int[np.ndarray, " k"]) -> Samples:
         """Select the samples of each of k candidates from those of several vehicles."""
         return Samples(self.xy[which], self.height[which], self.foot[which], self.center[which])
 
-    def solid(self) -> Samples:
+    def below_underside(self) -> Samples:
         """Return samples below the underside."""
         kept = np.isfinite(self.height)
         return Samples(self.xy[kept], self.height[kept], self.foot[kept], self.center)
@@ -137,14 +137,14 @@ class Samples:
 
 def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
     """Return n x n points over a rectangle, border included (n = 1: its middle). All are feet of height 0."""
-    share = _shares(n)
+    share = _sample_shares(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
     center = (xy.min(axis=0) + xy.max(axis=0)) / 2 if n else box.mean(axis=0)
     return Samples(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), center)
 
 
-def _shares(n: int) -> Float[np.ndarray, " n"]:
+def _sample_shares(n: int) -> Float[np.ndarray, " n"]:
     return np.linspace(0.0, 1.0, n) if n != 1 else np.array([0.5])
 
 
@@ -156,7 +156,7 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
     higher by less than a twentieth of the distance saved, so that both edges of a track have their spots, and a flat
     underside has them at the points themselves.
     """
-    regular, share = plate_samples(footprint.box, n), _shares(n)
+    regular, share = plate_samples(footprint.box, n), _sample_shares(n)
     reach = 0.5 / max(n - 1, 1)
     cells = np.array(footprint.heights.shape)
     step = (footprint.box[1] - footprint.box[0]) / cells

@@ -8,13 +8,13 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.predicates import EPS, MIN_EXACT_PRODUCT, ORIENT_BOUND, orient
+from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND, ROUNDING_ERROR, orientation_sign
 
 # Guaranteed on a well-conditioned face: heights within this many ulp of the largest |z| on the ground, ...
 HEIGHT_ULPS = 8
 # ... and normals within this many radians.
 NORMAL_ERROR = 1e-12
-_CHUNK = 1 << 16  # faces prepared together, so that intermediate arrays stay in cache
+_FACES_PER_BLOCK = 1 << 16  # faces prepared together, so that intermediate arrays stay in cache
 # Areas that lost more than this factor to cancellation have no relative error to speak of.
 _MOST_CANCELLED = 2.0**40
 # Heights below this would lose digits to underflow.
@@ -45,7 +45,7 @@ class Ground:
     corners: Int[np.ndarray, "3 f"]  # vertices of each ground face, counterclockwise seen from above
     mesh_face: Int[np.ndarray, " f"]  # the mesh's number for each ground face
     slope: Complex[np.ndarray, " f"]  # dz/dx + i dz/dy of each face
-    # whether `heights` and `upward` are within their guaranteed errors on the face
+    # whether `exact_heights` and `upward_normals` are within their guaranteed errors on the face
     well_conditioned: Bool[np.ndarray, " f"]
     # bound of the error of a height on each face, in meters; infinite where there is none
     height_error: Float[np.ndarray, " f"]
@@ -59,10 +59,10 @@ class Ground:
         n, error = len(mesh.faces), HEIGHT_ULPS * float(np.spacing(largest))
         corners, turn = np.empty((3, n), dtype=np.int32), np.empty(n, dtype=np.int8)
         slope, well_conditioned, bound = np.empty(n, dtype=np.complex128), np.empty(n, dtype=bool), np.empty(n)
-        for begin in range(0, n, _CHUNK):
-            part = slice(begin, begin + _CHUNK)
+        for begin in range(0, n, _FACES_PER_BLOCK):
+            part = slice(begin, begin + _FACES_PER_BLOCK)
             a, b, c = (np.ascontiguousarray(corner) for corner in mesh.faces[part].T)
-            turn[part], slope.real[part], slope.imag[part], well_conditioned[part], bound[part] = _prepare(
+            turn[part], slope.real[part], slope.imag[part], well_conditioned[part], bound[part] = _prepare_faces(
                 x, y, z, (a, b, c), error
             )
             corners[0, part] = a
@@ -75,11 +75,11 @@ class Ground:
             bound = bound[kept]
         return cls(x, y, z, corners, kept, slope, well_conditioned, bound)
 
-    def boxes(self) -> Float[np.ndarray, "2 3 f"]:
+    def face_boxes(self) -> Float[np.ndarray, "2 3 f"]:
         """Return lowest and highest corner of every face's box."""
         low, high = boxes = np.empty((2, *self.corners.shape))
-        for begin in range(0, self.corners.shape[1], _CHUNK):
-            part = slice(begin, begin + _CHUNK)
+        for begin in range(0, self.corners.shape[1], _FACES_PER_BLOCK):
+            part = slice(begin, begin + _FACES_PER_BLOCK)
             for axis, values in enumerate((self.x, self.y, self.z)):
                 a, b, c = (values[corner[part]] for corner in self.corners)
                 np.minimum(np.minimum(a, b), c, out=low[axis, part])
@@ -116,7 +116,7 @@ def plane_heights(
     return height
 
 
-def upward(slope: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
+def upward_normals(slope: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     """Return unit upward normals of planes of these slopes."""
     normal = np.empty((len(slope), 3))
     with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
@@ -131,7 +131,7 @@ def upward(slope: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
     return normal
 
 
-def _prepare(
+def _prepare_faces(
     x: Float[np.ndarray, " v"],
     y: Float[np.ndarray, " v"],
     z: Float[np.ndarray, " v"],
@@ -181,19 +181,19 @@ def _prepare(
     unsure = np.flatnonzero(np.abs(area) <= ORIENT_BOUND * (p + q) + MIN_EXACT_PRODUCT)
     if len(unsure):
         a, b, c = a[unsure], b[unsure], c[unsure]
-        turn[unsure] = orient(x[a], y[a], x[b], y[b], x[c], y[c])
+        turn[unsure] = orientation_sign(x[a], y[a], x[b], y[b], x[c], y[c])
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         size = np.abs(area)
         slope_x, slope_y = (products[3] - products[2]) / area, (products[5] - products[4]) / area
         kappa = (p + q) / size
         alpha, beta = (r + s) / size, (t + u) / size
         reach_x, reach_y = np.maximum(np.abs(dx1), np.abs(dx2)), np.maximum(np.abs(dy1), np.abs(dy2))
-        rounded = EPS * ((10.0 * kappa + 4.0) * (alpha * reach_x + beta * reach_y))
+        rounded = ROUNDING_ERROR * ((10.0 * kappa + 4.0) * (alpha * reach_x + beta * reach_y))
         highest = np.maximum(np.maximum(np.abs(az), np.abs(bz)), np.abs(cz))
         steepness = np.sqrt(1.0 + slope_x**2 + slope_y**2)
-        bound = rounded + 2.0 * EPS * highest
+        bound = rounded + 2.0 * ROUNDING_ERROR * highest
         bound[~((kappa <= _MOST_CANCELLED) & (size > 1e-150) & (bound < np.inf))] = np.inf
         well_conditioned = bound <= error
-        well_conditioned &= 10.0 * EPS * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
-        bound += EPS * _MIN_EXACT_PRODUCT  # underflow of a slope's numerator
+        well_conditioned &= 10.0 * ROUNDING_ERROR * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
+        bound += ROUNDING_ERROR * _MIN_EXACT_PRODUCT  # underflow of a slope's numerator
     return turn, slope_x, slope_y, well_conditioned, bound

@@ -64,7 +64,9 @@ KINDS = max(Rejection) + 1
 BY_KEY = {r.key: r for r in Rejection}
 
 
-def tally(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -> Int[np.ndarray, "rows kinds"]:
+def count_rejections(
+    codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int
+) -> Int[np.ndarray, "rows kinds"]:
     """Return how often each code occurs with each row."""
     return np.bincount(row * KINDS + codes, minlength=rows * KINDS).reshape(rows, KINDS)
 
@@ -78,17 +80,17 @@ def first_accepted(
     good = (rejection == Rejection.NONE) & (number < limits[:, None])
     taken, first = good.any(axis=1), good.argmax(axis=1)
     row, column = np.nonzero(number < np.where(taken, first, limits)[:, None])
-    counts = tally(rejection[row, column].astype(np.int64), row, n)
+    counts = count_rejections(rejection[row, column].astype(np.int64), row, n)
     return taken, np.flatnonzero(taken) * t + first[taken], counts
 
 
-def sentence(counts: Mapping[Rejection, int]) -> str:
+def rejection_sentence(counts: Mapping[Rejection, int]) -> str:
     """Put rejections of one kind into words, most frequent first: "of 10,000 tries 71 % were too steep, ..."."""
     total = sum(counts.values())
     present = sorted((r for r in counts if r and counts[r]), key=lambda r: (-counts[r], r))
-    return f"of {total:,} tries " + ", ".join(f"{_percent(counts[r], total)} {r.phrase}" for r in present)
+    return f"of {total:,} tries " + ", ".join(f"{_format_percent(counts[r], total)} {r.phrase}" for r in present)
 
 
-def _percent(part: int, total: int) -> str:
+def _format_percent(part: int, total: int) -> str:
     share = 100 * part / total
     return f"{share:.0f} %" if share >= 1 else f"{share:.2g} %"

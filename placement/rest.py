@@ -20,7 +20,7 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.indices import batches
+from hulldown.geometry.indices import index_batches
 from hulldown.geometry.portable import hypot
 from hulldown.placement.footprint import Samples
 
@@ -28,8 +28,8 @@ from hulldown.placement.footprint import Samples
 # these shares of the footprint, no line through two samples meets it.
 NUDGE = np.array([1.0e-6, 1.0e-6 * (math.sqrt(5.0) - 1) / 2])
 OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-TIED = 1e-4  # least share of the weight on a sample; below it the center counts as on an edge
-_ROWS = 64  # whose triangles are compared together, so that they stay in cache
+MIN_CONTACT_WEIGHT = 1e-4  # least share of the weight on a sample; below it the center counts as on an edge
+_ROWS_PER_BLOCK = 64  # whose triangles are compared together, so that they stay in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -96,11 +96,11 @@ def support_plane(
     found = contacts[:, 0] >= 0
     heights, contacts = heights[found], contacts[found]
     corners = samples_xy[contacts]
-    plane = _planes(corners, np.take_along_axis(heights, contacts, axis=1))
-    weight = np.abs(_opposite(corners, np.zeros(2)))
+    plane = _fit_planes(corners, np.take_along_axis(heights, contacts, axis=1))
+    weight = np.abs(_opposite_areas(corners, np.zeros(2)))
     side = corners[:, (1, 2, 0)] - corners[:, (2, 0, 1)]
     margin[found] = (weight / hypot(side[..., 0], side[..., 1])).min(axis=1)
-    idle = weight < TIED * weight.sum(axis=1, keepdims=True)
+    idle = weight < MIN_CONTACT_WEIGHT * weight.sum(axis=1, keepdims=True)
     ties = idle.sum(axis=1)
     edge, above_contact = np.flatnonzero(ties == 1), np.flatnonzero(ties == 2)
     plane[edge] = _over_an_edge(samples_xy, heights[edge], contacts[edge], np.argmax(idle[edge], axis=1), plane[edge])
@@ -113,11 +113,11 @@ def _highest_triangles(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], center: Float[np.ndarray, "2"]
 ) -> Int[np.ndarray, "n 3"]:
     """Return the triangle of samples around a center that carries it highest; -1 where there is none."""
-    triangles, shares = _triangles_around(samples_xy.tobytes(), *center.tolist())
+    triangles, shares = _triangles_containing(samples_xy.tobytes(), *center.tolist())
     highest = np.full((len(heights), 3), -1)
     if not triangles.size:
         return highest
-    for rows in batches(len(heights), _ROWS):
+    for rows in index_batches(len(heights), _ROWS_PER_BLOCK):
         by_sample = np.ascontiguousarray(heights[rows].T)
         carried = np.zeros((triangles.shape[1], by_sample.shape[1]))
         for corner, share in zip(triangles, shares, strict=True):
@@ -129,13 +129,15 @@ def _highest_triangles(
 
 
 @lru_cache(maxsize=256)
-def _triangles_around(samples: bytes, x: float, y: float) -> tuple[Int[np.ndarray, "3 t"], Float[np.ndarray, "3 t"]]:
+def _triangles_containing(
+    samples: bytes, x: float, y: float
+) -> tuple[Int[np.ndarray, "3 t"], Float[np.ndarray, "3 t"]]:
     """Return the triangles of samples around a center, counterclockwise, and the shares in which corners carry it."""
     samples_xy, center = np.frombuffer(samples).reshape(-1, 2), np.array([x, y])
     triangles = np.array(list(combinations(range(len(samples_xy)), 3)), dtype=int).reshape(-1, 3)
-    area = _opposite(samples_xy[triangles], center).sum(axis=1)
+    area = _opposite_areas(samples_xy[triangles], center).sum(axis=1)
     triangles[area < 0] = triangles[area < 0, ::-1]
-    parts = _opposite(samples_xy[triangles], center)
+    parts = _opposite_areas(samples_xy[triangles], center)
     area = np.abs(area)
     around = (area > 1e-9 * area.max(initial=0.0)) & (parts > 0).all(axis=1)
     return np.ascontiguousarray(triangles[around].T), np.ascontiguousarray((parts[around] / area[around, None]).T)
@@ -166,7 +168,7 @@ def _over_an_edge(
     some = np.flatnonzero(np.isfinite(slope[np.arange(len(third)), third]))
     other = np.stack([b, a, third], axis=1)[some]
     mean = plane.copy()
-    mean[some] += _planes(samples_xy[other], np.take_along_axis(heights[some], other, axis=1))
+    mean[some] += _fit_planes(samples_xy[other], np.take_along_axis(heights[some], other, axis=1))
     mean[some] /= 2
     return mean
 
@@ -186,12 +188,12 @@ def _over_one_contact(
     for way in OTHER_WAYS:
         nudged = _highest_triangles(samples_xy, heights, way * nudge)
         some = np.flatnonzero(nudged[:, 0] >= 0)
-        total[some] += _planes(samples_xy[nudged[some]], np.take_along_axis(heights[some], nudged[some], axis=1))
+        total[some] += _fit_planes(samples_xy[nudged[some]], np.take_along_axis(heights[some], nudged[some], axis=1))
         ways[some] += 1
     return total / ways
 
 
-def _planes(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+def _fit_planes(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     """Gradient and height at the origin of the plane through three points each."""
     x, y = corners[..., 0], corners[..., 1]
     ax, ay, az = x[:, 1] - x[:, 0], y[:, 1] - y[:, 0], heights[:, 1] - heights[:, 0]
@@ -201,7 +203,7 @@ def _planes(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3
     return np.stack([gx, gy, heights[:, 0] - gx * x[:, 0] - gy * y[:, 0]], axis=1)
 
 
-def _opposite(corners: Float[np.ndarray, "n 3 2"], point: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
+def _opposite_areas(corners: Float[np.ndarray, "n 3 2"], point: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
     """Twice the area between a point and the side opposite each corner of a triangle; positive to the side's left."""
     x, y = corners[..., 0] - point[0], corners[..., 1] - point[1]
     return np.stack([x[:, j] * y[:, k] - x[:, k] * y[:, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hulldown.geometry.arrays import whole
+from hulldown.geometry.arrays import whole_number
 
 RULES = ("averaged", "support")
 
@@ -31,9 +31,9 @@ class SettleRules:
     def __post_init__(self) -> None:
         if self.rule not in RULES:
             raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {self.rule!r}")
-        if not 2 <= whole(self.n, "n") <= 9:
+        if not 2 <= whole_number(self.n, "n") <= 9:
             raise ValueError(f"n: expected 2 to 9 rays a side, got {self.n}")
-        if whole(self.contact_n, "contact_n") < 0:
+        if whole_number(self.contact_n, "contact_n") < 0:
             raise ValueError(f"contact_n: expected 0 or more points a side, got {self.contact_n}")
         if not 0.0 <= self.max_slope < math.pi / 2:
             raise ValueError(f"max_slope: expected radians in [0, pi/2), got {self.max_slope}")

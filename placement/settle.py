@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
-from hulldown.geometry.columns import join, put, take
+from hulldown.geometry.arrays import checked_array
+from hulldown.geometry.columns import join_rows, put_rows, take
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 from hulldown.geometry.rays import in_threads
-from hulldown.geometry.transforms import facing, rigid
-from hulldown.placement.contact import Footing, gap_and_penetration, stacked
+from hulldown.geometry.transforms import rigid_matrix, upright_rotation
+from hulldown.placement.contact import Footing, gap_and_penetration, stack_samples
 from hulldown.placement.footprint import Samples, Underside
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.rest import Rest, averaged_plane, underside_plane
@@ -73,7 +73,7 @@ class Settled:
         return self.rejection == Rejection.NONE
 
 
-def unsettled(k: int) -> Settled:
+def empty_settled(k: int) -> Settled:
     """Allocate results for k candidates: nan, and no rejection."""
     slope, tilt, share, margin, gap, penetration = np.full((6, k), np.nan)
     rejection = np.zeros(k, dtype=np.uint8)
@@ -105,7 +105,7 @@ def settle(
     footprint
         (2, 2) lowest and highest (x, y) of what touches ground, vehicle frame: a flat plate at z = 0; by default the
         whole underside of the bounding box. See `placement.footprint.contact_footprint`. Or an `Underside`, with the
-        heights between wheels and tracks: `placement.footprint.underside`.
+        heights between wheels and tracks: `placement.footprint.vehicle_underside`.
     rules
         The rules of settling, and the limits of a resting pose.
     threads
@@ -136,15 +136,17 @@ def settle(
     >>> settled.world_from_vehicle[0, :3, 3].round(6).tolist(), bool(settled.gap[0].round(6) == 0.0)
     ([20.0, 20.0, 4.0], True)
     """
-    size = checked(size_xyz, "size_xyz", (3,))
-    positions = checked(xy, "xy", ("k", 2))
-    headings = checked(yaw, "yaw", (len(positions),))
+    size = checked_array(size_xyz, "size_xyz", (3,))
+    positions = checked_array(xy, "xy", ("k", 2))
+    headings = checked_array(yaw, "yaw", (len(positions),))
     if (size <= 0).any():
         raise ValueError(f"size_xyz: expected lengths above 0, got {size.tolist()}")
     if isinstance(footprint, Underside):
         box = footprint.box
     else:
-        box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked(footprint, "footprint", (2, 2))
+        box = (
+            np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked_array(footprint, "footprint", (2, 2))
+        )
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     footing = Footing.of(footprint if isinstance(footprint, Underside) else box, rules)
@@ -167,13 +169,13 @@ def settle_each(
     size = max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1))
     order = _by_neighborhood(xy, size)
     blocks = [order[i : i + size] for i in range(0, max(k, 1), size)]
-    contacts = stacked([footing.contact for footing in footings])
+    contacts = stack_samples([footing.contact for footing in footings])
 
     def work(rows: Int[np.ndarray, " b"]) -> Settled:
         return _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
 
     parts = in_threads(work, blocks, threads=min(threads, len(blocks)))
-    return take(join(parts), np.argsort(order))
+    return take(join_rows(parts), np.argsort(order))
 
 
 def _by_neighborhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
@@ -193,14 +195,14 @@ def _settle_block(
     yaw: Float[np.ndarray, " k"],
     rules: SettleRules,
 ) -> Settled:
-    out = unsettled(len(xy))
+    out = empty_settled(len(xy))
     spot = terrain.top_hits(xy)
-    out.slope[:] = _inclination(spot.normal)
+    out.slope[:] = _normal_inclination(spot.normal)
     out.rejection[~spot.hit] = Rejection.OFF_GROUND
     out.rejection[out.slope > rules.max_slope] = Rejection.TOO_STEEP
 
     rows = np.flatnonzero(out.rejection == Rejection.NONE)
-    rest, out.share[rows] = _rest(
+    rest, out.share[rows] = _rest_planes(
         terrain, footings, which[rows], xy=xy[rows], yaw=yaw[rows], spot_z=spot.z[rows], rules=rules
     )
     out.rejection[rows[~rest.found | (out.share[rows] < rules.min_share)]] = Rejection.OVERHANG
@@ -212,14 +214,14 @@ def _settle_block(
     gx, gy = cos * gradient[:, 0] - sin * gradient[:, 1], sin * gradient[:, 0] + cos * gradient[:, 1]
     length = np.sqrt(1.0 + gx**2 + gy**2)
     normal = np.stack([-gx / length, -gy / length, 1.0 / length], axis=1)
-    out.tilt[rows], out.margin[rows] = _inclination(normal), rest.margin[on]
+    out.tilt[rows], out.margin[rows] = _normal_inclination(normal), rest.margin[on]
     origin = np.concatenate([xy[rows], height[:, None]], axis=1)
-    out.world_from_vehicle[rows] = rigid(facing(yaw[rows], normal), origin)
+    out.world_from_vehicle[rows] = rigid_matrix(upright_rotation(yaw[rows], normal), origin)
     out.rejection[rows[out.tilt[rows] > rules.max_slope]] = Rejection.MEAN_TOO_STEEP
 
     rows = rows[out.rejection[rows] == Rejection.NONE]
     if contacts.xy.shape[1]:
-        limit_contact(out, rows, terrain, contacts.of(which[rows]), rules)
+        limit_contact(out, rows, terrain, contacts.take(which[rows]), rules)
     return out
 
 
@@ -234,7 +236,7 @@ def limit_contact(
     settled.rejection[rows[settled.gap[rows] > rules.max_gap]] = Rejection.GAP
 
 
-def _rest(
+def _rest_planes(
     terrain: Terrain,
     footings: Sequence[Footing],
     which: Int[np.ndarray, " k"],
@@ -264,10 +266,10 @@ def _rest(
             planes = averaged_plane(samples.xy, heights[rows], turned[rows], valid[rows])
         else:
             planes = underside_plane(samples, heights[rows], valid[rows])
-        put(rest, rows, planes)
+        put_rows(rest, rows, planes)
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
 
 
-def _inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
+def _normal_inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
     """Return angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
     return arctan2(hypot(normal[:, 0], normal[:, 1]), normal[:, 2])

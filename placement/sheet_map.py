@@ -5,7 +5,7 @@ across edges that faces have on their left more often, or less often, than on th
 should, the two cancel. So N is constant on every connected region that no such unbalanced edge touches, and one exact
 count there holds for all of it.
 
-In detail: `geometry.predicates.orient` turns every face exactly. For a point p on no edge let N(p) be the number of
+`geometry.predicates.orientation_sign` turns every face exactly. For a point p on no edge let N(p) be the number of
 faces that contain p. For a segment e between two vertices, let c(e) be the number of faces with e on their boundary
 to its left minus those to its right; vertices at the same XY count as one. Call e unbalanced if c(e) isn't 0, and let
 B be the union of all unbalanced segments, ends included.
@@ -50,7 +50,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
-from hulldown.geometry.indices import numbered
+from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.meshes import first_equal
 
 UNKNOWN_COUNT = 255
@@ -84,7 +84,7 @@ class SheetMap:
         self.shape = self._columns, self._rows = int(shape[0]), int(shape[1])
         self._per_meter = np.minimum(shape / extent, 1e300)
         xy = vertices[:, :2]
-        self._counts = self._sheets(self._touched(xy[_unbalanced(corners, xy)]), count).ravel()
+        self._counts = self._count_cells(self._touched_cells(xy[_unbalanced_edges(corners, xy)]), count).ravel()
 
     def count(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
         """Return the number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
@@ -101,11 +101,11 @@ class SheetMap:
         cell = (values - self._low[axis]) * self._per_meter[axis]
         return np.clip(cell, 0, self.shape[axis] - 1, out=cell).astype(np.intp)
 
-    def at(self, cells: Float[np.ndarray, " n"], axis: int) -> Float[np.ndarray, " n"]:
+    def cell_coordinates(self, cells: Float[np.ndarray, " n"], axis: int) -> Float[np.ndarray, " n"]:
         """Return the coordinates of columns or rows, fractions included."""
         return self._low[axis] + cells / self._per_meter[axis]
 
-    def _sheets(self, touched: Bool[np.ndarray, "r c"], count: Count) -> UInt8[np.ndarray, "r c"]:
+    def _count_cells(self, touched: Bool[np.ndarray, "r c"], count: Count) -> UInt8[np.ndarray, "r c"]:
         regions, n = ndimage.label(~touched)
         counts = np.full(n + 1, UNKNOWN_COUNT, dtype=np.uint8)
         if n:
@@ -121,19 +121,21 @@ class SheetMap:
                 if not len(open_):
                     break
                 row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)
-                at = np.stack([self.at(column + 0.5119, 0), self.at(row + 0.4877, 1)], axis=1)
+                at = np.stack(
+                    [self.cell_coordinates(column + 0.5119, 0), self.cell_coordinates(row + 0.4877, 1)], axis=1
+                )
                 same = (self.cells(at[:, 0].copy(), 0) == column) & (self.cells(at[:, 1].copy(), 1) == row)
                 sheets, strictly = count(at[:, 0].copy(), at[:, 1].copy())
                 known = same & strictly
                 counts[open_[known]] = np.minimum(sheets[known], MOST_SHEETS + 1)
         return counts[regions]
 
-    def _touched(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:
+    def _touched_cells(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:
         ends = np.stack([self.cells(edges[:, :, 0], 0), self.cells(edges[:, :, 1], 1)], axis=2)
         span = np.ptp(ends, axis=1).max(axis=1)
         short = span <= 1
         pieces = np.minimum(span[~short], max(_MOST_PIECES // max(len(edges), 1), 1))
-        long, step = numbered(pieces)
+        long, step = group_and_rank(pieces)
         edge = np.flatnonzero(~short)[long]
         start, along = edges[edge, 0], edges[edge, 1] - edges[edge, 0]
         share = (1.0 / pieces)[long, None]
@@ -154,23 +156,23 @@ class SheetMap:
         return change[:-1, :-1] > 0
 
 
-def _unbalanced(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
+def _unbalanced_edges(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 2"]) -> Int[np.ndarray, "e 2"]:
     """Return the edges, as pairs of vertices, with more faces on their left than on their right, or fewer."""
     keys = np.empty(corners.shape, dtype=np.int64)
     for key, (i, j) in zip(keys, ((0, 1), (1, 2), (2, 0)), strict=True):
-        _key(corners[i], corners[j], len(xy), out=key)
+        _edge_keys(corners[i], corners[j], len(xy), out=key)
     keys = keys.ravel()
     keys.sort()
     # Most edges are settled so, without a look at coordinates; others may cancel edges with ends at the same places.
-    edges, balance = _left_over(keys, None, len(xy))
+    edges, balance = _uncanceled_edges(keys, None, len(xy))
     used, local = np.unique(edges, return_inverse=True)
     a, b = used[first_equal(xy[used])][local].reshape(-1, 2).T
-    keys = _key(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))
+    keys = _edge_keys(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))
     order = np.argsort(keys)
-    return _left_over(keys[order], balance[order], len(xy))[0]
+    return _uncanceled_edges(keys[order], balance[order], len(xy))[0]
 
 
-def _key(
+def _edge_keys(
     a: Int[np.ndarray, " e"], b: Int[np.ndarray, " e"], n: int, *, out: Int[np.ndarray, " e"]
 ) -> Int[np.ndarray, " e"]:
     # (lower, higher, direction) as one integer; sorted, an edge lies beside its opposite.
@@ -182,7 +184,7 @@ def _key(
     return out
 
 
-def _left_over(
+def _uncanceled_edges(
     keys: Int[np.ndarray, " e"], weights: Int[np.ndarray, " e"] | None, n: int
 ) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
     """Of sorted keys, the edges whose weights do not cancel, directed so that the sums that are left are positive."""

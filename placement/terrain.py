@@ -6,12 +6,12 @@ import numpy as np
 from jaxtyping import Bool, Complex, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
-from hulldown.geometry.rays import BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
+from hulldown.geometry.rays import RAYS_PER_BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward
+from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward_normals
 from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
 
 
@@ -39,7 +39,7 @@ class Terrain:
     def __init__(self, ground: Mesh | float, *, caster: RayCaster | None = None) -> None:
         self._plane = not isinstance(ground, Mesh)
         if not isinstance(ground, Mesh):
-            z = float(checked(ground, "ground", ()))
+            z = float(checked_array(ground, "ground", ()))
             self._mesh = Mesh(
                 np.array([[-1.0, -1.0, z], [3.0, -1.0, z], [-1.0, 3.0, z]]), np.array([[0, 1, 2]]), "plane"
             )
@@ -51,7 +51,7 @@ class Terrain:
         self._missing = not len(top.mesh_face)
         if self._missing:
             return
-        boxes = top.boxes()
+        boxes = top.face_boxes()
         self._exact = ExactGround(top, *boxes)
         bounds = np.stack([boxes[0, :2].min(axis=1), boxes[1, :2].max(axis=1)])
         self._sheets = SheetMap(mesh.vertices, top.corners, bounds, self._exact.count)
@@ -90,7 +90,7 @@ class Terrain:
         ValueError
             If `xy` has another shape or a number that is not finite.
         """
-        points = checked(xy, "xy", ("n", 2))
+        points = checked_array(xy, "xy", ("n", 2))
         n = len(points)
         if self._plane:
             up = np.tile([0.0, 0.0, 1.0], (n, 1))
@@ -103,34 +103,34 @@ class Terrain:
         def block(i: Int[np.ndarray, " k"]) -> None:
             # Some points are so far away that only their being outside can be computed.
             with np.errstate(over="ignore", invalid="ignore"):
-                self._answer(points, i, hits)
+                self._accept_hits(points, i, hits)
 
-        in_threads(block, coherent_blocks(points), threads=threads if n > BLOCK else min(threads, 1))
+        in_threads(block, coherent_blocks(points), threads=threads if n > RAYS_PER_BLOCK else min(threads, 1))
         return hits
 
-    def _answer(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
+    def _accept_hits(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
         """Accept Embree's face if all sheets are found, and the point is certainly inside; else compute exactly."""
-        x, y = _columns(points, i)
-        proposal = self._caster.down(x, y).astype(np.intp)
-        accepted, z, slope = self._inside(proposal, x, y)
+        x, y = _point_columns(points, i)
+        proposal = self._caster.top_face(x, y).astype(np.intp)
+        accepted, z, slope = self._certainly_inside(proposal, x, y)
         sheets = self._sheets.count(x, y)
         several = np.flatnonzero(accepted & (sheets > 1) & (sheets <= MOST_SHEETS))
         accepted &= sheets == 1
         if len(several):
             here = x[several], y[several]
             accepted[several] = self._finds_all(sheets[several], *here, z[several], slope[several])
-        face, normal = proposal, upward(slope)
+        face, normal = proposal, upward_normals(slope)
         rest = np.flatnonzero(~accepted)
         if len(rest):
             proposed = proposal[rest]
             face[rest], z[rest], normal[rest] = -1, np.nan, np.nan
             somewhere = sheets[rest] > 0
             rest = rest[somewhere]
-            tops = self._exact.tops(x[rest], y[rest], proposed[somewhere])
+            tops = self._exact.top_hits(x[rest], y[rest], proposed[somewhere])
             face[rest], z[rest], normal[rest] = tops.face, tops.z, tops.normal
-        self._write(hits, i, face, z, normal)
+        self._write_hits(hits, i, face, z, normal)
 
-    def _below(
+    def _faces_below_planes(
         self,
         x: Float[np.ndarray, " k"],
         y: Float[np.ndarray, " k"],
@@ -139,7 +139,7 @@ class Terrain:
     ) -> Int[np.ndarray, " k"]:
         """Return the first face that is farther below faces of these heights and slopes than float32 errs, or -1."""
         gap = 4 * self._caster.resolution * (1.0 + np.abs(slope.real) + np.abs(slope.imag))
-        return self._caster.below(x, y, z - gap).astype(np.intp)
+        return self._caster.first_face_below(x, y, z - gap).astype(np.intp)
 
     def _finds_all(
         self,
@@ -153,7 +153,7 @@ class Terrain:
         found = np.zeros(len(x), dtype=bool)
         row, n = np.arange(len(x)), 1
         while len(row):
-            lower, z_lower, slope = self._inside(self._below(x, y, z, slope), x, y)
+            lower, z_lower, slope = self._certainly_inside(self._faces_below_planes(x, y, z, slope), x, y)
             lower &= z_lower < z - self._apart
             n += 1
             found[row[lower & (sheets == n)]] = True
@@ -161,7 +161,7 @@ class Terrain:
             row, sheets, x, y, z, slope = row[more], sheets[more], x[more], y[more], z_lower[more], slope[more]
         return found
 
-    def _inside(
+    def _certainly_inside(
         self, face: Int[np.ndarray, " k"], x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
     ) -> tuple[Bool[np.ndarray, " k"], Float[np.ndarray, " k"], Complex[np.ndarray, " k"]]:
         """Tell which points are certainly in their well-conditioned faces; the face's height there, and its slope."""
@@ -174,7 +174,7 @@ class Terrain:
         slope = g.slope[face]
         return inside, plane_heights(slope, -dx[0], -dy[0], g.z[corners[0]]), slope
 
-    def _write(
+    def _write_hits(
         self,
         hits: Hits,
         i: Int[np.ndarray, " k"],
@@ -193,7 +193,7 @@ class Terrain:
 _ROW = np.dtype("V24")
 
 
-def _columns(
+def _point_columns(
     points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
     # As complex numbers, which NumPy gathers twice as fast as rows of two.

@@ -12,13 +12,13 @@ import numpy as np
 
 from hulldown.annotate.labels.keypoints import category_fields
 from hulldown.assets.bundle import load_scenery, load_vehicle
-from hulldown.assets.fingerprint import fingerprint
+from hulldown.assets.fingerprint import asset_fingerprint
 from hulldown.assets.library import Assets, GeometrySource, HdriSource, Source
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.base.terminal import reading_status
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.plan.changed_assets import refuse_changed
 from hulldown.plan.config.asset_sections import (
     CACHE_NAME,
@@ -31,16 +31,16 @@ from hulldown.plan.config.asset_sections import (
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
 from hulldown.plan.usual_lengths import odd_length, refuse_odd_lengths, usual_text
-from hulldown.reading.cache import cached
+from hulldown.reading.cache import cached_export
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.doubts import length_said
+from hulldown.reading.doubts import format_length
 from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
 from hulldown.reading.pieces.asset_report import MaterialRow, refuse_missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
 from hulldown.reading.pieces.naming import is_named
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.wording import quoted
+from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.reader_process import Exported
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
@@ -132,7 +132,7 @@ def load_library(
         kind = "scenery" if isinstance(entry, SceneryEntry) else "vehicle"
         options = read_options(entry, config)
         path = config.folder / entry.path
-        return cached(path, cache, kind=kind, options=options, limits=shared, progress=progress)
+        return cached_export(path, cache, kind=kind, options=options, limits=shared, progress=progress)
 
     listed = config.assets
     with ThreadPoolExecutor(at_once) as pool:
@@ -152,7 +152,7 @@ def load_library(
         return {e.name: _as_listed(read_shapes[e.name], e, config) for e in entries}
 
     kinds = {"vehicles": VehicleEntry, "distractors": DistractorEntry, "sceneries": SceneryEntry}
-    prints = {name: fingerprint(asset) for name, asset in (read_shapes | read_lands).items()}
+    prints = {name: asset_fingerprint(asset) for name, asset in (read_shapes | read_lands).items()}
     sources: dict[str, dict[str, Source]] = {
         key: {
             e.name: GeometrySource(path=e.path, sha256=sha256, geometry=prints[e.name])
@@ -184,7 +184,7 @@ def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
     report = exported.report
     if entry.scale is None or not (odd := odd_length(entry, report)):
         return exported
-    text = f"with its scale of {entry.scale:g} it is {length_said(max(report.size))} long, and {usual_text(*odd)}"
+    text = f"with its scale of {entry.scale:g} it is {format_length(max(report.size))} long, and {usual_text(*odd)}"
     return replace(exported, report=replace(report, doubts=(*report.doubts, Doubt(DoubtKind.SCALE, text))))
 
 
@@ -195,7 +195,7 @@ def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> N
         if (pattern := unmatched_pattern(entry.paint, materials)) is not None:
             raise ConfigError(
                 f"paint of {entry.name!r}: {pattern!r} matches none of its materials: "
-                f"{quoted(row.name for row in materials) or 'it has none'}",
+                f"{quote_names(row.name for row in materials) or 'it has none'}",
                 path=config.path,
                 remedy="name one of them, or take the pattern out",
             )
@@ -240,7 +240,7 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
             )
         limits[shape.part_names.index(part)] = np.radians(bounds)
     points = {
-        key: (apply(shape.vehicle_from_file, np.array([point]))[0], None)
+        key: (transform_points(shape.vehicle_from_file, np.array([point]))[0], None)
         for key, point in (entry.keypoints or {}).items()
     }
     return replace(shape, name=entry.name, part_limits=limits).with_keypoints(points)

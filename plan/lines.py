@@ -21,13 +21,13 @@ from jaxtyping import Int
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import open_in_place, open_regular
-from hulldown.base.outside import json_of
+from hulldown.base.outside import parse_json
 from hulldown.placement.rejection import BY_KEY
-from hulldown.plan.misfit import misfit
+from hulldown.plan.misfit import explain_damage
 from hulldown.plan.picture_names import picture_name
-from hulldown.plan.row import PLAN_FORMAT, Header, Row, decode_header, decode_row, encode
+from hulldown.plan.row import PLAN_FORMAT, Header, Row, decode_header, decode_row, encode_line
 
-_CHUNK = 1 << 24
+_CHUNK_BYTES = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'
 
 
@@ -50,17 +50,17 @@ class PlanFile(os.PathLike[str]):
         except OSError as error:
             raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
         try:
-            version = json_of(line, dict[str, object])["hulldown_plan"]
+            version = parse_json(line, dict[str, object])["hulldown_plan"]
         except (ValueError, KeyError):
-            raise _damaged(path, 1, "isn't the header of a plan") from None
+            raise _damage_error(path, 1, "isn't the header of a plan") from None
         if version != PLAN_FORMAT:
-            raise _damaged(path, 1, f"has plan format {version!r:.60}, this is format {PLAN_FORMAT}")
+            raise _damage_error(path, 1, f"has plan format {version!r:.60}, this is format {PLAN_FORMAT}")
         try:
             plan = cls(path, decode_header(line))
         except (msgspec.DecodeError, ValueError) as error:
-            raise _damaged(path, 1, misfit(line, Header, error)) from None
+            raise _damage_error(path, 1, explain_damage(line, Header, error)) from None
         if len(plan) > size:  # `list(plan)` allocates memory for this number of rows
-            raise _damaged(path, 1, f"has {len(plan)} images, more than the {size} bytes of the file can hold")
+            raise _damage_error(path, 1, f"has {len(plan)} images, more than the {size} bytes of the file can hold")
         return plan
 
     def __len__(self) -> int:
@@ -72,10 +72,10 @@ class PlanFile(os.PathLike[str]):
         with open_regular(self.path) as file:
             file.readline()
             for i, line in enumerate(file):
-                row = self._row(line, i)
-                if (holder := names.holder(row)) is not None:
+                row = self._decode_line(line, i)
+                if (holder := names.earlier_row(row)) is not None:
                     problem = f"has file_name {row.file_name!r:.80}, which line {holder + 2} has"
-                    raise _damaged(self.path, i + 2, problem)
+                    raise _damage_error(self.path, i + 2, problem)
                 yield row
         if i + 1 < len(self):
             raise self._too_short(i + 1)
@@ -99,7 +99,7 @@ class PlanFile(os.PathLike[str]):
             if index + 2 >= len(self._starts):
                 raise self._too_short(len(self._starts) - 2)
             file.seek(int(self._starts[index + 1]))
-            return self._row(file.readline(), index)
+            return self._decode_line(file.readline(), index)
 
     def __fspath__(self) -> str:
         return str(self.path)
@@ -112,40 +112,42 @@ class PlanFile(os.PathLike[str]):
             f"ends after {rows} of {len(self)} images", path=self.path, remedy="plan again with `hulldown plan`"
         )
 
-    def _row(self, line: bytes, index: int) -> Row:
+    def _decode_line(self, line: bytes, index: int) -> Row:
         number = index + 2  # the header is line 1
         try:
             row = decode_row(line)
         except (msgspec.DecodeError, ValueError, RecursionError) as error:
-            raise _damaged(self.path, number, misfit(line, Row, error)) from None
+            raise _damage_error(self.path, number, explain_damage(line, Row, error)) from None
         if index >= len(self):
-            raise _damaged(self.path, number, f"is more than the {len(self)} images of the header")
+            raise _damage_error(self.path, number, f"is more than the {len(self)} images of the header")
         if row.index != index:
-            raise _damaged(self.path, number, f"has index {row.index}, expected {index}")
+            raise _damage_error(self.path, number, f"has index {row.index}, expected {index}")
         if row.image_id != index + 1:
-            raise _damaged(self.path, number, f"has image_id {row.image_id}, expected {index + 1}")
+            raise _damage_error(self.path, number, f"has image_id {row.image_id}, expected {index + 1}")
         try:
             _ = row.intrinsics
         except ValueError as error:
-            raise _damaged(self.path, number, f"has no usable camera: {error}") from None
+            raise _damage_error(self.path, number, f"has no usable camera: {error}") from None
         roles = [vehicle.role for vehicle in row.planned]
         if roles[:1] != ["target"] or "target" in roles[1:] or roles[1:] != sorted(roles[1:]):
             expected = "the target, then companions, then distractors"
-            raise _damaged(self.path, number, f"has planned vehicles {roles!r:.60}, expected {expected}")
+            raise _damage_error(self.path, number, f"has planned vehicles {roles!r:.60}, expected {expected}")
         if row.target.bbox is None:
-            raise _damaged(self.path, number, "has planned[0].bbox None, expected [x, y, width, height] of a target")
+            raise _damage_error(
+                self.path, number, "has planned[0].bbox None, expected [x, y, width, height] of a target"
+            )
         if unknown := row.rejected.keys() - BY_KEY.keys():
-            raise _damaged(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
+            raise _damage_error(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:
             # Vehicles that the header doesn't list are refused where their assets are needed.
             source = self.header.vehicles.get(vehicle.vehicle) or self.header.distractors.get(vehicle.vehicle)
             if source is not None and vehicle.category != source.category:
                 what = f"has the class {vehicle.category!r:.60} for {vehicle.vehicle!r:.60}"
-                raise _damaged(self.path, number, f"{what}, expected {source.category!r:.60}")
+                raise _damage_error(self.path, number, f"{what}, expected {source.category!r:.60}")
         return row
 
 
-def _damaged(path: Path, number: int, what: str) -> ConfigError:
+def _damage_error(path: Path, number: int, what: str) -> ConfigError:
     return ConfigError(f"line {number} {what}", path=path, remedy="plan again with `hulldown plan`")
 
 
@@ -156,7 +158,7 @@ class _Names:
         self._others: dict[str, int] = {}  # rows of names that aren't planned
         self._rows: set[int] = set()  # the rows in `_others`
 
-    def holder(self, row: Row) -> int | None:
+    def earlier_row(self, row: Row) -> int | None:
         """Return the earlier row with the same name, ignoring case, or None."""
         name, index = row.file_name, row.index
         if name == picture_name(index):
@@ -178,21 +180,21 @@ class PlanWriter:
         self.path = Path(path)
         self.partial = self.path.with_name(self.path.name + ".partial")
         self._lock = filelock.FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0)
-        self._header = encode(header)
+        self._header = encode_line(header)
         _refuse_other_file(self.path)
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._lock.acquire()
-            self._file = self._open()
+            self._file = self._open_partial()
         except filelock.Timeout:
             raise ConfigError("another process is writing this plan", path=self.path, remedy="wait for it") from None
         except OSError as error:
             if self._lock.is_locked:
-                self._unlock()
+                self._release_lock()
             remedy = "make room, or choose a folder that you may write to"
             raise ConfigError(f"cannot be written: {error.strerror}", path=self.path, remedy=remedy) from None
 
-    def _open(self) -> BinaryIO:
+    def _open_partial(self) -> BinaryIO:
         file = open_in_place(self.partial)
         file.seek(0)
         if file.readline() == self._header:
@@ -205,7 +207,7 @@ class PlanWriter:
         self.rows = 0
         return file
 
-    def keep(self, rows: int) -> None:
+    def keep_rows(self, rows: int) -> None:
         """Drop the rows after the first `rows`; call it before `write`."""
         end = int(self._starts[rows + 1])
         self._file.truncate(end)
@@ -214,20 +216,20 @@ class PlanWriter:
 
     def write(self, lines: bytes, rows: int) -> None:
         """Append `rows` encoded rows."""
-        with self._named():
+        with self._name_file():
             self._file.write(lines)
         self.rows += rows
 
     def finish(self) -> None:
         """Rename the partial file to the plan."""
-        with self._named():
+        with self._name_file():
             self._file.flush()
             os.fsync(self._file.fileno())
             self._file.close()
             self.partial.replace(self.path)
 
     @contextmanager
-    def _named(self) -> Iterator[None]:
+    def _name_file(self) -> Iterator[None]:
         """Name the file in errors such as that of a full disk."""
         try:
             yield
@@ -244,9 +246,9 @@ class PlanWriter:
         self._file.close()
         if self.rows == 0:
             self.partial.unlink(missing_ok=True)
-        self._unlock()
+        self._release_lock()
 
-    def _unlock(self) -> None:
+    def _release_lock(self) -> None:
         # Deleted before the release, since afterwards the file may be another process's lock.
         Path(self._lock.lock_file).unlink(missing_ok=True)
         self._lock.release()
@@ -267,7 +269,7 @@ def line_starts(file: BinaryIO) -> Int[np.ndarray, " lines_plus_1"]:
     """Return the offset of each complete line of a file, and the end of the last one."""
     file.seek(0)
     parts, at = [np.zeros(1, dtype=np.int64)], 0
-    while chunk := file.read(_CHUNK):
+    while chunk := file.read(_CHUNK_BYTES):
         parts.append(np.flatnonzero(np.frombuffer(chunk, dtype=np.uint8) == 0x0A) + (at + 1))
         at += len(chunk)
     return np.concatenate(parts)

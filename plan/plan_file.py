@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import orjson
 
 from hulldown.base.errors import HulldownError
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.lines import PlanFile
-from hulldown.plan.row import encode
+from hulldown.plan.row import encode_line
 
 if TYPE_CHECKING:
     import pandas
@@ -44,9 +44,9 @@ class Plan(PlanFile, ShownInNotebooks):
     @cached_property
     def summary(self) -> Summary:
         """Counts, rejections, and histograms of all rows."""
-        from hulldown.plan.summary import summarize
+        from hulldown.plan.summary import summarize_plan
 
-        return summarize(self, left_out=self.header.left_out, overcast=bool(self.config.light.overcast))
+        return summarize_plan(self, left_out=self.header.left_out, overcast=bool(self.config.light.overcast))
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a table with a row per image and the keys of docs/plan-file.md as columns, its target's too.
@@ -62,7 +62,7 @@ class Plan(PlanFile, ShownInNotebooks):
             import pandas
         except ModuleNotFoundError:
             raise HulldownError("pandas: not installed", remedy="pip install pandas") from None
-        lines = [orjson.loads(encode(row)) for row in self]
+        lines = [orjson.loads(encode_line(row)) for row in self]
         return pandas.json_normalize([line["planned"][0] | line for line in lines])
 
     def preview(self, indices: Sequence[int] | None = None, *, columns: int = 3, width: int = 480) -> Image.Image:
@@ -80,8 +80,8 @@ class Plan(PlanFile, ShownInNotebooks):
         HulldownError
             If an asset can't be read, or a row is damaged.
         """
-        chosen = spread(len(self), 6).tolist() if indices is None else indices
-        return self._artist.sheet(chosen, columns=min(columns, max(len(chosen), 1)), tile_width=width)
+        chosen = even_sample(len(self), 6).tolist() if indices is None else indices
+        return self._artist.draw_sheet(chosen, columns=min(columns, max(len(chosen), 1)), tile_width=width)
 
     @cached_property
     def _artist(self) -> Artist:
@@ -89,7 +89,7 @@ class Plan(PlanFile, ShownInNotebooks):
 
         return Artist(self, load_planned_library(self).assets)
 
-    def _facts(self) -> dict[str, object]:
+    def _table_facts(self) -> dict[str, object]:
         header = self.header
         return {
             "images": f"{len(self):,}",
@@ -100,7 +100,7 @@ class Plan(PlanFile, ShownInNotebooks):
             "seed": header.seed,
         }
 
-    def _few(self) -> Image.Image:
+    def _preview_picture(self) -> Image.Image:
         return self.preview(width=320)
 
 

@@ -27,36 +27,38 @@ from hulldown.plan.picture_names import PICTURE_NAME
 PLAN_FORMAT = 4
 
 
-def _to(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
+def _round_to_decimals(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
     """Return a function that rounds to this number of decimals; adding zero turns -0.0 into 0.0."""
     return lambda values: np.round(values, decimals) + 0.0
 
 
-def _poses(values: np.ndarray) -> np.ndarray:
+def _round_poses(values: np.ndarray) -> np.ndarray:
     """Round rotations to 1e-12 and positions to 1e-9 m."""
-    rounded = _to(12)(values)
-    rounded[..., :3, 3] = _to(9)(values[..., :3, 3])
+    rounded = _round_to_decimals(12)(values)
+    rounded[..., :3, 3] = _round_to_decimals(9)(values[..., :3, 3])
     return rounded
 
 
-def _boxes(values: np.ndarray) -> np.ndarray:
+def _round_boxes(values: np.ndarray) -> np.ndarray:
     """Round both corners to 1e-6 pixels, so that a box that ends at the frame's side still does."""
-    low = _to(6)(values[..., :2])
-    high = _to(6)(values[..., :2] + values[..., 2:])
-    return np.concatenate([low, _to(6)(high - low)], axis=-1)
+    low = _round_to_decimals(6)(values[..., :2])
+    high = _round_to_decimals(6)(values[..., :2] + values[..., 2:])
+    return np.concatenate([low, _round_to_decimals(6)(high - low)], axis=-1)
 
 
-def _is(expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any) -> Meta:
+def _field_kind(
+    expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any
+) -> Meta:
     """Describe a kind of field: its values in words, its range, and its rounding in words and as a function."""
     return Meta(extra={"expected": expected, "to": to, "rounding": rounding}, **limits)
 
 
-def _means(text: str, *, recorded: bool = True) -> Meta:
+def _field_meaning(text: str, *, recorded: bool = True) -> Meta:
     """Describe one field, and whether datasets record it."""
     return Meta(description=text, extra={"recorded": recorded})
 
 
-_plans = partial(_means, recorded=False)  # of a field of plans alone
+_plan_only = partial(_field_meaning, recorded=False)  # of a field of plans alone
 
 
 Pixel = Annotated[float, Meta(ge=-1e12, le=1e12)]
@@ -92,39 +94,50 @@ class OnMap(Struct, frozen=True, kw_only=True, gc=False):
     latitude: float
 
 
-Name = Annotated[str, _is("a name", max_length=4096)]
-NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _is("a name or null")]
+Name = Annotated[str, _field_kind("a name", max_length=4096)]
+NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _field_kind("a name or null")]
 Label = Literal["full", "ignored", "none"]
-RoleName = Annotated[Literal["target", "companion", "distractor"], _is('"target", "companion" or "distractor"')]
-Count = Annotated[int, _is("a whole number >= 0", ge=0, le=2**53)]
-Number = Annotated[int, _is("a whole number >= 1", ge=1, le=2**53 + 1)]
-NumberOrNone = Annotated[Annotated[int, Meta(ge=1, le=2**53)] | None, _is("a whole number >= 1")]
-Size = Annotated[int, _is("a whole number from 1 to 65536", ge=1, le=65536)]
-Seed = Annotated[int, _is("a whole number", ge=-(2**63), le=2**63 - 1)]
-Share = Annotated[float, _is("a number from 0 to 1", "1e-9", _to(9), ge=0, le=1)]
-AtLeastZero = Annotated[float, _is("a number >= 0", "1e-9", _to(9), ge=0, le=1e9)]
-Slope = Annotated[float, _is("a number from 0 to 90", "1e-9 degrees", _to(9), ge=0, le=90)]
-Turn = Annotated[float, _is("a number from -360 to 360", "1e-9 degrees", _to(9), ge=-360, le=360)]
-FieldOfView = Annotated[float, _is("a number from 1e-6 to 179.999", "1e-12 degrees", _to(12), ge=1e-6, le=179.999)]
-Pose = Annotated[np.ndarray, _is("a 4x4 matrix (rigid)", "1e-9 m, rotation to 1e-12", _poses)]
+RoleName = Annotated[Literal["target", "companion", "distractor"], _field_kind('"target", "companion" or "distractor"')]
+Count = Annotated[int, _field_kind("a whole number >= 0", ge=0, le=2**53)]
+Number = Annotated[int, _field_kind("a whole number >= 1", ge=1, le=2**53 + 1)]
+NumberOrNone = Annotated[Annotated[int, Meta(ge=1, le=2**53)] | None, _field_kind("a whole number >= 1")]
+Size = Annotated[int, _field_kind("a whole number from 1 to 65536", ge=1, le=65536)]
+Seed = Annotated[int, _field_kind("a whole number", ge=-(2**63), le=2**63 - 1)]
+Share = Annotated[float, _field_kind("a number from 0 to 1", "1e-9", _round_to_decimals(9), ge=0, le=1)]
+AtLeastZero = Annotated[float, _field_kind("a number >= 0", "1e-9", _round_to_decimals(9), ge=0, le=1e9)]
+Slope = Annotated[float, _field_kind("a number from 0 to 90", "1e-9 degrees", _round_to_decimals(9), ge=0, le=90)]
+Turn = Annotated[
+    float, _field_kind("a number from -360 to 360", "1e-9 degrees", _round_to_decimals(9), ge=-360, le=360)
+]
+FieldOfView = Annotated[
+    float, _field_kind("a number from 1e-6 to 179.999", "1e-12 degrees", _round_to_decimals(12), ge=1e-6, le=179.999)
+]
+Pose = Annotated[np.ndarray, _field_kind("a 4x4 matrix (rigid)", "1e-9 m, rotation to 1e-12", _round_poses)]
 _FRAME = "[x, y, width, height]"
-FrameOrNone = Annotated[Box | None, _is(f"{_FRAME} or null", "1e-6 pixels", _boxes)]
+FrameOrNone = Annotated[Box | None, _field_kind(f"{_FRAME} or null", "1e-6 pixels", _round_boxes)]
 _Pinhole = Annotated[float, Meta(ge=-1e9, le=1e9)]
 _Three = tuple[_Pinhole, _Pinhole, _Pinhole]
 _Bend = Annotated[float, Meta(ge=-1e6, le=1e6)]
-MatrixOrNone = Annotated[tuple[_Three, _Three, _Three] | None, _is("a 3x3 matrix")]
-LensOrNone = Annotated[tuple[_Bend, _Bend, _Bend, _Bend, _Bend] | None, _is("[k1, k2, p1, p2, k3]")]
-Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _is("a number from 0 to 90, or null")]
-EV = Annotated[float, _is("a number from -32 to 32", "1e-4", _to(4), ge=-32, le=32)]
-Kelvin = Annotated[float, _is("a number from -2500 to 13500", "1e-3 K", _to(3), ge=-2500, le=13500)]
-Angles = Annotated[dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]], _is("angles by name", "1e-12 radians", _to(12))]
-Air = Annotated[Weather | None, _is('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _to(9))]
-Room = Annotated[Bounds, _is("[[x, y, z], [x, y, z]]", "1e-9 m", _to(9))]
-Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _is("counts by reason")]
-Coats = Annotated[list[Coat], _is("a list of coats of paint")]
-PlaceOrNone = Annotated[OnMap | None, _is('{"crs": a name, "easting": meters, ...}')]
-FileName = Annotated[str, _is("a path like images/1.png", pattern=PICTURE_NAME)]
-_Files = _is("files by name")
+MatrixOrNone = Annotated[tuple[_Three, _Three, _Three] | None, _field_kind("a 3x3 matrix")]
+LensOrNone = Annotated[tuple[_Bend, _Bend, _Bend, _Bend, _Bend] | None, _field_kind("[k1, k2, p1, p2, k3]")]
+Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _field_kind("a number from 0 to 90, or null")]
+EV = Annotated[float, _field_kind("a number from -32 to 32", "1e-4", _round_to_decimals(4), ge=-32, le=32)]
+Kelvin = Annotated[
+    float, _field_kind("a number from -2500 to 13500", "1e-3 K", _round_to_decimals(3), ge=-2500, le=13500)
+]
+Angles = Annotated[
+    dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]],
+    _field_kind("angles by name", "1e-12 radians", _round_to_decimals(12)),
+]
+Air = Annotated[
+    Weather | None, _field_kind('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _round_to_decimals(9))
+]
+Room = Annotated[Bounds, _field_kind("[[x, y, z], [x, y, z]]", "1e-9 m", _round_to_decimals(9))]
+Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _field_kind("counts by reason")]
+Coats = Annotated[list[Coat], _field_kind("a list of coats of paint")]
+PlaceOrNone = Annotated[OnMap | None, _field_kind('{"crs": a name, "easting": meters, ...}')]
+FileName = Annotated[str, _field_kind("a path like images/1.png", pattern=PICTURE_NAME)]
+_Files = _field_kind("files by name")
 
 
 class Followed(Struct, frozen=True):
@@ -141,29 +154,31 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
     """A vehicle in an image: its role, model, pose, and labels; see docs/plan-file.md."""
 
     role: Annotated[
-        RoleName, _plans("companions are of `[[assets.vehicles]]`, distractors of `[[assets.distractors]]`")
+        RoleName, _plan_only("companions are of `[[assets.vehicles]]`, distractors of `[[assets.distractors]]`")
     ]
-    vehicle: Annotated[Name, _means("the vehicle's name")]
-    category: Annotated[NameOrNone, _plans("its class, or null")]
-    world_from_vehicle: Annotated[Pose, _means("its pose, in meters")]
-    articulation: Annotated[Angles, _means("angles of its parts, in radians")]
-    bbox: Annotated[FrameOrNone, _means("the surface in the frame")]
-    bbox_amodal: Annotated[FrameOrNone, _means("all of the surface in front of the camera")]
-    visible_fraction: Annotated[Share, _means("unhidden share of its outline in the frame")]
-    truncated_fraction: Annotated[Share, _means("share of `bbox_amodal` that the frame cuts off")]
-    slope_deg: Annotated[Slope, _plans("inclination of the vehicle")]
-    gap: Annotated[AtLeastZero, _plans("largest distance to the ground below it, in meters")]
-    penetration: Annotated[AtLeastZero, _plans("largest height of the ground above its underside, in meters")]
-    tries: Annotated[Count, _plans("places tried for it, including its own")]
-    label: Annotated[Label, _is('"full", "ignored" or "none"'), _plans("its label; ignored if it shows too little")]
-    bounds: Annotated[Room, _plans("lowest and highest corner in its own frame, parts turned")]
-    paint: Annotated[Coats, _means("`materials`, `color`")]
-    air_contrast: Annotated[Share, _means("share of its contrast left after haze")]
-    geo: Annotated[PlaceOrNone, _means("place on the map, on a [GeoTIFF](terrain.md)")] = None
-    track_id: Annotated[NumberOrNone, _means("the same in all images of a `sequence`, and in no others")] = None
+    vehicle: Annotated[Name, _field_meaning("the vehicle's name")]
+    category: Annotated[NameOrNone, _plan_only("its class, or null")]
+    world_from_vehicle: Annotated[Pose, _field_meaning("its pose, in meters")]
+    articulation: Annotated[Angles, _field_meaning("angles of its parts, in radians")]
+    bbox: Annotated[FrameOrNone, _field_meaning("the surface in the frame")]
+    bbox_amodal: Annotated[FrameOrNone, _field_meaning("all of the surface in front of the camera")]
+    visible_fraction: Annotated[Share, _field_meaning("unhidden share of its outline in the frame")]
+    truncated_fraction: Annotated[Share, _field_meaning("share of `bbox_amodal` that the frame cuts off")]
+    slope_deg: Annotated[Slope, _plan_only("inclination of the vehicle")]
+    gap: Annotated[AtLeastZero, _plan_only("largest distance to the ground below it, in meters")]
+    penetration: Annotated[AtLeastZero, _plan_only("largest height of the ground above its underside, in meters")]
+    tries: Annotated[Count, _plan_only("places tried for it, including its own")]
+    label: Annotated[
+        Label, _field_kind('"full", "ignored" or "none"'), _plan_only("its label; ignored if it shows too little")
+    ]
+    bounds: Annotated[Room, _plan_only("lowest and highest corner in its own frame, parts turned")]
+    paint: Annotated[Coats, _field_meaning("`materials`, `color`")]
+    air_contrast: Annotated[Share, _field_meaning("share of its contrast left after haze")]
+    geo: Annotated[PlaceOrNone, _field_meaning("place on the map, on a [GeoTIFF](terrain.md)")] = None
+    track_id: Annotated[NumberOrNone, _field_meaning("the same in all images of a `sequence`, and in no others")] = None
 
 
-Vehicles = Annotated[list[PlannedVehicle], _is("a list of vehicles")]
+Vehicles = Annotated[list[PlannedVehicle], _field_kind("a list of vehicles")]
 
 
 class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
@@ -173,41 +188,47 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     distractor.
     """
 
-    index: Annotated[Count, _plans("0, 1, 2, ...")]
-    image_id: Annotated[Number, _plans("`index + 1`")]
-    file_name: Annotated[FileName, _plans("the picture's path; unique, ignoring case")]
-    scenery: Annotated[Name, _means("the scenery's name")]
-    position: Annotated[Count, _means("number of the position: one pose of a vehicle, with several shots")]
-    shot: Annotated[Count, _means("0, 1, 2, ... in each position")]
-    world_from_camera: Annotated[Pose, _means("the camera's pose, in meters")]
-    fov_x_deg: Annotated[FieldOfView, _means("horizontal field of view")]
-    K: Annotated[MatrixOrNone, _means("camera matrix in pixels, from the corner; only with `camera.intrinsics`")] = None
-    dist: Annotated[LensOrNone, _means("OpenCV's distortion coefficients; only with `K`")] = None
+    index: Annotated[Count, _plan_only("0, 1, 2, ...")]
+    image_id: Annotated[Number, _plan_only("`index + 1`")]
+    file_name: Annotated[FileName, _plan_only("the picture's path; unique, ignoring case")]
+    scenery: Annotated[Name, _field_meaning("the scenery's name")]
+    position: Annotated[Count, _field_meaning("number of the position: one pose of a vehicle, with several shots")]
+    shot: Annotated[Count, _field_meaning("0, 1, 2, ... in each position")]
+    world_from_camera: Annotated[Pose, _field_meaning("the camera's pose, in meters")]
+    fov_x_deg: Annotated[FieldOfView, _field_meaning("horizontal field of view")]
+    K: Annotated[
+        MatrixOrNone, _field_meaning("camera matrix in pixels, from the corner; only with `camera.intrinsics`")
+    ] = None
+    dist: Annotated[LensOrNone, _field_meaning("OpenCV's distortion coefficients; only with `K`")] = None
     like: Annotated[
         Followed | None,
-        _is("two names"),
-        _plans(
+        _field_kind("two names"),
+        _plan_only(
             "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits "
             "refuse it); only if one was sampled"
         ),
     ] = None
     sequence: Annotated[
-        NameOrNone, _means("name of the sequence whose frame `shot` this is; only with `plan --poses`")
+        NameOrNone, _field_meaning("name of the sequence whose frame `shot` this is; only with `plan --poses`")
     ] = None
-    width: Annotated[Size, _means("of the picture, in pixels")]
-    height: Annotated[Size, _means("of the picture, in pixels")]
-    hdri: Annotated[Name, _means("the HDRI's name")]
-    hdri_yaw_deg: Annotated[Turn, _means("its turn, counterclockwise seen from above")]
-    strength: Annotated[AtLeastZero, _means("factor on its brightness")]
-    horizon_deg: Annotated[Horizon, _means("elevation whose color continues below it; null: the whole HDRI is visible")]
-    exposure_ev: Annotated[EV, _means("exposure of the picture")]
-    white_balance_k: Annotated[Kelvin, _means("white balance minus 6500 K; more is warmer")]
-    weather: Annotated[Air, _means("null: clear and dry")]
-    sample_seed: Annotated[Seed, _means("seed of Cycles' noise")]
-    background: Annotated[bool, _is("true or false"), _means("whether the image shows no target (see below)")]
-    planned: Annotated[Vehicles, _plans("the target, then companions, then distractors")]
-    rejected: Annotated[Reasons, _plans("refused tries; refused places only in a position's first shot")]
-    left_out: Annotated[Count, _plans("companions that found no room")]
+    width: Annotated[Size, _field_meaning("of the picture, in pixels")]
+    height: Annotated[Size, _field_meaning("of the picture, in pixels")]
+    hdri: Annotated[Name, _field_meaning("the HDRI's name")]
+    hdri_yaw_deg: Annotated[Turn, _field_meaning("its turn, counterclockwise seen from above")]
+    strength: Annotated[AtLeastZero, _field_meaning("factor on its brightness")]
+    horizon_deg: Annotated[
+        Horizon, _field_meaning("elevation whose color continues below it; null: the whole HDRI is visible")
+    ]
+    exposure_ev: Annotated[EV, _field_meaning("exposure of the picture")]
+    white_balance_k: Annotated[Kelvin, _field_meaning("white balance minus 6500 K; more is warmer")]
+    weather: Annotated[Air, _field_meaning("null: clear and dry")]
+    sample_seed: Annotated[Seed, _field_meaning("seed of Cycles' noise")]
+    background: Annotated[
+        bool, _field_kind("true or false"), _field_meaning("whether the image shows no target (see below)")
+    ]
+    planned: Annotated[Vehicles, _plan_only("the target, then companions, then distractors")]
+    rejected: Annotated[Reasons, _plan_only("refused tries; refused places only in a position's first shot")]
+    left_out: Annotated[Count, _plan_only("companions that found no room")]
 
     @property
     def target(self) -> PlannedVehicle:
@@ -225,14 +246,14 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
         return [vehicle for vehicle in self.planned if vehicle.role == "distractor"]
 
     @property
-    def empty(self) -> bool:
+    def hides_target(self) -> bool:
         """Whether the target is left out of the picture."""
         return self.background and self.target.category is not None
 
     @property
     def vehicles(self) -> list[PlannedVehicle]:
         """The vehicles in the picture: the target or a distractor in its place, companions, and distractors."""
-        return self.planned[1:] if self.empty else self.planned
+        return self.planned[1:] if self.hides_target else self.planned
 
     @property
     def labeled(self) -> list[PlannedVehicle]:
@@ -273,26 +294,34 @@ class LeftOut(Struct, frozen=True, kw_only=True):
 class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The first line of a plan; `Config.of` reads `config`."""
 
-    hulldown_plan: Annotated[int, _is("4"), _means("format version")]
-    images: Annotated[Count, _means("number of lines that follow")]
-    seed: Annotated[int, _is("a whole number >= 0", ge=0, le=2**63 - 1), _means("the config's")]
-    root: Annotated[Name, _means("folder of the config, relative to the plan; paths below are relative to it")]
-    config: Annotated[dict[str, object], _is("a table"), _means("the config with all defaults")]
-    vehicles: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `geometry`, `category`")]
+    hulldown_plan: Annotated[int, _field_kind("4"), _field_meaning("format version")]
+    images: Annotated[Count, _field_meaning("number of lines that follow")]
+    seed: Annotated[int, _field_kind("a whole number >= 0", ge=0, le=2**63 - 1), _field_meaning("the config's")]
+    root: Annotated[Name, _field_meaning("folder of the config, relative to the plan; paths below are relative to it")]
+    config: Annotated[dict[str, object], _field_kind("a table"), _field_meaning("the config with all defaults")]
+    vehicles: Annotated[dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `geometry`, `category`")]
     sceneries: Annotated[
         dict[str, ScenerySource],
         _Files,
-        _means("`path`, `sha256`, `geometry`, `origin`: the world's, in the file's coordinates"),
+        _field_meaning("`path`, `sha256`, `geometry`, `origin`: the world's, in the file's coordinates"),
     ]
-    hdris: Annotated[dict[str, HdriSource], _Files, _means("`path`, `sha256`, `mended_sha256`")]
-    distractors: Annotated[dict[str, ModelSource], _Files, _means("`path`, `sha256`, `geometry`, `category` or null")]
+    hdris: Annotated[dict[str, HdriSource], _Files, _field_meaning("`path`, `sha256`, `mended_sha256`")]
+    distractors: Annotated[
+        dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `geometry`, `category` or null")
+    ]
     versions: Annotated[
-        dict[str, str], _is("versions by name"), _means("of Python, Blender (`bpy`), and the libraries")
+        dict[str, str], _field_kind("versions by name"), _field_meaning("of Python, Blender (`bpy`), and the libraries")
     ]
-    left_out: Annotated[list[LeftOut], _is("a list of pairs"), _means("without a place: `vehicle`, `scenery`, `why`")]
-    photographs: Annotated[Source | None, _is("a file"), _means("`path` and `sha256`; only with `camera.like`")] = None
+    left_out: Annotated[
+        list[LeftOut], _field_kind("a list of pairs"), _field_meaning("without a place: `vehicle`, `scenery`, `why`")
+    ]
+    photographs: Annotated[
+        Source | None, _field_kind("a file"), _field_meaning("`path` and `sha256`; only with `camera.like`")
+    ] = None
     poses: Annotated[
-        GivenPoses | None, _is("`path` and `lines`"), _means("the file's name and lines; only with `plan --poses`")
+        GivenPoses | None,
+        _field_kind("`path` and `lines`"),
+        _field_meaning("the file's name and lines; only with `plan --poses`"),
     ] = None
 
     @property
@@ -315,7 +344,7 @@ class Field:
 
 
 @cache
-def fields(kind: type[Struct]) -> dict[str, Field]:
+def row_fields(kind: type[Struct]) -> dict[str, Field]:
     """Return the fields of a declared type in the order of a line."""
     hints = get_type_hints(kind, include_extras=True)
     declared = {}
@@ -326,9 +355,9 @@ def fields(kind: type[Struct]) -> dict[str, Field]:
     return declared
 
 
-def rounded(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def round_field(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """Round values of a field of rows or vehicles as they're written: (..., 4, 4) poses, (..., 4) boxes, or numbers."""
-    rounding = (fields(Row) | fields(PlannedVehicle))[key].rounding
+    rounding = (row_fields(Row) | row_fields(PlannedVehicle))[key].rounding
     assert rounding is not None, key
     return rounding(values)
 
@@ -363,11 +392,11 @@ decode_header = msgspec.json.Decoder(Header).decode
 _encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
 
 
-def encode(record: Struct) -> bytes:
+def encode_line(record: Struct) -> bytes:
     """Return a header, row, or vehicle as a line; floats have the fewest digits that read back exactly."""
     return _encoder.encode(record) + b"\n"
 
 
 def encode_rows(rows: list[Row]) -> bytes:
     """Return a line for each row."""
-    return b"".join(map(encode, rows))
+    return b"".join(map(encode_line, rows))

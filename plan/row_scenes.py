@@ -28,7 +28,7 @@ class RowScenes:
         self._casters: dict[str, VehicleCaster] = {}
         self._scenery: tuple[str, Scene] = ("", Scene())
 
-    def posed(self, vehicle: PlannedVehicle) -> PosedVehicle:
+    def posed_vehicle(self, vehicle: PlannedVehicle) -> PosedVehicle:
         """Return a vehicle in its pose."""
         name = vehicle.vehicle
         if name not in self._casters:
@@ -39,4 +39,4 @@ class RowScenes:
         """Return a row's scenery with the vehicles in its picture."""
         if self._scenery[0] != row.scenery:
             self._scenery = row.scenery, Scene.of(self._sceneries[row.scenery], fallback_z=self._fallback_z)
-        return self._scenery[1].with_vehicles([self.posed(vehicle) for vehicle in row.vehicles])
+        return self._scenery[1].with_vehicles([self.posed_vehicle(vehicle) for vehicle in row.vehicles])

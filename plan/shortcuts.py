@@ -23,7 +23,7 @@ REMEDIES = {
 Counts = Mapping[str, Mapping[str, Counter[str]]]
 
 
-def nuisances(row: Row) -> dict[str, str]:
+def nuisance_values(row: Row) -> dict[str, str]:
     """Return an image's nuisance variables; those that a position's images share are only in its first."""
     target = row.target
     assert target.bbox is not None  # a target has one
@@ -45,17 +45,17 @@ def nuisances(row: Row) -> dict[str, str]:
     }
 
 
-def shortcuts(counts: Counts) -> list[str]:
+def shortcut_notes(counts: Counts) -> list[str]:
     """Return a line for each variable with a significant dependency on the class, from counts by variable and class."""
     lines = []
     for variable, by_class in counts.items():
-        if dependency := _dependency(by_class):
+        if dependency := _describe_dependency(by_class):
             remedy = f"; {REMEDIES[variable]}" if variable in REMEDIES else ""
             lines.append(f"{variable} tells classes apart: {dependency}{remedy}")
     return lines
 
 
-def _dependency(by_class: Mapping[str, Counter[str]]) -> str:
+def _describe_dependency(by_class: Mapping[str, Counter[str]]) -> str:
     """Describe the value and class that deviate most from independence; empty if chance explains them."""
     classes, total = list(by_class), sum(by_class.values(), Counter[str]())
     smallest, n = min(counts.total() for counts in by_class.values()), total.total()

@@ -16,11 +16,11 @@ from rich.table import Table
 
 from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.plan.config.asset_sections import OWN
 from hulldown.plan.row import LeftOut, Row
-from hulldown.plan.shortcuts import nuisances, shortcuts
+from hulldown.plan.shortcuts import nuisance_values, shortcut_notes
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
@@ -51,14 +51,14 @@ class Histogram:
     values: Float[np.ndarray, " n"]
 
     @property
-    def counts(self) -> Int[np.ndarray, " b"]:
+    def bin_counts(self) -> Int[np.ndarray, " b"]:
         """Number of values in each bin."""
         return np.histogram(np.clip(self.values, self.edges[0], self.edges[-1]), self.edges)[0]
 
     @property
-    def used(self) -> slice:
+    def used_bins(self) -> slice:
         """The bins from the first to the last with a value."""
-        bins = np.flatnonzero(self.counts)
+        bins = np.flatnonzero(self.bin_counts)
         return slice(bins[0], bins[-1] + 1) if len(bins) else slice(0, 0)
 
     @property
@@ -71,7 +71,7 @@ class Histogram:
 
     def bars(self, width: int = 24) -> str:
         """Return the used bins as a line of blocks."""
-        counts = self.counts[self.used]
+        counts = self.bin_counts[self.used_bins]
         groups = [int(part.sum()) for part in np.array_split(counts, min(width, len(counts)) or 1)]
         return "".join(_BARS[math.ceil(8 * n / max(*groups, 1))] for n in groups)
 
@@ -106,7 +106,7 @@ class Summary:
             "shortcuts": list(self.shortcuts),
             "left_out": [msgspec.structs.asdict(pair) for pair in self.left_out],
             "histograms": {
-                key: {"edges": histogram.edges.tolist(), "counts": histogram.counts.tolist(), **histogram.extremes}
+                key: {"edges": histogram.edges.tolist(), "counts": histogram.bin_counts.tolist(), **histogram.extremes}
                 for key, histogram in self.histograms.items()
             },
         }
@@ -133,10 +133,12 @@ class Summary:
         return notes
 
     def _class_table(self) -> Table:
-        table = _table(f"{self.images:,} images at {self.positions:,} positions", "class", "vehicles", "images", *SIZES)
+        table = _empty_table(
+            f"{self.images:,} images at {self.positions:,} positions", "class", "vehicles", "images", *SIZES
+        )
         for category, models in self.classes.items():
             sizes = [f"{self.sizes[category][size]:,}" for size in SIZES]
-            table.add_row(escape(category), _listed(models.items()), f"{models.total():,}", *sizes)
+            table.add_row(escape(category), _counts_line(models.items()), f"{models.total():,}", *sizes)
         for title, key in (
             ("no target", "backgrounds"),
             ("beside: companions", "companions"),
@@ -144,18 +146,18 @@ class Summary:
             ("painted", "paints"),
         ):
             if counts := self.counts[key]:
-                table.add_row(title, _listed(counts.most_common()), f"{counts.total():,}")
+                table.add_row(title, _counts_line(counts.most_common()), f"{counts.total():,}")
         labels, weather = self.counts["labels"], self.counts["weather"]
         if ignored := labels["ignored"]:
             table.add_row("labels", f"{labels['full']:,} full, {ignored:,} ignored, which show too little")
         if like := self.counts["like"]["followed"] + self.counts["like"]["another"]:
             table.add_row("like photographs", "", f"{like:,}")
         if weather.keys() - {"clear"}:
-            table.add_row("weather", _listed(sorted(weather.items())))
+            table.add_row("weather", _counts_line(sorted(weather.items())))
         return table
 
     def _histogram_table(self) -> Table:
-        table = _table("quantities", "", "lowest", "mean", "highest")
+        table = _empty_table("quantities", "", "lowest", "mean", "highest")
         table.add_column("histogram", no_wrap=True)
         for histogram in self.histograms.values():
             if len(histogram.values):
@@ -163,7 +165,7 @@ class Summary:
         return table
 
     def _rejection_table(self) -> Table:
-        table = _table("rejected tries", "tries that", "times", "share")
+        table = _empty_table("rejected tries", "tries that", "times", "share")
         for kinds, taken, what in ((PLACING, self.positions, "places"), (AIMING, self.images, "cameras")):
             rejected = {kind.phrase: n for kind in kinds if (n := self.counts["rejected"][kind.key])}
             total = taken + sum(rejected.values())
@@ -172,7 +174,7 @@ class Summary:
         return table
 
 
-def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
+def summarize_plan(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
     """Count over all rows of a plan, in about 64 bytes per row.
 
     `left_out` is the header's; `overcast` tells whether the config names overcast HDRIs.
@@ -200,16 +202,16 @@ def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
             same = row.like.photograph == row.like.sampled
             counts["like"]["followed" if same else "none" if row.like.photograph is None else "another"] += 1
         if row.background:
-            counts["backgrounds"]["" if row.empty else target.vehicle] += 1
+            counts["backgrounds"]["" if row.hides_target else target.vehicle] += 1
             continue
         assert target.bbox is not None  # a target has one
         area, category = target.bbox.width * target.bbox.height, str(target.category)
         classes[category][target.vehicle] += 1
-        for variable, value in nuisances(row).items():
+        for variable, value in nuisance_values(row).items():
             nuisance.setdefault(variable, {}).setdefault(category, Counter())[value] += 1
         sizes[category][next(name for name, limit in SIZES.items() if area < limit)] += 1
         center = np.mean([target.bounds.low, target.bounds.high], axis=0)
-        center = apply(target.world_from_vehicle, center[None])[0]
+        center = transform_points(target.world_from_vehicle, center[None])[0]
         distance, _, elevation = shell_place(row.world_from_camera[:3, 3] - center)
         derived = {
             "distance_m": float(distance),
@@ -222,11 +224,11 @@ def summarize(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast
                 column.append(derived[key] if key in derived else getattr(target, key))
     counts["rejected"] = Counter({key: counts["rejected"][key] for key in BY_KEY if counts["rejected"][key]})
     histograms = {key: Histogram(*QUANTITIES[key], np.array(column)) for key, column in values.items()}
-    warnings = tuple(shortcuts(nuisance))
+    warnings = tuple(shortcut_notes(nuisance))
     return Summary(images, positions, classes, sizes, counts, open_sky, no_room, tuple(left_out), histograms, warnings)
 
 
-def _table(title: str, *columns: str) -> Table:
+def _empty_table(title: str, *columns: str) -> Table:
     """Return an empty table whose columns of words are aligned left."""
     table = Table(title=title, title_justify="left")
     for column in columns:
@@ -234,6 +236,6 @@ def _table(title: str, *columns: str) -> Table:
     return table
 
 
-def _listed(counts: Iterable[tuple[str, int]]) -> str:
+def _counts_line(counts: Iterable[tuple[str, int]]) -> str:
     """Return names and counts as a line of a table."""
     return escape(", ".join(f"{name or 'empty'} {n:,}" for name, n in counts))

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from hulldown.base.errors import AssetError
 from hulldown.plan.config.asset_sections import ModelEntry
-from hulldown.reading.doubts import length_said, likely_scale
+from hulldown.reading.doubts import format_length, likely_scale
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.naming import first_match
@@ -23,11 +23,11 @@ def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> Non
     """Refuse vehicles of unusual length for their class, unless the config gives their scale."""
     refused = [(e, odd, r) for e, r in vehicles if e.scale is None and (odd := odd_length(e, r)) is not None]
     if refused:
-        others = [f"{entry.name} ({length_said(max(report.size))})" for entry, _, report in refused[1:]]
+        others = [f"{entry.name} ({format_length(max(report.size))})" for entry, _, report in refused[1:]]
         _, (kind, lengths), report = refused[0]
         several = next((str(doubt) for doubt in report.doubts if doubt.kind == DoubtKind.SEVERAL), "")
         raise AssetError(
-            f"is {length_said(max(report.size))} long, and {usual_text(kind, lengths)}"
+            f"is {format_length(max(report.size))} long, and {usual_text(kind, lengths)}"
             + (f"; of unusual length are also {', '.join(others)}" if others else ""),
             path=report.path,
             remedy=several

@@ -10,15 +10,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.library import Assets
-from hulldown.geometry.columns import objects_of
+from hulldown.geometry.columns import row_objects
 from hulldown.placement.rejection import Rejection
 from hulldown.plan.coats import Coat
 from hulldown.plan.config.schema import Config
 from hulldown.plan.picture_names import picture_name
-from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, rounded
+from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, round_field
 from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
-from hulldown.planning.search.instance_table import Instances, boxes_at
+from hulldown.planning.search.instance_table import Instances, articulated_boxes
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
@@ -29,16 +29,16 @@ _NAMES = {Role.COMPANION: "companion", Role.DISTRACTOR: "distractor"}
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
 
-def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
+def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
     """Return a row for each image of the block's positions that have a place, in the block's order."""
     block, views, table = planned.block, planned.views, planned.table
     config, draws, image, owner, held = block.config, block.draws, block.image, block.owner, block.positions
-    instances = _of_instances(planned)
+    instances = _instance_columns(planned)
     target = np.flatnonzero(table.role == Role.TARGET)
     background = held.background[owner].tolist()
     roles, labels = ["target"] * len(image), ["none" if is_empty else "full" for is_empty in background]
     targets = _in_images(instances, target[owner], views, roles=roles, labels=labels)
-    extras = _extras(planned, instances)
+    extras = _image_extras(planned, instances)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
         "index": image.tolist(),
@@ -49,22 +49,22 @@ def rows_of(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray,
         "shot": block.shot.tolist(),
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": views.fov_x_deg.tolist(),
-        **{key: repeat(value, len(image)) for key, value in _of_camera(config).items()},
+        **{key: repeat(value, len(image)) for key, value in _camera_columns(config).items()},
         **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.scene),
         "weather": planned.weathers,
-        "like": _followed(block, views),
+        "like": _followed_photographs(block, views),
         "sequence": block.given_of(image).name.tolist(),
-        "sample_seed": (draws.bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
+        "sample_seed": (draws.random_bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
         "background": background,
         "planned": [[each, *extras[j, Role.COMPANION], *extras[j, Role.DISTRACTOR]] for j, each in enumerate(targets)],
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
         "left_out": np.bincount(table.row[~table.found], minlength=len(target))[owner].tolist(),
     }
-    rows = objects_of(Row, columns)
+    rows = row_objects(Row, columns)
     return [row for row, lost in zip(rows, planned.given_up[owner].tolist(), strict=True) if not lost]
 
 
-def _of_camera(config: Config) -> dict[str, object]:
+def _camera_columns(config: Config) -> dict[str, object]:
     """Return the fields that all rows have in common: the image's size, and a calibration if there is one."""
     camera = config.calibrated
     size: dict[str, object] = {"width": config.render.width, "height": config.render.height}
@@ -74,7 +74,7 @@ def _of_camera(config: Config) -> dict[str, object]:
     return size | {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
 
 
-def _followed(block: Block, views: Views) -> list[Followed | None]:
+def _followed_photographs(block: Block, views: Views) -> list[Followed | None]:
     """Return the photographs of each image."""
     if block.likeness is None:
         return [None] * len(views.sampled)
@@ -97,25 +97,25 @@ def _in_images(
     roles: Iterable[str],
     labels: Iterable[str],
 ) -> list[PlannedVehicle]:
-    """Return n instances in images; `instances` are the columns of `_of_instances`."""
+    """Return n instances in images; `instances` are the columns of `_instance_columns`."""
     of_instance = {key: [column[i] for i in instance.tolist()] for key, column in instances.items()}
-    return objects_of(PlannedVehicle, {"role": roles, **of_instance, **of_views(views), "label": labels})
+    return row_objects(PlannedVehicle, {"role": roles, **of_instance, **view_columns(views), "label": labels})
 
 
-def _extras(
+def _image_extras(
     planned: Planned, instances: Mapping[str, Sequence[object]]
 ) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
     """Return the extras in each image, by the image's row in the block and the role."""
     seen, views = planned.seen, planned.seen.views
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
-    labels = labels_of(views, seen.pixels, planned.block.config)
+    labels = extra_labels(views, seen.pixels, planned.block.config)
     vehicles = _in_images(instances, seen.instance, views, roles=[_NAMES[role] for role in roles], labels=labels)
     for image, role, vehicle in zip(seen.image.tolist(), roles, vehicles, strict=True):
         extras[image, role].append(vehicle)
     return extras
 
 
-def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[Label]:
+def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[Label]:
     """Return the labels of n companions and distractors, by `config.annotate`, or the limits of targets by default.
 
     `pixels` tells whether a vehicle has a class and covers the center of any pixel; without, it has no label.
@@ -125,18 +125,20 @@ def labels_of(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> l
     most_cut = given.max_truncated_fraction
     if most_cut is None:
         most_cut = max(LONGEST_CUT, camera.truncated_fraction[1])
-    full = rounded("bbox", views.boxes.xywh)[:, 2:].min(axis=1) >= (camera.min_box_px if least_px is None else least_px)
-    full &= rounded("visible_fraction", views.visible_fraction) >= (
+    full = round_field("bbox", views.boxes.xywh)[:, 2:].min(axis=1) >= (
+        camera.min_box_px if least_px is None else least_px
+    )
+    full &= round_field("visible_fraction", views.visible_fraction) >= (
         camera.visible_fraction[0] if least_visible is None else least_visible
     )
-    full &= rounded("truncated_fraction", views.boxes.truncated_fraction) <= most_cut
-    full &= rounded("air_contrast", views.air_contrast) >= config.weather.min_contrast
+    full &= round_field("truncated_fraction", views.boxes.truncated_fraction) <= most_cut
+    full &= round_field("air_contrast", views.air_contrast) >= config.weather.min_contrast
     below: Label = "ignored" if given.below == "ignored" else "none"
     pairs = zip(pixels.tolist(), full.tolist(), strict=True)
     return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
 
 
-def _of_instances(planned: Planned) -> dict[str, Sequence[object]]:
+def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
     """Return columns with the fields of each instance that don't depend on the camera."""
     block, table, settled = planned.block, planned.table, planned.table.settled
     turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
@@ -146,18 +148,18 @@ def _of_instances(planned: Planned) -> dict[str, Sequence[object]]:
         "category": [model.category for model in models],
         "world_from_vehicle": table.world_from_vehicle,
         "articulation": turned,
-        "slope_deg": rounded("slope_deg", np.degrees(settled.tilt)).tolist(),
-        "gap": rounded("gap", settled.gap).tolist(),
-        "penetration": rounded("penetration", settled.penetration).tolist(),
+        "slope_deg": round_field("slope_deg", np.degrees(settled.tilt)).tolist(),
+        "gap": round_field("gap", settled.gap).tolist(),
+        "penetration": round_field("penetration", settled.penetration).tolist(),
         "tries": table.tries.tolist(),
         "bounds": bounds_in_rows(table),
         "geo": geo_in_rows(table.world_from_vehicle, block.site),
-        "track_id": _tracks(planned),
-        "paint": _coats(planned),
+        "track_id": _track_numbers(planned),
+        "paint": _instance_coats(planned),
     }
 
 
-def _tracks(planned: Planned) -> list[int | None]:
+def _track_numbers(planned: Planned) -> list[int | None]:
     """Return a number for each instance of a sequence, and None for the others."""
     block, table = planned.block, planned.table
     number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST_EXTRAS + table.number
@@ -165,7 +167,7 @@ def _tracks(planned: Planned) -> list[int | None]:
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
-def _coats(planned: Planned) -> list[list[Coat]]:
+def _instance_coats(planned: Planned) -> list[list[Coat]]:
     """Draw the coats of each instance, by its number among the instances of its role with a place."""
     block, table = planned.block, planned.table
     places = np.zeros(len(table), dtype=np.int64)
@@ -177,7 +179,7 @@ def _coats(planned: Planned) -> list[list[Coat]]:
     for model in np.unique(table.model).tolist():
         of_model = np.flatnonzero(table.model == model)
         name = table.fleet.models[model].shape.name
-        paint = block.config.paint_of(name)
+        paint = block.config.vehicle_paint(name)
         position = block.positions.number[table.row[of_model]]
         sampled = draw_coats(paint, block.draws, position=position, place=places[of_model])
         for i, coat in zip(of_model.tolist(), sampled, strict=True):
@@ -185,20 +187,20 @@ def _coats(planned: Planned) -> list[list[Coat]]:
     return coats
 
 
-def of_views(views: Views) -> dict[str, Sequence[object]]:
+def view_columns(views: Views) -> dict[str, Sequence[object]]:
     """Return columns with the fields of vehicles that follow from their views."""
     shares = {
         "visible_fraction": views.visible_fraction,
         "truncated_fraction": views.boxes.truncated_fraction,
         "air_contrast": views.air_contrast,
     }
-    boxes = {"bbox": _boxes(views.boxes.xywh), "bbox_amodal": _boxes(views.boxes.amodal)}
-    return {**boxes, **{key: rounded(key, share).tolist() for key, share in shares.items()}}
+    boxes = {"bbox": _rounded_boxes(views.boxes.xywh), "bbox_amodal": _rounded_boxes(views.boxes.amodal)}
+    return {**boxes, **{key: round_field(key, share).tolist() for key, share in shares.items()}}
 
 
 def bounds_in_rows(instances: Instances) -> list[Bounds]:
     """Return the bounds of each vehicle in its own frame, rounded."""
-    bounds = boxes_at(instances.fleet, instances.model, instances.angles)
+    bounds = articulated_boxes(instances.fleet, instances.model, instances.angles)
     return [Bounds(tuple(low), tuple(high)) for low, high in bounds.tolist()]
 
 
@@ -217,6 +219,6 @@ def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> l
     ]
 
 
-def _boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
+def _rounded_boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
     """Return rounded boxes, None for nan."""
-    return [None if xywh[0] != xywh[0] else Box(*xywh) for xywh in rounded("bbox", boxes).tolist()]
+    return [None if xywh[0] != xywh[0] else Box(*xywh) for xywh in round_field("bbox", boxes).tolist()]

@@ -15,13 +15,13 @@ from msgspec.structs import replace
 from hulldown.assets.library import Assets
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError
-from hulldown.base.terminal import reporting
+from hulldown.base.terminal import progress_bar
 from hulldown.camera.cameras import Cameras
 from hulldown.placement.contact import gap_and_penetration
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan, read_plan
-from hulldown.plan.row import Label, PlannedVehicle, Row, encode, fields, rounded
-from hulldown.planning.block_rows import bounds_in_rows, geo_in_rows, labels_of, of_views
+from hulldown.plan.row import Label, PlannedVehicle, Row, encode_line, round_field, row_fields
+from hulldown.planning.block_rows import bounds_in_rows, extra_labels, geo_in_rows, view_columns
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.placing import sees_sky
@@ -62,7 +62,7 @@ def check_plan(
             path=plan.path,
             remedy="plan again with `hulldown plan`, or bring the old file back",
         )
-    with reporting("checking") as advance:
+    with progress_bar("checking") as advance:
         return check_rows(plan, planner, progress=advance)
 
 
@@ -79,8 +79,8 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
         wanted = planner.rows(start, stop) if start < stop else []
         block += islice(rows, max(len(wanted), 1) - 1)
         for row, planned in zip(block, wanted, strict=False):
-            if encode(row) != encode(planned):
-                lines = list(_findings(row, planned, planner)) if len(findings) < MOST_FINDINGS else [""]
+            if encode_line(row) != encode_line(planned):
+                lines = list(_row_findings(row, planned, planner)) if len(findings) < MOST_FINDINGS else [""]
                 hidden += max(len(findings) + len(lines) - MOST_FINDINGS, 0)
                 findings += lines[: MOST_FINDINGS - len(findings)]
         start, done = stop, done + len(block)
@@ -89,52 +89,52 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
     return findings + ([f"and {hidden:,} more"] if hidden else [])
 
 
-def _findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
+def _row_findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
     """Yield the differences of a row from the planned one."""
     stage = planner.stage
     known = known_poses(row, stage)
-    inconsistent = dict(_differences(row, relabeled(row, *known, stage))) if known else {}
+    inconsistent = dict(_row_differences(row, relabel_row(row, *known, stage))) if known else {}
     for k in _in_the_dark(*known, stage) if known else ():
         yield f"image {row.index}: planned[{k}], {row.planned[k].vehicle}, is where no light of the sky reaches it"
     for key, (value, wanted) in inconsistent.items():
         yield f"image {row.index}: {key} is {value}, its poses give {wanted}"
-    for key, (value, wanted) in _differences(row, planned):
+    for key, (value, wanted) in _row_differences(row, planned):
         if key not in inconsistent:
             yield f"image {row.index}: {key} is {value}, planned is {wanted}"
 
 
-def _differences(row: Row, planned: Row) -> Iterator[tuple[str, tuple[str, str]]]:
+def _row_differences(row: Row, planned: Row) -> Iterator[tuple[str, tuple[str, str]]]:
     """Yield the fields of a row and of its vehicles that differ, with both values as in a file."""
-    first, second = (orjson.loads(encode(each)) for each in (row, planned))
-    yield from _differing(first, second, [key for key in fields(Row) if key != "planned"])
+    first, second = (orjson.loads(encode_line(each)) for each in (row, planned))
+    yield from _differing_fields(first, second, [key for key in row_fields(Row) if key != "planned"])
     vehicles = first["planned"], second["planned"]
     if len(vehicles[0]) != len(vehicles[1]):
         yield "number of planned", (str(len(vehicles[0])), str(len(vehicles[1])))
     for k, pair in enumerate(zip(*vehicles, strict=False)):
-        yield from _differing(*pair, fields(PlannedVehicle), f"planned[{k}].")
+        yield from _differing_fields(*pair, row_fields(PlannedVehicle), f"planned[{k}].")
 
 
-def _differing(
+def _differing_fields(
     first: Mapping[str, object], second: Mapping[str, object], keys: Iterable[str], place: str = ""
 ) -> Iterator[tuple[str, tuple[str, str]]]:
     for key in keys:
         pair = first.get(key), second.get(key)  # lines leave out some fields that are null
-        if not _equal(*pair):
-            yield place + key, (_shown(pair[0]), _shown(pair[1]))
+        if not _equal_values(*pair):
+            yield place + key, (_shorten_value(pair[0]), _shorten_value(pair[1]))
 
 
-def _equal(first: object, second: object) -> bool:
+def _equal_values(first: object, second: object) -> bool:
     """Return whether two JSON values are equal up to rounding."""
     if isinstance(first, float) and isinstance(second, float):
         return math.isclose(first, second, rel_tol=0.0, abs_tol=NUMBER_TOLERANCE)
     if isinstance(first, list) and isinstance(second, list):
-        return len(first) == len(second) and all(map(_equal, first, second))
+        return len(first) == len(second) and all(map(_equal_values, first, second))
     if isinstance(first, dict) and isinstance(second, dict):
-        return first.keys() == second.keys() and all(_equal(first[key], second[key]) for key in first)
+        return first.keys() == second.keys() and all(_equal_values(first[key], second[key]) for key in first)
     return bool(first == second)
 
 
-def _shown(value: object) -> str:
+def _shorten_value(value: object) -> str:
     text = msgspec.json.encode(value).decode()
     return text if len(text) <= MAX_VALUE_CHARACTERS else text[:MAX_VALUE_CHARACTERS] + "..."
 
@@ -146,7 +146,7 @@ def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
     complete = [v.vehicle in parts and v.articulation.keys() <= parts[v.vehicle] for v in row.planned]
     if site is None or not all(complete):
         return None
-    return site, Instances.of(
+    return site, Instances.from_poses(
         stage.fleet,
         [vehicle.vehicle for vehicle in row.planned],
         np.array([vehicle.world_from_vehicle for vehicle in row.planned]),
@@ -154,9 +154,9 @@ def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
     )
 
 
-def relabeled(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> Row:
+def relabel_row(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> Row:
     """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like."""
-    columns = _labels(row, site, vehicles, stage)
+    columns = _label_columns(row, site, vehicles, stage)
     values = zip(row.planned, *columns.values(), strict=True)
     target, *extras = (replace(vehicle, **dict(zip(columns, own, strict=True))) for vehicle, *own in values)
     label: Label = "none" if row.background else "full"
@@ -170,26 +170,26 @@ def _in_the_dark(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]
     return np.flatnonzero(~sees_sky(site, vehicles)).tolist()
 
 
-def _labels(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> dict[str, Sequence[object]]:
+def _label_columns(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> dict[str, Sequence[object]]:
     """Return columns with the fields of vehicles that follow from poses."""
     config, k = stage.config, len(row.planned)
     # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
-    subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.empty & (np.arange(k) == 0)))
+    subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.hides_target & (np.arange(k) == 0)))
     cameras = Cameras(row.intrinsics, np.tile(row.world_from_camera, (k, 1, 1)))
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=subject)
     views, pixels = views_of_others(
         site, vehicles, others, views=no_views(k), cameras=cameras, visibility_m=visibility, config=config
     )
-    labels = labels_of(views, pixels, config)
+    labels = extra_labels(views, pixels, config)
     poses = vehicles.world_from_vehicle
-    gap, penetration = gap_and_penetration(site.terrain, poses, stage.fleet.contacts.of(vehicles.model))
+    gap, penetration = gap_and_penetration(site.terrain, poses, stage.fleet.contacts.take(vehicles.model))
     up = poses[:, :3, 2]
     numbers = {"slope_deg": np.degrees(np.arctan2(np.hypot(up[:, 0], up[:, 1]), up[:, 2]))}
     numbers |= {"gap": gap, "penetration": penetration}
     return {
-        **of_views(views),
-        **{key: rounded(key, values).tolist() for key, values in numbers.items()},
+        **view_columns(views),
+        **{key: round_field(key, values).tolist() for key, values in numbers.items()},
         "label": labels,
         "bounds": bounds_in_rows(vehicles),
         "geo": geo_in_rows(poses, site),

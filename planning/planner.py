@@ -18,12 +18,12 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.given_poses import GivenPoses
 from hulldown.plan.row import Row, encode_rows
 from hulldown.planning.appearance.light import hdri_weights
-from hulldown.planning.block_rows import rows_of
+from hulldown.planning.block_rows import block_rows
 from hulldown.planning.search.budget import Positions, given_of, make_budget, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
 from hulldown.planning.search.positions import HopelessPosition, plan_block
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.search.tables import Block, extras_at, framed_on
 
@@ -76,7 +76,7 @@ class Planner:
         pending, attempt = np.arange(len(number)), 0
         while len(pending):
             uniform = self._draws.uniform(Purpose.SCENERY, number[pending], attempt, count=1)[:, 0]
-            site = choose(weights[pending], uniform)
+            site = choose_weighted(weights[pending], uniform)
             weights[pending, site] = 0.0
             # A position without a place on its scenery tries the others.
             homeless = [pending[:0]]
@@ -87,12 +87,12 @@ class Planner:
                 if not len(here):
                     continue
                 movable = weights[here].any(axis=1) & (not self.strict)
-                planned = plan_block(self._block(s, take(positions, here), movable))
+                planned = plan_block(self._make_block(s, take(positions, here), movable))
                 if planned.hopeless:
                     # Another block may hold an earlier one: the error must not depend on blocks.
                     hopeless = planned.hopeless
                     continue
-                rows += rows_of(planned, self.assets, hdri_weights=self._hdri_weights)
+                rows += block_rows(planned, self.assets, hdri_weights=self._hdri_weights)
                 homeless.append(here[planned.given_up])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
@@ -104,7 +104,7 @@ class Planner:
         rows.sort(key=lambda row: row.index)
         return rows
 
-    def _block(self, site: int, positions: Positions, movable: Bool[np.ndarray, " n"]) -> Block:
+    def _make_block(self, site: int, positions: Positions, movable: Bool[np.ndarray, " n"]) -> Block:
         """Return positions on a scenery, of which the movable ones have others left."""
         stage, draws, scenery = self.stage, self._draws, self.stage.sites[site]
         model = framed_on(self.budget, stage, draws, positions=positions, site=scenery)

@@ -22,9 +22,9 @@ from msgspec.structs import asdict
 
 from hulldown.assets.library import Assets, HdriSource, Source
 from hulldown.base.arguments import PATH, AnyPath, Count
-from hulldown.base.code import version_of
+from hulldown.base.code import package_version
 from hulldown.base.errors import ConfigError
-from hulldown.base.files import make_room
+from hulldown.base.files import prepare_output_file
 from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.plan.config.asset_sections import CACHE_NAME
 from hulldown.plan.config.schema import Config
@@ -36,7 +36,7 @@ from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.pieces.doubt import Doubt, warnings_of
+from hulldown.reading.pieces.doubt import Doubt, file_warnings
 
 Progress = Callable[[int, int], None]
 PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
@@ -90,7 +90,7 @@ def plan_dataset(
     >>> made = plan("project/hulldown.toml", "project/plan.jsonl")  # doctest: +SKIP
     """
     # Local imports, since the worker processes import this module.
-    from hulldown.base.terminal import reporting
+    from hulldown.base.terminal import progress_bar
     from hulldown.plan.library import load_library
     from hulldown.planning.appearance.hdri_land import land_above_horizon
 
@@ -99,7 +99,7 @@ def plan_dataset(
     path = Path(output)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")
-    make_room(path)
+    prepare_output_file(path)
     photographs = None
     if config.camera.like is not None:
         photographs = read_photographs(config.folder / config.camera.like)  # before the long work
@@ -108,12 +108,12 @@ def plan_dataset(
     library = load_library(config, strict=strict, cache=cache, limits=limits)
     doubts = library.doubts(backdrop=config.light.backdrop == "hdri")
     unstated = new_doubts(doubts, config)
-    for line in warnings_of(unstated):
+    for line in file_warnings(unstated):
         warnings.warn(line, stacklevel=2)
     if stated := sum(map(len, doubts.values())) - sum(map(len, unstated.values())):
         warnings.warn(f"{stated} doubts aren't repeated, since `init` wrote them into {config.path}", stacklevel=2)
     assets = library.assets
-    with reporting("planning", progress) as advance:
+    with progress_bar("planning", progress) as advance:
         made = write_plan(
             config,
             assets,
@@ -165,13 +165,13 @@ def write_plan(
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
     with PlanWriter(path, make_header(planner, path)) as writer:
-        start = _resume(writer, planner)
+        start = _resume_position(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
         size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), BLOCK_POSITIONS)
         blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
         workers = min(workers, max(len(blocks), 1))
-        for lines, rows in _planned(planner, blocks, workers):
+        for lines, rows in _plan_blocks(planner, blocks, workers):
             writer.write(lines, rows)
             if progress:
                 progress(writer.rows, budget.n_images)
@@ -208,7 +208,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         },
         versions={
             "python": platform.python_version(),
-            **{package: version_of(package) or "unknown" for package in PACKAGES},
+            **{package: package_version(package) or "unknown" for package in PACKAGES},
         },
         left_out=list(planner.pairs.left_out),
         photographs=None if photographs is None else Source(path=str(config.camera.like), sha256=photographs.sha256),
@@ -216,19 +216,19 @@ def make_header(planner: Planner, path: str | Path) -> Header:
     )
 
 
-def _resume(writer: PlanWriter, planner: Planner) -> int:
+def _resume_position(writer: PlanWriter, planner: Planner) -> int:
     """Return the first position that isn't completely in the file, and drop its rows."""
     budget = planner.budget
     if writer.rows >= budget.n_images:
-        writer.keep(budget.n_images)
+        writer.keep_rows(budget.n_images)
         return budget.n_positions
     starts = budget.positions.first_image
     position = int(np.searchsorted(starts, writer.rows, side="right")) - 1
-    writer.keep(int(starts[position]))
+    writer.keep_rows(int(starts[position]))
     return position
 
 
-def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> Iterator[tuple[bytes, int]]:
+def _plan_blocks(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> Iterator[tuple[bytes, int]]:
     """Yield the lines of the blocks in order."""
     if workers == 1:
         for block in blocks:
@@ -239,11 +239,11 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
     context.set_forkserver_preload([__name__])
     made_with = {key: getattr(planner, key) for key in ("strict", "pairs", "poses", "photographs")}
     make = partial(Planner, planner.config, planner.assets, **made_with)
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin, initargs=(make,))
+    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_begin_worker, initargs=(make,))
     running: deque[Future[tuple[bytes, int]]] = deque()
     try:
         for block in blocks:
-            running.append(pool.submit(_lines, *block))
+            running.append(pool.submit(_block_lines, *block))
             if len(running) >= _BLOCKS_AHEAD * workers:
                 yield running.popleft().result()
         while running:
@@ -255,7 +255,7 @@ def _planned(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> I
 _planner: Planner | None = None  # of a worker process
 
 
-def _begin(make: Callable[[], Planner]) -> None:
+def _begin_worker(make: Callable[[], Planner]) -> None:
     global _planner
     # The parent handles Ctrl-C, and the workers end with it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -271,6 +271,6 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _lines(start: int, stop: int) -> tuple[bytes, int]:
+def _block_lines(start: int, stop: int) -> tuple[bytes, int]:
     assert _planner is not None
     return _planner.lines(start, stop)

@@ -28,11 +28,11 @@ from hulldown.planning.inputs.poses import read_poses
 from hulldown.property_tests.any_values import MANY, refusal
 from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.confinement.references import refuse_odd_references
-from hulldown.reading.pieces.formats import format_of
+from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.scenery.geotiff import read_elevations, read_orthophoto
 from hulldown.tests.networks import RUN
-from hulldown.training.detectors.detector import weights_of
-from hulldown.training.evaluation.labels import labels_of
+from hulldown.training.detectors.detector import find_weights
+from hulldown.training.evaluation.labels import evaluation_labels
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.settings import OWN_AUGMENTATIONS, load_settings
@@ -132,7 +132,7 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
     "poses": ("p.csv", lambda: b"x,y,yaw_deg,sequence\n1,2,30,\n", read_poses),
     "elevations": ("e.tif", lambda: raster(1, "float32"), lambda path: read_elevations(path, area=None, scale=None)),
     "orthophoto": ("o.tif", lambda: raster(3, "uint8"), lambda path: read_orthophoto(path, crs="", low=LOW, high=HIGH)),
-    "glTF": ("m.gltf", lambda: encoded(GLTF), lambda path: refuse_odd_references(path, format_of(path))),
+    "glTF": ("m.gltf", lambda: encoded(GLTF), lambda path: refuse_odd_references(path, file_format(path))),
     "blend": ("m.blend", lambda: b"BLENDER-v300LI\0\0" + bytes(40), refuse_special_files),
     "classes": ("y/data.yaml", BESIDE["y"]["y/data.yaml"], lambda path: foreign(path.parent / "images")),
     "YOLO": (
@@ -151,12 +151,12 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
     "predictions": (
         "p.json",
         lambda: encoded(FOUND),
-        lambda path: read_predictions(path, labels_of(LabeledImages.of(COCO), path=path)),
+        lambda path: read_predictions(path, evaluation_labels(LabeledImages.from_coco(COCO), path=path)),
     ),
     "run": (
         "run.json",
         lambda: encoded(RUN),
-        lambda path: weights_of(path.parent),
+        lambda path: find_weights(path.parent),
     ),
     "augmentation": (
         "a.yaml",

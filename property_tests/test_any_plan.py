@@ -23,7 +23,7 @@ from hulldown.plan.library import load_planned_library
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import Row
-from hulldown.plan.summary import summarize
+from hulldown.plan.summary import summarize_plan
 from hulldown.planning.check import check_rows
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import write_plan
@@ -128,7 +128,7 @@ def used(path: Path) -> None:
             refusal(load_planned_library, plan),
             refusal(refuse_changed, plan, ASSETS),
             refusal(check, plan),
-            refusal(summarize, plan),
+            refusal(summarize_plan, plan),
             refusal(Outline, plan),
             refusal(plan_key, path),
             *(refusal(job_of, row, path) for row in rows),

@@ -4,8 +4,8 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from hulldown.geometry.transforms import rigid, rotation_z
-from hulldown.reading.pieces.naming import GROUND, GUN, HELPERS, TURRET, first_match, words
+from hulldown.geometry.transforms import rigid_matrix, rotation_z
+from hulldown.reading.pieces.naming import GROUND, GUN, HELPERS, TURRET, first_match, name_words
 from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
@@ -20,7 +20,7 @@ sizes = st.floats(0.05, 8).map(lambda x: round(x, 3))
 def test_numbers_added_by_blender_change_nothing(name: str, number: int) -> None:
     assume(name[-4:-3] != ".")
     numbered = f"{name}.{number:03}"
-    assert words(numbered) == words(name)
+    assert name_words(numbered) == name_words(name)
     for patterns in (TURRET, GUN, GROUND, HELPERS):
         assert first_match(numbered, patterns) == first_match(name, patterns)
 
@@ -58,14 +58,14 @@ def test_only_the_floor_under_a_vehicle_is_dropped(parts: list, order: list[int]
 
 @given(st.floats(-3, 3), st.tuples(coordinates, coordinates, coordinates))
 def test_parts_do_not_depend_on_the_vehicles_position_in_the_file(yaw: float, at: tuple) -> None:
-    file_from_vehicle = rigid(rotation_z(yaw), np.array(at))
+    file_from_vehicle = rigid_matrix(rotation_z(yaw), np.array(at))
     cube = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     spots = {"Hull": (0, 0, 0.5), "Turret": (0.4, 0.1, 1.5), "Gun": (1.2, 0.1, 1.5)}
     found = []
     for world in (np.eye(4), file_from_vehicle):
         pieces, points = [], []
         for name, spot in spots.items():
-            pose = world @ rigid(np.eye(3), np.array(spot, float))
+            pose = world @ rigid_matrix(np.eye(3), np.array(spot, float))
             pieces.append(Piece("m", (Link(name, (), "MESH", pose),), 0, pose, np.zeros((2, 3)), 12))
             stretch = np.array([4.0, 0.2, 0.2]) if name == "Gun" else np.ones(3)
             points.append(cube * stretch + spot + (np.array([2, 0, 0]) if name == "Gun" else 0))

@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.base.child import Child
-from hulldown.reading.inspect import draw
+from hulldown.reading.inspect import draw_asset
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Job, exported_by
+from hulldown.reading.reader_process import Job, finished_export
 
 MAKER = Path(__file__).with_name("blend_maker.py")
 MANY = settings.default.max_examples * (10 if settings.default.max_examples >= 2000 else 2)  # 20,000 in thorough
@@ -160,9 +160,9 @@ def test_every_blend_is_read_or_refused_in_one_line(reader, case):
 
 def use(job: Job, *, drawn: bool) -> None:
     """Use a read asset as `hulldown inspect` does."""
-    read = exported_by(job)
+    read = finished_export(job)
     assert all("\n" not in line for line in read.report.lines())
     asset = (load_vehicle if read.report.kind == "vehicle" else load_scenery)(read.bundle)
     if drawn:
-        draw(asset, size=8)
+        draw_asset(asset, size=8)
     assert read.tidy.is_file()

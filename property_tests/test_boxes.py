@@ -16,13 +16,13 @@ from hypothesis.extra.numpy import arrays
 
 from hulldown.annotate.boxes import MAX_COORDINATE_PX, VehicleBoxes, surface_box
 from hulldown.annotate.masks import mask_box
-from hulldown.annotate.posing import PosedParts, move
+from hulldown.annotate.posing import PosedParts, transform_parts
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rigid, rotation_about
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix, transform_points
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.oracles.curves import LENSES, dense_extent
@@ -44,9 +44,7 @@ def arrays_of(shape: tuple[int, ...], low: float = -2.0, high: float = 2.0) -> s
 
 def turned(turns: np.ndarray) -> np.ndarray:
     """The rotation by these angles about z, y, and x."""
-    return np.linalg.multi_dot(
-        [rotation_about(axis, angle) for axis, angle in zip(np.eye(3)[::-1], turns, strict=True)]
-    )
+    return np.linalg.multi_dot([axis_rotation(axis, angle) for axis, angle in zip(np.eye(3)[::-1], turns, strict=True)])
 
 
 rotations = arrays_of((3,), -math.pi, math.pi).map(turned)
@@ -109,7 +107,7 @@ def cameras(draw: st.DrawFn, target: np.ndarray) -> Cameras:
     aside = draw(arrays_of((3,))) * distance * draw(st.sampled_from([0.0, 0.05, 0.5]))
     width, height = draw(st.tuples(*[st.sampled_from([640, 1, 16, 1920])] * 2))
     position = target - distance * rotation[:, 2] + aside
-    return Cameras(Intrinsics(width, height, draw(st.sampled_from(FIELDS_OF_VIEW))), rigid(rotation, position))
+    return Cameras(Intrinsics(width, height, draw(st.sampled_from(FIELDS_OF_VIEW))), rigid_matrix(rotation, position))
 
 
 @st.composite
@@ -117,7 +115,7 @@ def views(draw: st.DrawFn) -> View:
     origin = draw(arrays_of((3,))) * draw(st.sampled_from([0.0, 1.0, 1e4]))
     angles = {name: draw(st.none() | numbers(-3.0, 3.0)) for name in PARTS[1:]}
     articulation = {name: angle for name, angle in angles.items() if angle is not None}
-    return rigid(draw(rotations), origin), draw(cameras(origin)), articulation
+    return rigid_matrix(draw(rotations), origin), draw(cameras(origin)), articulation
 
 
 def exact_box(
@@ -193,17 +191,17 @@ def test_the_fast_box_equals_clipping(
     lenses = [camera]
     for distance, rotation, aside, fov_x in cut:
         position = pose[:3, 3] - distance * rotation[:, 2] + rotation[:, :2] @ aside * distance
-        lenses.append(Cameras(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
-    vertices_world = apply(pose, vertices_at(shape, articulation))
+        lenses.append(Cameras(Intrinsics(640, 480, fov_x), rigid_matrix(rotation, position)))
+    vertices_world = transform_points(pose, vertices_at(shape, articulation))
     for depth, rotation, aside, fov_x in near:
         nearest = vertices_world[(vertices_world @ rotation[:, 2]).argmin()]
         position = nearest - depth * (rotation[:, 2] + rotation[:, :2] @ aside)
-        lenses.append(Cameras(Intrinsics(640, 480, fov_x), rigid(rotation, position)))
+        lenses.append(Cameras(Intrinsics(640, 480, fov_x), rigid_matrix(rotation, position)))
     for rotation, edge, side, fov_x in edges:
         intrinsics, position = Intrinsics(640, 480, fov_x), pose[:3, 3] - 50.0 * rotation[:, 2]
         x, _, z = rotation.T @ (vertices_world - position).T
         shift = side(x - (edge - 320.0) * z / intrinsics.f_px)  # of the camera to its right
-        lenses.append(Cameras(intrinsics, rigid(rotation, position + shift * rotation[:, 0])))
+        lenses.append(Cameras(intrinsics, rigid_matrix(rotation, position + shift * rotation[:, 0])))
     for lens in lenses:
         found = boxes.box(pose, lens, articulation, frame=frame)
         expected = surface_box(vertices_world, shape.mesh.faces, lens, frame=frame)
@@ -219,12 +217,12 @@ def test_the_fast_box_equals_clipping(
 def test_hull_vertices_give_the_bits_of_all_vertices(
     vehicle: Drawn, rotation: np.ndarray, position: np.ndarray, angles: np.ndarray
 ) -> None:
-    camera, shape = Cameras(Intrinsics(1920, 1080, 1.0), rigid(np.eye(3), [0.0, 0.0, -60.0])), turning(*vehicle)
-    pose, posed = rigid(rotation, position), PosedParts(shape)
+    camera, shape = Cameras(Intrinsics(1920, 1080, 1.0), rigid_matrix(np.eye(3), [0.0, 0.0, -60.0])), turning(*vehicle)
+    pose, posed = rigid_matrix(rotation, position), PosedParts(shape)
     angles = (angles * [0.0, 1.0, 1.0])[None, : len(shape.part_names)]
     articulation = dict(zip(shape.part_names[1:], angles[0, 1:].tolist(), strict=True))
     camera_from_parts = posed.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
-    x, y, z = move(posed.vertices, posed.vertex_slices, camera_from_parts)[:, 0]
+    x, y, z = transform_parts(posed.vertices, posed.vertex_slices, camera_from_parts)[:, 0]
     u, v = x / z * camera.lenses.f_px + 960.0, y / z * camera.lenses.f_px + 540.0
     assume(min(u.min(), v.min()) >= 0.0)
     assume(u.max() <= 1920.0)
@@ -253,8 +251,8 @@ def test_the_box_contains_the_mask_and_touches_it_on_four_sides(
     subdivisions: int, ball: bool, stretch: np.ndarray, rotation: np.ndarray, position: np.ndarray
 ) -> None:
     vertices, faces = solid(subdivisions, ball=ball)
-    shape, pose = vehicle_of(Mesh(vertices * stretch, faces)), rigid(rotation, position)
-    view = rigid(np.eye(3), [0.0, 0.0, -8.0])
+    shape, pose = vehicle_of(Mesh(vertices * stretch, faces)), rigid_matrix(rotation, position)
+    view = rigid_matrix(np.eye(3), [0.0, 0.0, -8.0])
     box = VehicleBoxes(shape).box(pose, Cameras(Intrinsics(64, 48, 1.0), view))
     if box is None or box[2:].min() < 1.0:
         return

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.instances import FEW_RAYS, InstancedScene
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.overlap import boxes_touch, triangles_touch_box
 from hulldown.geometry.rays import RayCaster
-from hulldown.geometry.transforms import apply, invert_rigid, rigid
+from hulldown.geometry.transforms import invert_rigid, rigid_matrix, transform_points
 from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.shapes import CORNERS, QUADS, random_rotations
 
@@ -33,7 +33,7 @@ def scene_and_flat(seed, k, squashed, offset=0.0):
         poses[rng.integers(k), :3, rng.integers(3)] = 0.0
     poses[:, :3, 3] = rng.uniform(-5, 5, (k, 3)) + offset
     which = rng.integers(0, 3, k)
-    moved = [Mesh(apply(p, meshes[m].vertices), meshes[m].faces) for m, p in zip(which, poses, strict=True)]
+    moved = [Mesh(transform_points(p, meshes[m].vertices), meshes[m].faces) for m, p in zip(which, poses, strict=True)]
     return rng, InstancedScene(meshes, which, poses), moved
 
 
@@ -46,7 +46,7 @@ def scene_and_flat(seed, k, squashed, offset=0.0):
 )
 def test_instances_give_the_hits_of_one_merged_mesh(seed, k, squashed, offset, n):
     rng, scene, moved = scene_and_flat(seed, k, squashed, offset)
-    flat, source = merge(moved)
+    flat, source = merge_meshes(moved)
     first = np.cumsum([0, *(len(m.faces) for m in moved)])
     caster = RayCaster(flat)
     origins, directions = rng.uniform(-8, 8, (n, 3)) + offset, rng.normal(size=(n, 3))
@@ -93,14 +93,14 @@ def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis, bundle):
         origins = origins[:1] + rng.integers(0, 2, (12, 3)) / 4
         directions = directions[:1] + rng.integers(-1, 2, (12, 3)) / 64
     reach = rng.uniform(0, 8, 12)
-    ray, crossed, _ = BoxTree(bounds).crossed(origins, directions, reach)
+    ray, crossed, _ = BoxTree(bounds).crossed_boxes(origins, directions, reach)
     pairs = list(zip(ray.tolist(), crossed.tolist(), strict=True))
     assert len(pairs) == len(set(pairs))
     every = [(i, j) for i in range(12) for j in range(k)]
     least = {(i, j) for i, j in every if _crosses(origins[i], directions[i], reach[i], bounds[j], 0.0)}
     most = {(i, j) for i, j in every if _crosses(origins[i], directions[i], reach[i], bounds[j], 1e-12)}
     assert least <= set(pairs) <= most
-    query, box = BoxTree(bounds).overlapping(origins, origins + 2)
+    query, box = BoxTree(bounds).overlapping_pairs(origins, origins + 2)
     touching = (bounds[None, :, 0] <= origins[:, None] + 2).all(2) & (bounds[None, :, 1] >= origins[:, None]).all(2)
     assert sorted(zip(query.tolist(), box.tolist(), strict=True)) == list(map(tuple, np.argwhere(touching).tolist()))
 
@@ -128,8 +128,8 @@ def test_triangles_and_boxes_touch_a_box_where_clipping_leaves_something(seed, s
     expected = [len(clipped(t, p)) > 0 for t, p in zip(triangles, planes, strict=True)]
     touching = triangles_touch_box([*map(list, np.moveaxis(triangles, 0, 2))], list(half.T))
     np.testing.assert_array_equal(touching, expected)
-    poses = rigid(random_rotations(rng, 60), rng.normal(0, size, (60, 3)))
-    squares = apply(poses, (2.0 * CORNERS - 1.0) * other[:, None])[:, QUADS]
+    poses = rigid_matrix(random_rotations(rng, 60), rng.normal(0, size, (60, 3)))
+    squares = transform_points(poses, (2.0 * CORNERS - 1.0) * other[:, None])[:, QUADS]
     # Its sides go through the box, or it's all around the box.
     expected = [any(map(len, (clipped(q, p) for q in each))) for each, p in zip(squares, planes, strict=True)]
     expected |= (np.abs(invert_rigid(poses)[:, :3, 3]) <= other).all(axis=1)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pycocotools import mask as pycocotools_mask
 
-from hulldown.annotate.masks import decode, encode, extent, iou, mask_box
+from hulldown.annotate.masks import area_and_box, decode_mask, encode_mask, mask_box, mask_iou
 
 sizes = st.tuples(st.integers(1, 24), st.integers(1, 24))
 noise = sizes.flatmap(lambda size: hnp.arrays(bool, size))
@@ -35,13 +35,13 @@ masks = noise | blobs()
 @given(masks)
 def test_run_lengths_round_trip(mask: np.ndarray) -> None:
     h, w = mask.shape
-    record = encode(mask)
-    assert np.array_equal(decode(record, w, h), mask)
+    record = encode_mask(mask)
+    assert np.array_equal(decode_mask(record, w, h), mask)
     assert np.array_equal(pycocotools_mask.decode(record).astype(bool), mask)
     assert int(pycocotools_mask.area(record)) == mask.sum()
     box = mask_box(mask)
     assert pycocotools_mask.toBbox(record).tolist() == ([0.0] * 4 if box is None else box.tolist())
-    pixels, extent_box = extent(record, w, h)
+    pixels, extent_box = area_and_box(record, w, h)
     assert pixels == mask.sum()
     assert (extent_box is None) if box is None else extent_box.tolist() == box.tolist()
 
@@ -49,7 +49,7 @@ def test_run_lengths_round_trip(mask: np.ndarray) -> None:
 @given(masks, st.data())
 def test_overlap_equals_that_of_pycocotools(mask: np.ndarray, data: st.DataObject) -> None:
     other = data.draw(hnp.arrays(bool, mask.shape))
-    expected = float(pycocotools_mask.iou([encode(mask)], [encode(other)], [0])[0, 0])
+    expected = float(pycocotools_mask.iou([encode_mask(mask)], [encode_mask(other)], [0])[0, 0])
     either = mask.any() or other.any()
-    assert iou(mask, other) == (expected if either else 1.0)
-    assert iou(mask, other) == iou(other, mask)
+    assert mask_iou(mask, other) == (expected if either else 1.0)
+    assert mask_iou(mask, other) == mask_iou(other, mask)

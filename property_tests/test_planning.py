@@ -9,20 +9,20 @@ from hypothesis import HealthCheck, given, reject, settings
 from hypothesis import strategies as st
 
 from hulldown.annotate.boxes import surface_box
-from hulldown.annotate.masks import decode
+from hulldown.annotate.masks import decode_mask
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.dataset.attributes import numbers_of
+from hulldown.dataset.attributes import label_numbers
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.geometry.rays import RayCaster
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.asset_sections import OWN
-from hulldown.plan.summary import summarize
-from hulldown.planning.check import known_poses, relabeled
+from hulldown.plan.summary import summarize_plan
+from hulldown.planning.check import known_poses, relabel_row
 from hulldown.planning.planner import Planner
 from hulldown.tests.planning_assets import (
     DISTRACTOR_ENTRIES,
@@ -137,19 +137,19 @@ def test_every_row_keeps_every_limit(config):
         camera_within_limits(row, config)
         light_within_limits(row, config)
         labels_are_what_is_seen(row, config)
-        labels_follow_from_the_poses(row, relabeled(row, *known_poses(row, planner.stage), planner.stage))
+        labels_follow_from_the_poses(row, relabel_row(row, *known_poses(row, planner.stage), planner.stage))
         guests_keep_their_distance(row, config)
     shown_angles_are_the_configured_ones(rows, config)
 
 
 def shown_angles_are_the_configured_ones(rows, config):
     """Summary and labels measure distance and elevation as the config does, from the center of the target's box."""
-    summary, limits = summarize(rows).histograms, config.camera
+    summary, limits = summarize_plan(rows).histograms, config.camera
     of_image = {"id": 1, "image_id": 1, "category_id": 1, "file_name": "1.png"}
     shown = [row for row in rows if not row.background and row.target.label != "none"]
     labels = [Label.of(label_records(row)[0] | of_image, {}) for row in shown]
     images = [Image.of(image_record(row) | of_image, ()) for row in shown]
-    numbers = numbers_of(labels, images, np.arange(len(labels)))
+    numbers = label_numbers(labels, images, np.arange(len(labels)))
     for low, high, shown in (
         (*limits.elevation_deg, (summary["elevation_deg"].values, numbers["elevation"])),
         (*limits.distance_m, (summary["distance_m"].values, numbers["distance"])),
@@ -183,8 +183,10 @@ def guests_keep_their_distance(row, config):
     for one in row.planned:
         for other in row.planned:
             if one is not other:
-                points = apply(other.world_from_vehicle, vertices_at(SHAPES[other.vehicle], other.articulation))
-                points = apply(np.linalg.inv(one.world_from_vehicle), points)
+                points = transform_points(
+                    other.world_from_vehicle, vertices_at(SHAPES[other.vehicle], other.articulation)
+                )
+                points = transform_points(np.linalg.inv(one.world_from_vehicle), points)
                 hull = SHAPES[one.vehicle].mesh.vertices[:8]
                 low, high = hull.min(axis=0), hull.max(axis=0)
                 assert not ((points > low) & (points < high)).all(axis=1).any()
@@ -198,7 +200,9 @@ def labels_are_what_is_seen(row, config):
     segmenter = Segmenter(SHAPES, ASSETS.sceneries)
     covered = np.zeros((row.height, row.width), dtype=int)
     for record in segmenter.records(row):
-        visible, whole = (decode(record[key], row.width, row.height) for key in ("segmentation", "segmentation_amodal"))
+        visible, whole = (
+            decode_mask(record[key], row.width, row.height) for key in ("segmentation", "segmentation_amodal")
+        )
         assert not (visible & ~whole).any()
         covered += visible
     assert covered.max() <= 1
@@ -234,7 +238,7 @@ def stands_within_limits(row, vehicle, config, *, target):
     under = shape.mesh.vertices[:8, :2]
     (x0, y0), (x1, y1) = under.min(axis=0), under.max(axis=0)
     grid = [[x, y, 0.0] for x in np.linspace(x0, x1, 9) for y in np.linspace(y0, y1, 9)]
-    points = apply(pose, grid)
+    points = transform_points(pose, grid)
     # Cast by Embree directly, independently of placement.
     above_them = points + np.array([0.0, 0.0, 100.0])
     hits = CASTERS[scenery.name].cast(above_them, np.tile([0.0, 0.0, -1.0], (len(points), 1)))
@@ -242,9 +246,9 @@ def stands_within_limits(row, vehicle, config, *, target):
     assert above.max() <= limits.max_gap + 1e-3
     assert -above.min() <= limits.max_penetration + 1e-3
     assert vehicle.gap == pytest.approx(max(above.max(), 0.0), abs=1e-3)
-    world = apply(pose, vertices_at(shape, vehicle.articulation))
+    world = transform_points(pose, vertices_at(shape, vehicle.articulation))
     for pose_k, mesh_k in zip(scenery.world_from_instance, scenery.instance_mesh, strict=True):
-        obstacle = apply(pose_k, scenery.obstacle_meshes[mesh_k].vertices)
+        obstacle = transform_points(pose_k, scenery.obstacle_meshes[mesh_k].vertices)
         # Necessary, not sufficient: no vertex of the vehicle may be inside an obstacle's (axis-aligned) box.
         inside = ((world > obstacle.min(axis=0)) & (world < obstacle.max(axis=0))).all(axis=1)
         assert not inside.any()
@@ -263,7 +267,7 @@ def camera_within_limits(row, config):
     distance = np.linalg.norm(away)
     intrinsics = Intrinsics(row.width, row.height, math.radians(row.fov_x_deg))
     if limits.size_measure == "paper":
-        near, far = (float(intrinsics.distance_for(shape.size_xyz.min(), t)) for t in limits.target_fraction[::-1])
+        near, far = (float(intrinsics.target_distance(shape.size_xyz.min(), t)) for t in limits.target_fraction[::-1])
         assert near * limits.distance_factor[0] * (1 - 1e-9) <= distance <= far * limits.distance_factor[1] * (1 + 1e-9)
     else:
         low, high = limits.target_fraction
@@ -276,7 +280,7 @@ def camera_within_limits(row, config):
     scenery = ASSETS.sceneries[row.scenery]
     ground = TERRAINS[scenery.name].top_hits(camera[None, :2, 3]).z[0] if scenery.ground else 0.0
     assert camera[2, 3] - ground >= limits.ground_clearance - 1e-9
-    vertices = apply(pose, vertices_at(shape, row.target.articulation))
+    vertices = transform_points(pose, vertices_at(shape, row.target.articulation))
     found = surface_box(vertices, shape.mesh.faces, Cameras(intrinsics, camera))
     amodal = surface_box(vertices, shape.mesh.faces, Cameras(intrinsics, camera), frame=False)
     assert row.target.bbox == pytest.approx(found, abs=1e-6)
@@ -288,7 +292,7 @@ def camera_within_limits(row, config):
 
 
 def painted_within_limits(vehicle, config):
-    for coat, entry in zip(vehicle.paint, config.paint_of(vehicle.vehicle), strict=True):
+    for coat, entry in zip(vehicle.paint, config.vehicle_paint(vehicle.vehicle), strict=True):
         assert coat.materials == list(entry.materials)
         assert (coat.color or OWN) in entry.colors
 

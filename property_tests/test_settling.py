@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rigid, rotation_z
-from hulldown.placement.candidates import candidates
+from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
+from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.footprint import Underside, underside_samples
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
@@ -119,9 +119,9 @@ def test_poses_move_turn_and_scale_with_the_world(mesh, where, rule, turn, scale
     xy, yaw = where[0] + [0.137, 0.291], where[1]
     large = small and Underside(scale * small.box, scale * small.heights)
     here = placed(Terrain(mesh), xy, yaw, footprint=small, rule=rule)
-    there_from_here = rigid(scale * rotation_z(turn), shift)
-    moved = Mesh(apply(there_from_here, mesh.vertices), mesh.faces, "moved")
-    moved_xy = apply(there_from_here, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
+    there_from_here = rigid_matrix(scale * rotation_z(turn), shift)
+    moved = Mesh(transform_points(there_from_here, mesh.vertices), mesh.faces, "moved")
+    moved_xy = transform_points(there_from_here, np.column_stack([xy, np.zeros(len(xy))]))[:, :2]
     there = settle(Terrain(moved), scale * TANK, moved_xy, yaw + turn, footprint=large, rules=SettleRules(rule=rule))
     np.testing.assert_array_equal(there.rejection, here.rejection)
     expected = there_from_here @ here.world_from_vehicle
@@ -167,7 +167,7 @@ def test_a_flat_underside_gives_the_bits_of_a_plate(mesh, where, rule, n):
 def test_gap_and_penetration_are_those_of_the_posed_underside_and_it_rests_on_the_ground(mesh, shape, where, rule, n):
     terrain, (xy, yaw) = Terrain(mesh), where
     settled = placed(terrain, xy, yaw, footprint=shape, rule=rule, n=n, max_slope=1.4)
-    measured, resting = (underside_samples(shape, side).solid() for side in (9, n))
+    measured, resting = (underside_samples(shape, side).below_underside() for side in (9, n))
     assert settled.ok.all()
     for i in np.flatnonzero(settled.ok):
         pose = settled.world_from_vehicle[i]
@@ -176,7 +176,7 @@ def test_gap_and_penetration_are_those_of_the_posed_underside_and_it_rests_on_th
             """Of the vehicle's plane z = 0, straight up: n . (p - origin) = 0."""
             return pose[2, 3] - (xy - pose[:2, 3]) @ pose[:2, 2] / pose[2, 2] - terrain.top_hits(xy).z
 
-        points = apply(pose, np.column_stack([measured.xy, measured.height]))
+        points = transform_points(pose, np.column_stack([measured.xy, measured.height]))
         below = terrain.top_hits(points[:, :2]).z - points[:, 2]
         assert settled.penetration[i] == pytest.approx(max(0.0, below.max()), abs=1e-10)
         gap = above_ground(points[measured.foot, :2]).max()
@@ -189,7 +189,7 @@ def test_gap_and_penetration_are_those_of_the_posed_underside_and_it_rests_on_th
 
 def test_the_number_of_threads_changes_nothing():
     mesh = height_field(lambda x, y: 0.8 * np.random.default_rng(5).random(x.shape) + 0.1 * x, cell=1.0)
-    xy, yaw = candidates(mesh.bounds, 6000, rng=np.random.default_rng(5), margin=1.0)
+    xy, yaw = sample_candidates(mesh.bounds, 6000, rng=np.random.default_rng(5), margin=1.0)
     one = placed(Terrain(mesh), xy, yaw)
     more = settle(Terrain(mesh), TANK, xy, yaw, threads=3)
     np.testing.assert_array_equal(one.world_from_vehicle, more.world_from_vehicle)

@@ -12,7 +12,7 @@ from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.transforms import rigid
+from hulldown.geometry.transforms import rigid_matrix
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.tests.shapes import box, random_rotations
@@ -37,7 +37,7 @@ def boulders(rng: np.random.Generator, k: int) -> InstancedScene:
     """Cubes, turned, stretched, some mirrored, anywhere within 30 m except at the target."""
     around, height = rng.uniform(0, 2 * math.pi, k), rng.uniform(0, 10, k)
     at = np.stack([np.cos(around), np.sin(around), height], 1) * np.stack([rng.uniform(6, 30, k)] * 2 + [np.ones(k)], 1)
-    poses = rigid(random_rotations(rng, k), at)
+    poses = rigid_matrix(random_rotations(rng, k), at)
     poses[:, :3, :3] *= rng.uniform(0.2, 4, (k, 1, 3)) * rng.choice([-1, 1], (k, 1, 3))
     return InstancedScene([CUBE], np.zeros(k, dtype=int), poses)
 
@@ -98,13 +98,13 @@ def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: flo
     reach = np.where(asked.ravel(), met * rng.uniform(0.9, 1.1, n * r), -np.inf)
     rays = camera_rays.rays(poses, which)
     for hiders in (Scene(Plane(-1.0)), Scene(Plane(-1.0), world.obstacles), world):
-        passed = hiders.passed(camera_rays, poses, reach=reach)[which]
+        passed = hiders.image_transmittance(camera_rays, poses, reach=reach)[which]
         np.testing.assert_array_equal(passed == 0.0, hiders.occluded(*rays, max_distance=reach[which]))
 
 
 @given(seeds, st.floats(0.05, 0.8))
 def test_moving_the_world_changes_almost_nothing(seed: int, elevation: float) -> None:
-    shift = rigid(np.eye(3), [5e5, 5.4e6, 50.0])
+    shift = rigid_matrix(np.eye(3), [5e5, 5.4e6, 50.0])
     scene = boulders(np.random.default_rng(seed), 8)
     moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
     poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)

@@ -12,22 +12,22 @@ from jaxtyping import Float
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.seen_surface import seen_surface
-from hulldown.geometry.transforms import apply
-from hulldown.placement.footprint import contact_footprint, underside
-from hulldown.reading.pieces.asset_report import PartRow, Thing, xyz
+from hulldown.geometry.transforms import transform_points
+from hulldown.placement.footprint import contact_footprint, vehicle_underside
+from hulldown.reading.pieces.asset_report import PartRow, Thing, format_xyz
 from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
-from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched
+from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_pattern
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.marked_keypoints import marked_points
 from hulldown.reading.vehicle.nose import forward_text
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import MOST_SOLIDS, PlacedPieces
-from hulldown.reading.vehicle.stance import Upright, heading, vehicle_from_upright, with_solids_of
+from hulldown.reading.vehicle.stance import Upright, find_nose, find_solids_again, vehicle_from_upright
 from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
@@ -58,11 +58,11 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
 
     What might not belong to it is proposed for `drop` if the vehicle without it has fewer doubts.
     """
-    built, strays = _build(name, upright, options)
+    built, strays = _build_vehicle(name, upright, options)
 
     def helps(stray: Stray) -> bool:
         try:
-            other, left = _build(name, upright, replace(options, drop=(*options.drop, *stray.drop)))
+            other, left = _build_vehicle(name, upright, replace(options, drop=(*options.drop, *stray.drop)))
         except AssetError:
             return False
         return len(other.doubts) + len(left) < len(built.doubts) + len(strays)
@@ -71,7 +71,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     return replace(built, doubts=(*built.doubts, *doubts))
 
 
-def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
+def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
     """Return the vehicle with all other doubts, and what might not belong to it."""
     pieces, meshes, markers = upright.drawn.pieces, upright.drawn.meshes, upright.drawn.markers
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
@@ -80,15 +80,15 @@ def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle,
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
     if len(upright.solids) == MOST_SOLIDS:
-        upright = with_solids_of(upright, kept)
+        upright = find_solids_again(upright, kept)
     left_out: list[Doubt] = []
     while True:
-        forward, solids, wheels = heading(upright, kept, options)
+        forward, solids, wheels = find_nose(upright, kept, options)
         ahead = vehicle_from_upright(forward.value)
         vehicle_from_file = ahead @ upright.meters
-        points = [apply(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
+        points = [transform_points(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
         whole = PlacedPieces(
-            [pieces[i] for i in kept], points, solids.turned(ahead[:3, :3]), markers, vehicle_from_file
+            [pieces[i] for i in kept], points, solids.rotate_solids(ahead[:3, :3]), markers, vehicle_from_file
         )
         wanted = [k for k, piece in enumerate(whole.pieces) if is_wanted(piece, options.keep)]
         others = [pieces[i] for i, role in enumerate(roles) if role.use == "dropped"]
@@ -110,8 +110,8 @@ def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle,
             there = ", ".join(sorted({repr(piece.name) for piece in whole.pieces})[:8])
             raise AssetError(f"{part} = {key!r} matches nothing, or everything; it contains {there}")
     order = np.argsort(parts.piece_part, kind="stable")
-    placed = [_compact(meshes[whole.pieces[j].mesh], points[j], whole.pieces[j].name) for j in order]
-    mesh, _ = merge(placed, name=name)
+    placed = [_compact_mesh(meshes[whole.pieces[j].mesh], points[j], whole.pieces[j].name) for j in order]
+    mesh, _ = merge_meshes(placed, name=name)
     seen = seen_surface(mesh)
     if seen is None:
         remedy = "raise its materials' alpha to 0.5 or more, or name what else to `keep`"
@@ -121,19 +121,19 @@ def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle,
     if not (np.ptp(contact_footprint(surface.vertices), axis=0) > 0).all():
         raise AssetError("is a sheet on its edge, with no length or no width to stand on", remedy="set its `up`")
     base = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
-    standing = surface.at(surface.vertices - base)
+    standing = surface.with_vertices(surface.vertices - base)
     to_base = np.eye(4)
     to_base[:3, 3] = -base
     piece_part = np.full(len(pieces), -1)
     for i, number, why in zip(kept, parts.piece_part, parts.piece_why, strict=True):
         piece_part[i], roles[i] = number, replace(roles[i], use=names[number], why=why or roles[i].why)
-    moving = [replace(row, pivot=xyz(np.array(row.pivot) - base)) for row in parts.moving]
+    moving = [replace(row, pivot=format_xyz(np.array(row.pivot) - base)) for row in parts.moving]
     vertex_part = np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed])
     seen_part = np.empty(len(surface.vertices), dtype=vertex_part.dtype)
     seen_part[surface.faces] = vertex_part[mesh.faces[face, :1]]
     shape = VehicleShape(
         name=name,
-        mesh=standing if surface is mesh else mesh.at(mesh.vertices - base),
+        mesh=standing if surface is mesh else mesh.with_vertices(mesh.vertices - base),
         vertex_part=vertex_part,
         part_names=names,
         part_parent=np.array([-1, *(names.index(row.parent) for row in moving)]),
@@ -141,22 +141,24 @@ def _build(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle,
         part_axis=np.array([(0.0, 0.0, 1.0), *(row.axis for row in moving)]),
         part_limits=np.array([(0.0, 0.0), *(row.limits for row in moving)]),
         vehicle_from_file=to_base @ vehicle_from_file,
-        underside=underside(standing).heights,
+        underside=vehicle_underside(standing).heights,
         seen=None if surface is mesh else standing,
         seen_part=seen_part,
     )
     marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
-    shape = shape.with_keypoints({key: (apply(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
+    shape = shape.with_keypoints(
+        {key: (transform_points(from_file, at[None])[0], part) for key, (at, part) in marked.items()}
+    )
     things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
     doubts = tuple(filter(None, (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out)))
     axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_text(forward.value)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, doubts, things), strays
 
 
-def _compact(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
+def _compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
     """Remove vertices without faces, which aren't rendered and must not widen boxes."""
-    return replace(mesh.at(points).of_faces(np.arange(len(mesh.faces))), name=name)
+    return replace(mesh.with_vertices(points).of_faces(np.arange(len(mesh.faces))), name=name)
 
 
 def build_scenery(
@@ -170,9 +172,9 @@ def build_scenery(
     for what is modeled around zero, and near enough for float32 where the file is in map coordinates.
     """
     meshes, pieces = drawn.meshes, drawn.pieces
-    if wrong := unmatched(pieces, options):
+    if wrong := unmatched_pattern(pieces, options):
         raise AssetError(
-            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_there(wrong[1], pieces)}", remedy=NAMES
+            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_similar_names(wrong[1], pieces)}", remedy=NAMES
         )
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
     obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]
@@ -190,14 +192,16 @@ def build_scenery(
     if ground:
         placed = []
         for i in ground:
-            mesh = _part_of(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
-            placed.append(_compact(mesh, apply(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name))
-        merged, _ = merge(placed, name=f"ground of {name}")
+            mesh = _water_faces(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
+            placed.append(
+                _compact_mesh(mesh, transform_points(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name)
+            )
+        merged, _ = merge_meshes(placed, name=f"ground of {name}")
     instances = [*obstacles, *wet]
     shapes = [(pieces[i].mesh, i in wet) for i in instances]
     unique = sorted(set(shapes))
     position = {shape: at for at, shape in enumerate(unique)}
-    shown = [_part_of(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
+    shown = [_water_faces(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
     scenery = Scenery(
         name=name,
         origin=origin,
@@ -218,18 +222,18 @@ def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "
     """Return whether the faces of ground with a material named like water are water: together wide and mostly level."""
     if piece.mesh not in drawn.wet:
         return False
-    part, meters_from_mesh = _part_of(piece.mesh, drawn, wet=True), meters @ piece.pose
-    bounds = part.at(apply(meters_from_mesh, part.vertices)).bounds
+    part, meters_from_mesh = _water_faces(piece.mesh, drawn, wet=True), meters @ piece.pose
+    bounds = part.with_vertices(transform_points(meters_from_mesh, part.vertices)).bounds
     level, _ = level_share(part, meters_from_mesh)
     return is_wide_and_level(replace(piece, bounds=bounds, level=level), least=MIN_WATER_WIDTH_M)
 
 
-def _part_of(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
+def _water_faces(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
     """Return the faces of a mesh with a material named like water, or the others."""
     return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number] == wet))
 
 
-def _there(wanted: str, pieces: Sequence[Piece]) -> str:
+def _similar_names(wanted: str, pieces: Sequence[Piece]) -> str:
     """Return names in the file, most similar to the wanted one first."""
     names = sorted({piece.name for piece in pieces})
     alike = get_close_matches(wanted, names, n=8, cutoff=0.4)

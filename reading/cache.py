@@ -24,14 +24,14 @@ from filelock import FileLock
 
 from hulldown.assets.bundle import BUNDLE_FORMAT
 from hulldown.base.errors import AssetError
-from hulldown.base.files import open_regular, replacing
-from hulldown.base.outside import converted, json_of, read_file, sha256_of
-from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined
+from hulldown.base.files import atomic_writer, open_regular
+from hulldown.base.outside import convert_value, file_sha256, parse_json, read_file
+from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined_reason
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.asset_report import FileReport
-from hulldown.reading.pieces.formats import format_of
+from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported, export, export_in
+from hulldown.reading.reader_process import Exported, export_asset, folder_export
 
 EXPORTER_VERSION = 36
 NOTE_NAME = "entry.json"
@@ -59,7 +59,7 @@ class _Sealed:
     note: object
 
 
-def cached(
+def cached_export(
     path: Path | str,
     cache: Path | str,
     *,
@@ -76,38 +76,38 @@ def cached(
     `kind`: "vehicle" or "scenery"; None: by its contents.
     """
     path, cache = Path(path), Path(cache)
-    format_of(path)  # before it is hashed: a folder or nothing at all has no content
-    digest = sha256_of(path)
+    file_format(path)  # before it is hashed: a folder or nothing at all has no content
+    digest = file_sha256(path)
     entries = {
         each: cache / entry_name(EXPORTER_VERSION, BUNDLE_FORMAT, each, asdict(options), digest)
         for each in ([kind] if kind else ["vehicle", "scenery"])
     }
     make_cache(cache)
     # Two plans must not export the same file at once.
-    with _locked(next(iter(entries.values()))):
-        exported = next((found for entry in entries.values() if (found := _entry(entry, path))), None)
+    with _entry_lock(next(iter(entries.values()))):
+        exported = next((found for entry in entries.values() if (found := _valid_entry(entry, path))), None)
         if exported is None:
             if progress:
                 progress(str(path))
             with new_folder(cache) as folder:
-                made = export(path, folder, kind=kind, options=options, limits=limits)
-                files = {file: _print_of(Path(file), path) for file in made.files}
+                made = export_asset(path, folder, kind=kind, options=options, limits=limits)
+                files = {file: _file_print(Path(file), path) for file in made.files}
                 entry = entries[made.report.kind]
-                seal(Path(folder), entry, _Note(str(path.resolve()), made.report, files))
-            exported = _entry(entry, path)
+                seal_entry(Path(folder), entry, _Note(str(path.resolve()), made.report, files))
+            exported = _valid_entry(entry, path)
             assert exported is not None, f"{entry}: an export just written cannot be read back"
     return exported, digest
 
 
-def _entry(entry: Path, path: Path) -> Exported | None:
+def _valid_entry(entry: Path, path: Path) -> Exported | None:
     """Return the entry, if it's complete and its sources are unchanged."""
-    note = unseal(entry, _Note)
+    note = unseal_entry(entry, _Note)
     # Relative paths of textures change their meaning in another folder.
     if note is None or ((note.files or note.report.missing) and note.path != str(path.resolve())):
         return None
-    if not all(_unchanged(Path(file), was, path) for file, was in note.files.items()):
+    if not all(_is_unchanged(Path(file), was, path) for file, was in note.files.items()):
         return None
-    return export_in(entry, replace(note.report, path=str(path)), note.files)
+    return folder_export(entry, replace(note.report, path=str(path)), note.files)
 
 
 def make_cache(cache: Path) -> None:
@@ -118,7 +118,7 @@ def make_cache(cache: Path) -> None:
         raise AssetError(f"cannot be created ({error})", path=cache) from None
 
 
-def _locked(entry: Path) -> AbstractContextManager[object]:
+def _entry_lock(entry: Path) -> AbstractContextManager[object]:
     """Return the lock of an entry, held to the end of a block."""
     lock = FileLock(f"{entry}.lock")
     try:
@@ -135,15 +135,15 @@ def new_folder(cache: Path) -> tempfile.TemporaryDirectory[str]:
 
 def entry_name(*parts: object) -> str:
     """Return the name of the entry made from `parts`; different for every user."""
-    return hmac.digest(_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
+    return hmac.digest(_secret_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
 
 
-def seal(made: Path, entry: Path, note: object) -> None:
+def seal_entry(made: Path, entry: Path, note: object) -> None:
     """Turn the folder `made` into the entry `entry`, with a sealed note, a dataclass, and hashes of its files."""
-    content = {file.name: sha256_of(file) for file in sorted(made.iterdir()) if file.is_file()}
+    content = {file.name: file_sha256(file) for file in sorted(made.iterdir()) if file.is_file()}
     body = json.dumps(msgspec.to_builtins(_Sealed(entry.name, content, note)), indent=1).encode()
-    with replacing(made / NOTE_NAME) as file:
-        file.write(_seal_of(body) + b"\n" + body)
+    with atomic_writer(made / NOTE_NAME) as file:
+        file.write(_entry_seal(body) + b"\n" + body)
     if entry.is_symlink() or entry.is_file():
         entry.unlink()
     elif entry.exists():
@@ -151,27 +151,27 @@ def seal(made: Path, entry: Path, note: object) -> None:
     os.replace(made, entry)
 
 
-def unseal(entry: Path, kind: type[Note]) -> Note | None:
+def unseal_entry(entry: Path, kind: type[Note]) -> Note | None:
     """Return the note of an entry, of this type; None unless this user sealed it and its files are unchanged."""
     try:
         if entry.is_symlink():
             return None
         with open_regular(entry / NOTE_NAME) as file:
             line, body = file.readline(1 << 10), file.read(LARGEST_NOTE)
-        if not hmac.compare_digest(line.strip(), _seal_of(body)):
+        if not hmac.compare_digest(line.strip(), _entry_seal(body)):
             return None
-        sealed = json_of(body, _Sealed)
-        same = all(sha256_of(entry / name) == digest for name, digest in sealed.content.items())
+        sealed = parse_json(body, _Sealed)
+        same = all(file_sha256(entry / name) == digest for name, digest in sealed.content.items())
     except OSError:
         return None
-    return converted(sealed.note, kind) if same and sealed.name == entry.name else None
+    return convert_value(sealed.note, kind) if same and sealed.name == entry.name else None
 
 
-def _seal_of(body: bytes) -> bytes:
-    return hmac.digest(_key(), body, "sha256").hex().encode()
+def _entry_seal(body: bytes) -> bytes:
+    return hmac.digest(_secret_key(), body, "sha256").hex().encode()
 
 
-def _key() -> bytes:
+def _secret_key() -> bytes:
     """Return the user's secret key, created on first use."""
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     path = state / "hulldown" / "cache.key"
@@ -180,7 +180,7 @@ def _key() -> bytes:
             path.parent.mkdir(parents=True, exist_ok=True)
             with FileLock(path.with_suffix(".lock")):
                 if not path.is_file():
-                    with replacing(path) as file:
+                    with atomic_writer(path) as file:
                         os.chmod(file.name, 0o600)
                         file.write(secrets.token_bytes(KEY_BYTES))
     except OSError as error:
@@ -192,22 +192,22 @@ def _key() -> bytes:
     return key
 
 
-def _print_of(file: Path, asset: Path, *, known: Print | None = None) -> Print | None:
+def _file_print(file: Path, asset: Path, *, known: Print | None = None) -> Print | None:
     """Size, time, and content of a file that an asset refers to; None if it can't be read.
 
     A file of the known size and time has the known content. A file that the confined reader couldn't open isn't opened.
     """
-    if not (unconfined() or is_inside(file, asset_folders(asset))):
+    if not (unconfined_reason() or is_inside(file, asset_folders(asset))):
         return None
     try:
         stat = file.stat()
         if known and known[:2] == (stat.st_size, stat.st_mtime_ns):
             return known
-        return stat.st_size, stat.st_mtime_ns, sha256_of(file)
+        return stat.st_size, stat.st_mtime_ns, file_sha256(file)
     except OSError:
         return None
 
 
-def _unchanged(file: Path, was: Print | None, asset: Path) -> bool:
-    now = _print_of(file, asset, known=was)
+def _is_unchanged(file: Path, was: Print | None, asset: Path) -> bool:
+    now = _file_print(file, asset, known=was)
     return now is was if now is None or was is None else now[2] == was[2]

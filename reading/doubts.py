@@ -11,9 +11,15 @@ from hulldown.reading.pieces.asset_report import By, FileReport, Missing, Object
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
-from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quoted
+from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
-from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, MIN_PUDDLE_WIDTH_M, canopies, enclosing, sheets_between
+from hulldown.reading.scenery.shape import (
+    MIN_LEVEL_SHARE,
+    MIN_PUDDLE_WIDTH_M,
+    canopy_sheets,
+    enclosing_piece,
+    sheets_in_heights,
+)
 
 LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -35,25 +41,25 @@ def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     longest, across = max(report.size), max(length, width)
     if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
         hint = likely_scale(longest, report.unit)
-        text = f"the vehicle is {length_said(longest)} long; set scale{hint} if that is wrong"
+        text = f"the vehicle is {format_length(longest)} long; set scale{hint} if that is wrong"
         yield Doubt(DoubtKind.SCALE, text)
     if height > 1.5 * across and options.up is None:
-        text = f"it is {length_said(height)} high and {length_said(across)} long"
+        text = f"it is {format_length(height)} high and {format_length(across)} long"
         yield Doubt(DoubtKind.UP, f'{text}; set up = "y" if it lies on its side')
     kept = [row for row in report.rows if row.use != "dropped"]
     asked = [row for row in report.rows if row.use == "dropped" and row.by is By.CONFIG]
     dropped = [row for row in report.rows if row.use == "dropped" and row.by is not By.CONFIG and row.triangles]
     if sum(row.triangles * row.count for row in dropped) > sum(row.triangles * row.count for row in kept):
         text = "more triangles are dropped than kept; name the vehicle's objects in `keep`"
-        yield Doubt(DoubtKind.MOST_DROPPED, f"{text}: {quoted(row.name for row in dropped)}")
-    most = max(asked, key=_volume, default=None)
-    if most and _volume(most) > max(map(_volume, kept), default=0.0):
+        yield Doubt(DoubtKind.MOST_DROPPED, f"{text}: {quote_names(row.name for row in dropped)}")
+    most = max(asked, key=_volume_doubt, default=None)
+    if most and _volume_doubt(most) > max(map(_volume_doubt, kept), default=0.0):
         text = f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull"
         yield Doubt(DoubtKind.LARGEST_DROPPED, text)
-    yield from _missing(report.missing)
+    yield from _missing_doubts(report.missing)
 
 
-def _volume(row: ObjectRow) -> float:
+def _volume_doubt(row: ObjectRow) -> float:
     return math.prod(row.size)
 
 
@@ -72,7 +78,7 @@ def scenery_doubts(
         *_role_doubts(used, options, wet, parked),
         *_shape_doubts(used),
         *_size_doubts(report, options),
-        *_missing(report.missing),
+        *_missing_doubts(report.missing),
     )
 
 
@@ -83,18 +89,20 @@ def _role_doubts(
     if not any(role.use == "ground" for _, role in used):
         text = "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
         proposed = _proposed_ground([piece for piece, role in used if role.use == "obstacle"])
-        there = quoted(piece.name for piece, _ in used)
+        there = quote_names(piece.name for piece, _ in used)
         yield Doubt(DoubtKind.NO_GROUND, f"{text}ground.fallback_z; {proposed}; in the file is {there}")
     if parked:
         objects = list(dict.fromkeys(name for own in parked.values() for name in own))
         key = f"drop = {as_key(objects)}" if len(objects) <= MOST_NAMES else "their objects in drop"
-        text = f"vehicles stand in it and get no label: {quoted(parked)}; if they're of your classes, set {key}, and "
+        text = (
+            f"vehicles stand in it and get no label: {quote_names(parked)}; if they're of your classes, set {key}, and "
+        )
         yield Doubt(DoubtKind.UNLABELED, f"{text}list them as vehicles")
     for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.by is By.SHAPE]:
-            yield Doubt(DoubtKind(use), f"taken as {use}: {quoted(found)}, by shape; {keys}")
+            yield Doubt(DoubtKind(use), f"taken as {use}: {quote_names(found)}, by shape; {keys}")
     if wet:
-        text = f"taken as water: the faces of {quoted(wet)} that wear water; if they are ground, set water = []"
+        text = f"taken as water: the faces of {quote_names(wet)} that wear water; if they are ground, set water = []"
         yield Doubt(DoubtKind.WATER, text)
     if options.water is None:
         yield from _perhaps_water(used, wet)
@@ -111,12 +119,12 @@ def _shape_doubts(used: Used) -> Iterator[Doubt]:
         text = "if buildings are part of it, vehicles are placed on their roofs; make them objects of their own"
         yield Doubt(DoubtKind.STEEP_GROUND, f"{steep}: {text} in Blender")
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
-    for sheet, above in canopies(solid, [piece.bounds for piece in grounds]):
+    for sheet, above in canopy_sheets(solid, [piece.bounds for piece in grounds]):
         name = as_key([sheet.name])
         text = f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it"
         keys = f"if it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}"
         yield Doubt(DoubtKind.SHEET_ABOVE, f"{text}; {keys}")
-    if around := enclosing([piece for piece, role in used if role.use in ("obstacle", "ground")]):
+    if around := enclosing_piece([piece for piece, role in used if role.use in ("obstacle", "ground")]):
         text = f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
         yield Doubt(DoubtKind.AROUND_ALL, f"{text}drop = {as_key([around.name])}")
 
@@ -126,7 +134,9 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     *sides, height = report.size
     across, other = max(sides), "z" if report.up == "y" else "y"
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
-        text = f"the scenery is {length_said(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
+        text = (
+            f"the scenery is {format_length(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
+        )
         yield Doubt(DoubtKind.SCALE, text)
     if options.up is not None:
         return
@@ -134,8 +144,8 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
         text = f'it is {height:.0f} m high and {across:.0f} m across; set up = "{other}" if it lies on its side'
         yield Doubt(DoubtKind.UP, text)
     elif min(sides) < MAX_UPRIGHT_GROUND_SHARE * min(across, height):
-        seen = " x ".join(map(length_said, sides))
-        text = f'it stands on its edge: {seen} seen from above, {length_said(height)} high; set up = "{other}"'
+        seen = " x ".join(map(format_length, sides))
+        text = f'it stands on its edge: {seen} seen from above, {format_length(height)} high; set up = "{other}"'
         yield Doubt(DoubtKind.UP, text)
 
 
@@ -149,11 +159,11 @@ def _perhaps_water(used: Used, wet: Sequence[str]) -> Iterator[Doubt]:
         )
         yield Doubt(DoubtKind.WATER, f"{text}Blender and name it in water")
     open_ = [i for i, (_, role) in enumerate(used) if role.use == "obstacle" and role.by is By.DEFAULT]
-    found = sheets_between(
+    found = sheets_in_heights(
         [piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=MIN_PUDDLE_WIDTH_M
     )
     if found:
-        names = quoted(used[i][0].name for i in found)
+        names = quote_names(used[i][0].name for i in found)
         text = f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water"
         yield Doubt(DoubtKind.PERHAPS_WATER, text)
 
@@ -178,9 +188,9 @@ def _level_area(pieces: Sequence[Piece]) -> float:
     return sum(piece.level * piece.area for piece in pieces)
 
 
-def _missing(missing: Sequence[Missing]) -> Iterator[Doubt]:
+def _missing_doubts(missing: Sequence[Missing]) -> Iterator[Doubt]:
     for one in missing:
-        users = quoted(one.wanted_by) if one.wanted_by else "the file"
+        users = quote_names(one.wanted_by) if one.wanted_by else "the file"
         yield Doubt(DoubtKind.MISSING, f"{one.problem}: {one.path}, used by {users}")
 
 
@@ -191,7 +201,7 @@ def likely_scale(longest: float, unit: float, usual: tuple[float, float] = LIKEL
     return f" = {best:g} (now {unit:g})" if usual[0] <= longest / unit * best <= usual[1] else f" (now {unit:g})"
 
 
-def length_said(length: float) -> str:
+def format_length(length: float) -> str:
     """Return a length in meters as people write it: "6,000 m", "5.42 cm"."""
     if length >= 100:
         return f"{length:,.0f} m"

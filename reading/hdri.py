@@ -11,14 +11,14 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import AssetError
-from hulldown.base.outside import sha256_of
+from hulldown.base.outside import file_sha256
 from hulldown.camera.response import off_daylight
 from hulldown.geometry.color import LUMINANCE
-from hulldown.reading.cache import entry_name, make_cache, new_folder, seal, unseal
+from hulldown.reading.cache import entry_name, make_cache, new_folder, seal_entry, unseal_entry
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import first_bytes
-from hulldown.reading.reader_process import Job, ask_reader, found_by
+from hulldown.reading.reader_process import Job, ask_reader, found_answer
 
 MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME = "mended.exr"
@@ -76,7 +76,7 @@ class Hdri:
         return (Doubt(DoubtKind.TINTED, text),)
 
 
-def mend(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
     """Return a sky's usable radiance, and its repairs, a sentence each.
 
     `pixels`: linear Rec. 709, equirectangular; the first row is the lowest or the highest.
@@ -129,9 +129,9 @@ def read_hdris(
     for path in paths:
         refuse_no_hdri(path)
     make_cache(cache)
-    digests = [sha256_of(path) for path in paths]
+    digests = [file_sha256(path) for path in paths]
     named = dict(zip(digests, paths, strict=True))
-    todo = [(digest, path) for digest, path in named.items() if _entry(path, digest, cache) is None]
+    todo = [(digest, path) for digest, path in named.items() if _cache_entry(path, digest, cache) is None]
     for start in range(0, len(todo), BATCH_PICTURES):
         batch = todo[start : start + BATCH_PICTURES]
         with new_folder(cache) as folder:
@@ -142,10 +142,12 @@ def read_hdris(
                 Path(job.folder).mkdir()
             ask_reader(jobs, limits=limits)
             for (digest, _), job in zip(batch, jobs, strict=True):
-                seal(Path(job.folder), cache / entry_name("hdri", CHECKS_VERSION, digest), found_by(job, FoundSky))
+                seal_entry(
+                    Path(job.folder), cache / entry_name("hdri", CHECKS_VERSION, digest), found_answer(job, FoundSky)
+                )
     read = []
     for path, digest in zip(paths, digests, strict=True):
-        hdri = _entry(path, digest, cache)
+        hdri = _cache_entry(path, digest, cache)
         assert hdri is not None, f"{path}: what was just read cannot be read back"
         read.append(hdri)
     return read
@@ -157,9 +159,9 @@ def refuse_no_hdri(path: Path) -> None:
         raise AssetError("isn't an OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 
 
-def _entry(path: Path, digest: str, cache: Path) -> Hdri | None:
+def _cache_entry(path: Path, digest: str, cache: Path) -> Hdri | None:
     entry = cache / entry_name("hdri", CHECKS_VERSION, digest)
-    found = unseal(entry, FoundSky)
+    found = unseal_entry(entry, FoundSky)
     if found is None:
         return None
     rendered = entry / MENDED_NAME if found.mended_sha256 else path

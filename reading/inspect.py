@@ -15,7 +15,7 @@ from hulldown.assets.picture_files import read_pixels
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.camera.response import CARD_ALBEDO, metered
+from hulldown.camera.response import CARD_ALBEDO, metered_exposures_ev
 from hulldown.pictures.own_files import save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.reading.hdri import Hdri
@@ -44,23 +44,23 @@ class Inspected:
 
     name: str  # of the vehicle, scenery, or HDRI
     report: FileReport | SkyReport  # the report about its file
-    picture: Image.Image | None = None  # a picture of it (see `draw`); None if not requested, and of an HDRI
+    picture: Image.Image | None = None  # a picture of it (see `draw_asset`); None if not requested, and of an HDRI
 
 
 def sky_report(path: Path, hdri: Hdri) -> SkyReport:
     """Return the report about the HDRI in a file."""
     light = hdri.light
-    ev = float(metered(np.array([light.irradiance]) * (CARD_ALBEDO / np.pi))[0])
+    ev = float(metered_exposures_ev(np.array([light.irradiance]) * (CARD_ALBEDO / np.pi))[0])
     doubts = (*hdri.misfits, *hdri.doubts)
     return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
 
 
-def pages(path: Path, assets: int) -> list[Path]:
+def page_paths(path: Path, assets: int) -> list[Path]:
     """File names for the pictures of some assets: all.png, all-2.png, ...
 
     Examples
     --------
-    >>> [page.name for page in pages(Path("all.png"), 25)]
+    >>> [page.name for page in page_paths(Path("all.png"), 25)]
     ['all.png', 'all-2.png', 'all-3.png']
     """
     count = max(1, -(-assets // PAGE_ASSETS))
@@ -70,7 +70,7 @@ def pages(path: Path, assets: int) -> list[Path]:
 def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
     """Write the pictures as pages and return their names; several side by side, each under its name."""
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
-    written = pages(path, len(drawn))
+    written = page_paths(path, len(drawn))
     for number, page in enumerate(written):
         on_it = drawn[number * PAGE_ASSETS : (number + 1) * PAGE_ASSETS]
         sheet = on_it[0][1]
@@ -84,7 +84,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
     return written
 
 
-def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:
+def draw_asset(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:
     """Return a vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
 
     `size`: width and height of each of the four views in pixels.
@@ -106,18 +106,18 @@ def draw(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: in
         at = (i % 2 * size, i // 2 * size)
         if title == FRONT_LEFT and picture is not None:
             tile = Image.fromarray(read_pixels(picture)).resize((size, size), Image.Resampling.BICUBIC)
-            _name(tile, f"{title}, as rendered")
+            _name_tile(tile, f"{title}, as rendered")
             sheet.paste(tile, at)
             continue
         view = _View(np.array(sight), np.array(up), bounds, size)
-        hits, light = view.look(world)
+        hits, light = view.shade_view(world)
         number = hits.part if isinstance(asset, VehicleShape) else (hits.kind == Kind.OBSTACLE).astype(int)
         shaded = np.array(list(colors.values()))[number] * light[:, None]
         image = np.where(hits.hit[:, None], shaded, BACKGROUND_LEVEL)
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))
         if isinstance(asset, VehicleShape):
             _mark_pivots(tile, view, asset)
-        _name(tile, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
+        _name_tile(tile, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
         _draw_bar(tile, view)
         sheet.paste(tile, at)
     pen, font = ImageDraw.Draw(sheet), lettering(14)
@@ -157,7 +157,7 @@ class _View:
         self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a meter
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
-    def look(self, world: Scene) -> tuple[SceneHits, Float[np.ndarray, " n"]]:
+    def shade_view(self, world: Scene) -> tuple[SceneHits, Float[np.ndarray, " n"]]:
         """Return the hit of each pixel, and its brightness by the angle between surface and light."""
         center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(center, -center)
@@ -184,7 +184,7 @@ def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
         pen.ellipse((x - 3, y - 3, x + 3, y + 3), fill=(255, 255, 255), outline=(0, 0, 0))
 
 
-def _name(tile: Image.Image, title: str) -> None:
+def _name_tile(tile: Image.Image, title: str) -> None:
     ImageDraw.Draw(tile).text((10, 8), title, fill=(0, 0, 0), font=lettering(14))
 
 

@@ -33,10 +33,10 @@ def missing_libraries() -> tuple[str, ...]:
     """Libraries of `SYSTEM_LIBRARIES` that this process can't load."""
     if not sys.platform.startswith("linux"):
         return ()
-    return tuple(library for library in SYSTEM_LIBRARIES if not _loads(library))
+    return tuple(library for library in SYSTEM_LIBRARIES if not _loads_library(library))
 
 
-def _loads(library: str) -> bool:
+def _loads_library(library: str) -> bool:
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -44,7 +44,7 @@ def _loads(library: str) -> bool:
     return True
 
 
-def remedy_for(output: str) -> str | None:
+def library_remedy(output: str) -> str | None:
     """Remedy for a Blender that ended with this output; None if it doesn't indicate a missing part."""
     if "No module named 'bpy'" in output:
         return "install hulldown[blender]"

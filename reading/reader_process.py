@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import NoReturn, TypedDict, TypeVar
 
 from hulldown.base.errors import AssetError
-from hulldown.base.outside import read_json, typed
-from hulldown.reading.confinement.landlock import asset_folders, confined
+from hulldown.base.outside import parse_value, read_json
+from hulldown.reading.confinement.landlock import asset_folders, confine_command
 from hulldown.reading.confinement.references import refuse_odd_references
-from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, watched
-from hulldown.reading.libraries import remedy_for
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, run_limited
+from hulldown.reading.libraries import library_remedy
 from hulldown.reading.pieces.asset_report import FileReport
-from hulldown.reading.pieces.formats import format_of
+from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import DEFAULTS, Options
 
 ANSWER = "answer.json"
@@ -36,7 +36,7 @@ class Job:
     # exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer
     folder: str
     format: str  # "blend", "gltf", "fbx", "obj", "geotiff", or "hdri"
-    kind: str | None = None  # kind, options: of an asset; as of `export`
+    kind: str | None = None  # kind, options: of an asset; as of `export_asset`
     options: Options = field(default_factory=Options)
 
     def file(self, name: str) -> Path:
@@ -63,7 +63,7 @@ class Exported:
     files: tuple[str, ...]  # absolute path of every file that the asset refers to: textures, libraries
 
 
-def export(
+def export_asset(
     path: Path | str,
     folder: Path | str,
     *,
@@ -75,34 +75,34 @@ def export(
 
     `kind`: "vehicle", "scenery", or None to judge by the contents.
     """
-    job = job_for(Path(path), Path(folder), kind=kind, options=options)
+    job = reader_job(Path(path), Path(folder), kind=kind, options=options)
     ask_reader([job], limits=limits)
-    return exported_by(job)
+    return finished_export(job)
 
 
-def job_for(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULTS) -> Job:
-    """Return the reader's job; arguments as of `export`."""
-    kind_of_file = format_of(path)
+def reader_job(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULTS) -> Job:
+    """Return the reader's job; arguments as of `export_asset`."""
+    kind_of_file = file_format(path)
     refuse_odd_references(path, kind_of_file)
     if kind_of_file == "geotiff":
         kind = kind or "scenery"
     return Job(str(path), str(folder.resolve()), kind_of_file, kind, options)
 
 
-def exported_by(job: Job) -> Exported:
+def finished_export(job: Job) -> Exported:
     """Return the export of a finished job."""
-    found = found_by(job, FoundAsset)
-    return export_in(Path(job.folder), found.report, found.files)
+    found = found_answer(job, FoundAsset)
+    return folder_export(Path(job.folder), found.report, found.files)
 
 
-def export_in(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
+def folder_export(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
     """Return the export whose files are in a folder."""
     picture = folder / PICTURE if report.kind == "vehicle" else None
     return Exported(report, folder / "bundle.npz", folder / "tidy.blend", picture, tuple(files))
 
 
 def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> None:
-    """Run jobs one after the other in one confined and watched process; `found_by` has their answers."""
+    """Run jobs one after the other in one confined and watched process; `found_answer` has their answers."""
     readable = [folder for job in jobs for folder in asset_folders(Path(job.path))]
     with tempfile.TemporaryDirectory(prefix="tmp-", dir=jobs[0].folder, ignore_cleanup_errors=True) as temporary:
         job_files = [Path(temporary, f"{number}.json") for number in range(len(jobs))]
@@ -112,14 +112,14 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> N
         # -P: a folder `reading` in the working directory must not be imported. The matrices here are 4x4, for which
         # OpenBLAS would wake all its threads each time.
         command = [sys.executable, "-P", "-m", "hulldown.reading.blender.reader", *map(str, job_files)]
-        ended = watched(
-            confined(command, read=readable, write=[job.folder for job in jobs]),
+        ended = run_limited(
+            confine_command(command, read=readable, write=[job.folder for job in jobs]),
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": temporary},
             limits=limits,
         )
     for job in jobs:
         if not job.file(ANSWER).is_file():  # it was at this one when it ended
-            _explain(job.path, *ended)
+            _raise_reason(job.path, *ended)
 
 
 class Refused(TypedDict):
@@ -130,25 +130,25 @@ class Refused(TypedDict):
     remedy: str | None
 
 
-def found_by(job: Job, kind: type[Found]) -> Found:
+def found_answer(job: Job, kind: type[Found]) -> Found:
     """Return what the reading process found in a file, as the type that it tells."""
     # Its process had opened a file from outside.
     refuse = partial(AssetError, path=job.path, remedy="open it in Blender, save it again, or leave it out")
     answer = read_json(job.file(ANSWER), dict[str, object], refuse, what="readable: its process gave no answer")
     try:
         if "error" in answer:
-            raise AssetError(**typed(answer["error"], Refused))
-        return typed(answer, kind)
+            raise AssetError(**parse_value(answer["error"], Refused))
+        return parse_value(answer, kind)
     except ValueError as error:
         raise refuse(f"isn't readable: its process gave another answer ({error})") from None
 
 
-def _explain(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:
+def _raise_reason(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:
     """Raise the reason why a process that ended like this, as `watched` returns it, has no answer."""
     if exceeded:
         remedy = "make it smaller, leave it out, or raise --read-timeout or --read-memory"
         raise AssetError(exceeded, path=path, remedy=remedy)
-    if missing := remedy_for(last_words):
+    if missing := library_remedy(last_words):
         raise AssetError("needs Blender to be read", path=path, remedy=missing)
     if code < 0:
         problem = f"Blender crashed reading it (signal {-code})"

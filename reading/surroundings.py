@@ -27,7 +27,7 @@ MAX_PLAIN_VARIATION = (
 
 
 def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
-    """Return whether an HDRI shows more than one plain color below its horizon; parameters as of `backdrop`."""
+    """Return whether an HDRI shows more than one color below its horizon; parameters as of `backdrop_elevation`."""
     elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
     below = (sky @ LUMINANCE)[(elevation < -3.0) & (elevation > -30.0)]
     return bool(below.size and below.std() > MAX_PLAIN_VARIATION * below.mean())
@@ -41,7 +41,7 @@ def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
     return np.asarray(cut.reshape(height // step, step, width // step, step, 3).mean(axis=(1, 3), dtype=np.float64))
 
 
-def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
+def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     """Elevation in degrees up to which it shows anything but sky, and signs that it isn't open land.
 
     `sky`: radiance in linear Rec. 709, the zenith in the first row; see `small_map`.
@@ -52,7 +52,7 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     elevation = 90.0 - (np.arange(height) + 0.5) / height * 180.0
     gray = sky @ LUMINANCE
     gray += 1e-6 * gray.mean()
-    tops = _tops(gray, elevation)
+    tops = _dark_tops(gray, elevation)
     misfits = []
     if (near := float(np.quantile(tops, 0.95))) > NEAR_DEG:
         misfits.append(f"its surroundings reach {near:.0f} degrees above its horizon")
@@ -67,7 +67,7 @@ def backdrop(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
     return round(max(float(tops.max()), 90.0 / height), 3), tuple(misfits)
 
 
-def _tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+def _dark_tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
     """Elevation in degrees of the top of dark surroundings in each column."""
     tops = np.zeros(gray.shape[1])
     bright = np.zeros(gray.shape[1], dtype=int)  # rows since the last dark one

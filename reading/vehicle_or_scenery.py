@@ -25,15 +25,15 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     """
     if not pieces:
         return "vehicle"
-    if not _ground(pieces, options):
-        length, width, height = _extent(pieces)
+    if not _ground_reason(pieces, options):
+        length, width, height = _pieces_extent(pieces)
         across = max(length, width)
         sheet = height <= MAX_SHEET_THICKNESS_SHARE * across or (len(pieces) == 1 and is_open_land(pieces[0]))
         return "scenery" if across > BIGGEST_VEHICLE and sheet else "vehicle"
-    kept = _vehicle(pieces)
+    kept = _vehicle_reason(pieces)
     if 2 * sum(bool(first_match(p.name, VEHICLE)) for p in kept) > len(kept):
         return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground
-    return "scenery" if not kept or max(_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
+    return "scenery" if not kept or max(_pieces_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
 
 def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> Doubt | None:
@@ -47,21 +47,21 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
     if kind == "vehicle":
         if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
             return None
-        kept = _vehicle(pieces)
+        kept = _vehicle_reason(pieces)
         if any(first_match(p.name, VEHICLE) for p in kept):
             return None  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
-        ground = _ground(pieces, options)
+        ground = _ground_reason(pieces, options)
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
             f"looks like a scenery but is listed as a vehicle: it contains {has}, and the rest is "
-            f"{max(_extent(kept or pieces)):,.0f} m long",
+            f"{max(_pieces_extent(kept or pieces)):,.0f} m long",
             remedy="list it under [[assets.sceneries]], or name the vehicle's objects in `keep`, or set its `scale`",
         )
     overrides = (options.scale, options.ground, options.not_ground, options.drop)
     if any(overrides) or likely_kind(pieces, options) == "scenery":
         return None
     telling = next((p.name for p in pieces if first_match(p.name, VEHICLE)), None)
-    longest = max(_extent(_vehicle(pieces) or pieces))
+    longest = max(_pieces_extent(_vehicle_reason(pieces) or pieces))
     if longest > BIGGEST_VEHICLE:
         return None
     if telling:
@@ -69,21 +69,21 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
             f"looks like a vehicle but is listed as a scenery: it contains {telling!r}, and it is {longest:.1f} m long",
             remedy="list it under [[assets.vehicles]], or name its ground by `ground`",
         )
-    if not _ground(pieces, options):
+    if not _ground_reason(pieces, options):
         text = f"it is {longest:.1f} m long, as a vehicle is; list it under [[assets.vehicles]] if it is one"
         return Doubt(DoubtKind.OTHER_KIND, text)
     return None
 
 
-def _ground(pieces: Sequence[Piece], options: Options) -> list[Piece]:
+def _ground_reason(pieces: Sequence[Piece], options: Options) -> list[Piece]:
     return [p for p, role in zip(pieces, scenery_roles(pieces, options), strict=True) if role.use == "ground"]
 
 
-def _vehicle(pieces: Sequence[Piece]) -> list[Piece]:
+def _vehicle_reason(pieces: Sequence[Piece]) -> list[Piece]:
     return [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
 
 
-def _extent(pieces: Sequence[Piece]) -> tuple[float, float, float]:
+def _pieces_extent(pieces: Sequence[Piece]) -> tuple[float, float, float]:
     """Length, width, and height of all pieces."""
     bounds = np.array([p.bounds for p in pieces])
     length, width, height = (bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)).tolist()

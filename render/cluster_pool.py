@@ -6,13 +6,13 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 
-from hulldown.base.code import versions
+from hulldown.base.code import package_versions
 from hulldown.cluster.scheduler import RESOURCE, Scheduler
 from hulldown.cluster.workers import Answer, Cluster
 from hulldown.plan.library import Library
 from hulldown.render.blender.messages import RenderJob
-from hulldown.render.jobs import readable
-from hulldown.render.node import Setting, refusal, render_row, shared_files
+from hulldown.render.jobs import readable_paths
+from hulldown.render.node import Setting, refusal_reason, render_row, shared_files
 from hulldown.render.pool import Engine
 from hulldown.render.process import Outcome
 
@@ -33,8 +33,8 @@ class ClusterPool(Cluster):
         stopping: Callable[[], bool],
     ) -> None:
         self._stopping = stopping
-        self._setting = Setting(readable(library), engine.device, engine.limits)
-        refused = partial(refusal, versions("bpy"), engine.require_confinement, shared_files(library))
+        self._setting = Setting(readable_paths(library), engine.device, engine.limits)
+        refused = partial(refusal_reason, package_versions("bpy"), engine.require_confinement, shared_files(library))
         super().__init__(scheduler, RESOURCE, refused, at_once=AT_ONCE, say=say)
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:

@@ -15,20 +15,20 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.annotate.labels.mask import AmodalMask, VisibleMask
-from hulldown.annotate.masks import decode, iou, mask_box
+from hulldown.annotate.masks import decode_mask, mask_box, mask_iou
 from hulldown.annotate.records import Label
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError, HulldownError
-from hulldown.base.terminal import tracked
+from hulldown.base.terminal import track_items
 from hulldown.dataset.records import Finding, sound_images
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
 from hulldown.dataset.verification.check_plan import unlabeled_vehicle
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.render.blender.messages import MaskJob
-from hulldown.render.jobs import mask_job, readable
+from hulldown.render.jobs import mask_job, readable_paths
 from hulldown.render.outline import Outline
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
@@ -89,7 +89,7 @@ def verify_masks(
         raise DatasetError(f"has no images of {plan.path}", path=dataset, remedy="name the plan it was rendered from")
     names = {number: image.file_name for number, image in sound_images(coco).items()}
     finished = [i for i in range(len(plan)) if reservation.image_offset + i + 1 in names]
-    chosen = [finished[i] for i in spread(len(finished), count)]
+    chosen = [finished[i] for i in even_sample(len(finished), count)]
     labels = {label["id"]: label for label in coco["annotations"] if reservation.has_annotation(label["id"])}
     first = outline.first_annotations(reservation)
     maps = cycles_masks(plan, chosen, library)
@@ -105,18 +105,18 @@ def verify_masks(
                 continue
             try:
                 label, alone, visible = Label.of(record, {}), of_row[number] == number, of_row[0] == number
-                measured = compared(names[image_id], target.vehicle, label, alone, visible)
+                measured = compare_masks(names[image_id], target.vehicle, label, alone, visible)
             except ValueError as error:
                 where = f"{names[image_id]}, {target.vehicle}"
                 problem = f"annotation {label_id} cannot be held against a mask: {error}"
                 findings.append(Finding("error", where, problem))
                 continue
             rows.append(measured)
-            findings += [finding] if (finding := _judged(measured, label.read(VisibleMask).area or 0.0)) else []
+            findings += [finding] if (finding := _mask_finding(measured, label.read(VisibleMask).area or 0.0)) else []
     return MaskReport(tuple(rows), tuple(findings))
 
 
-def compared(
+def compare_masks(
     name: str,
     vehicle: str,
     label: Label,
@@ -131,7 +131,7 @@ def compared(
         box_error, outside = float(np.abs(beyond).max()), float(max(beyond.max(), 0.0))
     height, width = visible.shape
     overlaps = [
-        iou(decode(mask, width, height), shown) if mask else math.nan
+        mask_iou(decode_mask(mask, width, height), shown) if mask else math.nan
         for mask, shown in (
             (label.read(VisibleMask).segmentation, visible),
             (label.read(AmodalMask).segmentation_amodal, alone),
@@ -140,7 +140,7 @@ def compared(
     return MaskRow(name, vehicle, int(visible.sum()), box_error, outside, *overlaps)
 
 
-def _judged(row: MaskRow, annotated: float) -> Finding | None:
+def _mask_finding(row: MaskRow, annotated: float) -> Finding | None:
     """Return a finding if a label differs from Cycles' masks; `annotated` is its area in pixels."""
     where = f"{row.file_name}, {row.vehicle}"
     if row.outside > ONE_PIXEL:
@@ -156,7 +156,7 @@ def _judged(row: MaskRow, annotated: float) -> Finding | None:
 
 
 def cycles_masks(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt8[np.ndarray, "_ h w"]]:
-    """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.maps` for each row."""
+    """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.index_maps` for each row."""
     maps: dict[int, UInt8[np.ndarray, "_ h w"]] = {}
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)
@@ -164,10 +164,10 @@ def cycles_masks(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt
         def job(index: int) -> MaskJob:
             return mask_job(plan[index], library, folder / f"{index}.npy")
 
-        confinement = Confinement(folder, readable(library))
+        confinement = Confinement(folder, readable_paths(library))
         with Pool(folder / "logs", Engine(workers=1), confinement=confinement) as pool:
             results = pool.results(sorted(rows, key=lambda i: plan[i].scenery), job)
-            for index, outcome in tracked("rendering masks", results, len(rows)):
+            for index, outcome in track_items("rendering masks", results, len(rows)):
                 if outcome.reasons:
                     problem = f"the mask of image {index} cannot be rendered: {outcome.reasons[-1]}"
                     raise HulldownError(problem, path=plan.path)

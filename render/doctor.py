@@ -11,10 +11,10 @@ from dataclasses import dataclass, field
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.base.code import version_of
-from hulldown.base.outside import json_of
+from hulldown.base.code import package_version
+from hulldown.base.outside import parse_json
 from hulldown.base.terminal import STDERR
-from hulldown.reading.confinement.landlock import NETWORK_ABI, abi, confinement, unconfined
+from hulldown.reading.confinement.landlock import NETWORK_ABI, describe_confinement, landlock_version, unconfined_reason
 from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_libraries
 
 DISTRIBUTIONS = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pycocotools", "pydantic", "pillow")
@@ -46,9 +46,13 @@ class Diagnosis:
     @property
     def confinement(self) -> str:
         """The confinement of files from elsewhere on this machine."""
-        if unconfined():
-            return f"{confinement()}; only hulldown's list of risky features protects this machine"
-        return confinement() if self.landlock >= NETWORK_ABI else f"{confinement()}, which doesn't cover the network"
+        if unconfined_reason():
+            return f"{describe_confinement()}; only hulldown's list of risky features protects this machine"
+        return (
+            describe_confinement()
+            if self.landlock >= NETWORK_ABI
+            else f"{describe_confinement()}, which doesn't cover the network"
+        )
 
     def table(self) -> Table:
         """Return a table without the problems, for a terminal."""
@@ -64,17 +68,17 @@ class Diagnosis:
         return table
 
 
-def diagnose() -> Diagnosis:
+def diagnose_machine() -> Diagnosis:
     """Check this machine.
 
     Reads nothing, writes nothing.
     """
     with STDERR.status("asking Blender"):
-        return _diagnosis()
+        return _diagnose_blender()
 
 
-def _diagnosis() -> Diagnosis:
-    versions = {name: version_of(name) for name in DISTRIBUTIONS}
+def _diagnose_blender() -> Diagnosis:
+    versions = {name: package_version(name) for name in DISTRIBUTIONS}
     missing = {library: SYSTEM_LIBRARIES[library] for library in missing_libraries()}
     problems = []
     if missing:
@@ -89,7 +93,9 @@ def _diagnosis() -> Diagnosis:
         else:
             blender, devices = found["blender"], found["devices"]
     system = platform.platform()
-    return Diagnosis(platform.python_version(), system, versions, missing, blender, abi(), devices, problems)
+    return Diagnosis(
+        platform.python_version(), system, versions, missing, blender, landlock_version(), devices, problems
+    )
 
 
 def _probe_blender() -> dict | str:
@@ -102,6 +108,6 @@ def _probe_blender() -> dict | str:
         return "no answer within 300 s"
     for line in child.stdout.splitlines():
         if line.startswith("@@"):
-            return json_of(line[2:].encode(), dict)
+            return parse_json(line[2:].encode(), dict)
     last = (child.stderr.strip().splitlines() or [f"exit code {child.returncode}"])[-1]
     return last

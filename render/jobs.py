@@ -28,7 +28,7 @@ from hulldown.render.blender.messages import (
 )
 
 
-def readable(library: Library) -> tuple[Path, ...]:
+def readable_paths(library: Library) -> tuple[Path, ...]:
     """Return paths that Blender may read: the folders of the config's files and of their rendered twins, and the HDRIs.
 
     Neither a plan's header nor an asset adds to it.
@@ -42,11 +42,11 @@ def readable(library: Library) -> tuple[Path, ...]:
 def render_job(row: Row, library: Library, settings: CyclesSettings, output: Path) -> RenderJob:
     """Return the job of rendering a row."""
     return RenderJob(
-        scenery=_scenery(row, library),
-        vehicles=[_vehicle(vehicle, library, row) for vehicle in row.vehicles],
-        camera=_camera(row),
+        scenery=_scenery_input(row, library),
+        vehicles=[_vehicle_input(vehicle, library, row) for vehicle in row.vehicles],
+        camera=_camera_input(row),
         light=LightInput(
-            hdri=str(_named(library.hdris, row.hdri, "hdri", row).path.resolve()),
+            hdri=str(_find_named(library.hdris, row.hdri, "hdri", row).path.resolve()),
             yaw=math.radians(row.hdri_yaw_deg),
             strength=row.strength,
             horizon=None if row.horizon_deg is None else math.radians(row.horizon_deg),
@@ -60,15 +60,17 @@ def render_job(row: Row, library: Library, settings: CyclesSettings, output: Pat
 
 def mask_job(row: Row, library: Library, output: Path) -> MaskJob:
     """Return the job of rendering a row's masks; parameters and errors as of `render_job`."""
-    vehicles = [_vehicle(structs.replace(vehicle, paint=[]), library, row) for vehicle in row.vehicles]
-    return MaskJob(scenery=_scenery(row, library), vehicles=vehicles, camera=_camera(row), output=str(output))
+    vehicles = [_vehicle_input(structs.replace(vehicle, paint=[]), library, row) for vehicle in row.vehicles]
+    return MaskJob(
+        scenery=_scenery_input(row, library), vehicles=vehicles, camera=_camera_input(row), output=str(output)
+    )
 
 
-def _scenery(row: Row, library: Library) -> str:
-    return str(_named(library.sceneries, row.scenery, "scenery", row).tidy.resolve())
+def _scenery_input(row: Row, library: Library) -> str:
+    return str(_find_named(library.sceneries, row.scenery, "scenery", row).tidy.resolve())
 
 
-def _camera(row: Row) -> CameraInput:
+def _camera_input(row: Row) -> CameraInput:
     return CameraInput(
         world_from_camera=row.world_from_camera.tolist(),
         intrinsics=row.intrinsics,
@@ -78,14 +80,16 @@ def _camera(row: Row) -> CameraInput:
     )
 
 
-def _vehicle(vehicle: PlannedVehicle, library: Library, row: Row) -> VehicleInput:
-    shape = _named(library.shapes, vehicle.vehicle, "vehicle", row)
+def _vehicle_input(vehicle: PlannedVehicle, library: Library, row: Row) -> VehicleInput:
+    shape = _find_named(library.shapes, vehicle.vehicle, "vehicle", row)
     exported = library.models[vehicle.vehicle]
     parts = vehicle.world_from_vehicle @ shape.vehicle_from_parts(vehicle.articulation)
-    return VehicleInput(str(exported.tidy.resolve()), parts.tolist(), _paint(vehicle.paint, exported.report.materials))
+    return VehicleInput(
+        str(exported.tidy.resolve()), parts.tolist(), _material_paints(vehicle.paint, exported.report.materials)
+    )
 
 
-def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> dict[str, tuple[float, float, float]]:
+def _material_paints(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> dict[str, tuple[float, float, float]]:
     """Return the linear color of each painted material, by its name."""
     colors = {row.name: color_of_material(row.name, coats) for row in materials}
     return {name: linear_color(color) for name, color in colors.items() if color is not None}
@@ -94,7 +98,7 @@ def _paint(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> dict[str,
 Asset = TypeVar("Asset")
 
 
-def _named(known: Mapping[str, Asset], name: str, kind: str, row: Row) -> Asset:
+def _find_named(known: Mapping[str, Asset], name: str, kind: str, row: Row) -> Asset:
     if name not in known:
         raise ConfigError(
             f"image {row.index}: {kind} {name!r} is not among {sorted(known)}",

@@ -17,14 +17,14 @@ from pathlib import Path
 from distributed import get_worker
 
 from hulldown.base.child import Stopped
-from hulldown.base.code import MISSING, difference, versions
+from hulldown.base.code import MISSING, package_versions, version_difference
 from hulldown.base.files import open_regular
 from hulldown.cluster.scheduler import SHARE_VARIABLE
-from hulldown.cluster.workers import Answer, wanted
+from hulldown.cluster.workers import Answer, task_is_wanted
 from hulldown.plan.library import Library
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import RenderJob
-from hulldown.render.jobs import readable
+from hulldown.render.jobs import readable_paths
 from hulldown.render.process import Allowance, Blender, Confinement, Limits, Outcome
 
 SHARE = "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
@@ -34,13 +34,13 @@ IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
 def shared_files(library: Library) -> dict[str, tuple[int, int]]:
     """Size and time of the last change of each file that the renders of a plan read, by absolute path.
 
-    A file outside the folders that `render.jobs.readable` lists isn't read, and isn't in it.
+    A file outside the folders that `render.jobs.readable_paths` lists isn't read, and isn't in it.
     """
     read = (*library.models.values(), *library.sceneries.values())
     named = [hdri.path for hdri in library.hdris.values()]
     for exported in read:
         named += [exported.tidy, Path(exported.report.path), *map(Path, exported.files)]
-    allowed, files = readable(library), dict[str, tuple[int, int]]()
+    allowed, files = readable_paths(library), dict[str, tuple[int, int]]()
     for path in named:
         if path.is_file() and landlock.is_inside(path, allowed):
             stat = path.stat()
@@ -48,16 +48,16 @@ def shared_files(library: Library) -> dict[str, tuple[int, int]]:
     return files
 
 
-def refusal(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
+def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
     """Return the reason why this process can't render for a client; empty if it can.
 
     `files`: the client's `shared_files`.
     """
-    if versions("bpy")["bpy"] == MISSING:
+    if package_versions("bpy")["bpy"] == MISSING:
         return "has no bpy"
-    if wrong := difference({name: version for name, version in client.items() if version != MISSING}):
+    if wrong := version_difference({name: version for name, version in client.items() if version != MISSING}):
         return wrong
-    if require_confinement and (why := landlock.unconfined()):
+    if require_confinement and (why := landlock.unconfined_reason()):
         return f"can't confine Blender: {why}"
     for path, (size, changed) in files.items():
         try:
@@ -74,7 +74,7 @@ def refusal(client: Mapping[str, str], require_confinement: bool, files: Mapping
 class Setting:
     """The parameters of a plan's Blenders."""
 
-    readable: tuple[Path, ...]  # paths that they may read, by `render.jobs.readable`
+    readable: tuple[Path, ...]  # paths that they may read, by `render.jobs.readable_paths`
     device: str
     limits: Limits
 
@@ -84,8 +84,8 @@ def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
 
     `setting`: Blender's parameters.
     """
-    is_wanted, opened = wanted(), _open_blender()
-    with opened.busy(setting):
+    is_wanted, opened = task_is_wanted(), _open_blender()
+    with opened.use_blender(setting):
         output = opened.pictures / "picture.png"
         try:
             outcome = opened.blender.do(replace(job, output=str(output)), stopping=lambda: not is_wanted())
@@ -121,20 +121,20 @@ class OpenBlender:
                 self.blender.close()  # the next image starts another
 
     @contextmanager
-    def busy(self, setting: Setting) -> Iterator[None]:
+    def use_blender(self, setting: Setting) -> Iterator[None]:
         """Have a Blender for a setting during the block; Blender stays open for `IDLE_S` after it."""
         self._idle.cancel()
         try:
             with self._busy:
                 if setting != self._setting:
-                    self._set(setting)
+                    self._apply_setting(setting)
                 yield
         finally:
             self._idle = threading.Timer(IDLE_S, self._end_idle)
             self._idle.daemon = True
             self._idle.start()
 
-    def _set(self, setting: Setting) -> None:
+    def _apply_setting(self, setting: Setting) -> None:
         if self._setting is not None:
             self.blender.close()
         self._setting = None  # should any of this fail
@@ -145,6 +145,6 @@ class OpenBlender:
             confinement=Confinement(self.pictures, setting.readable),
             say=self.lines.append,
         )
-        if why := landlock.unconfined():
+        if why := landlock.unconfined_reason():
             self.lines.append(f"Blender is not confined there: {why}; see docs/safety.md")
         self._setting = setting

@@ -10,7 +10,7 @@ import numpy as np
 from cyclopts import Parameter
 from jaxtyping import Int
 
-from hulldown.base.arguments import Count, parsed
+from hulldown.base.arguments import Count, make_parser
 from hulldown.dataset.store.reservations import Reservation, plan_key
 from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import Row
@@ -22,7 +22,7 @@ class Outline:
     """A plan's names, order, and numbers of labels, read completely before anything is written."""
 
     def __init__(self, plan: Plan) -> None:
-        self.stamp = stamp_of(plan.path)
+        self.stamp = file_stamp(plan.path)
         self.rows = [(sort_key(row), row.index, len(row.labeled), row.file_name) for row in plan]
         self.key = plan_key(plan.path)
         self.labels = np.array([labels for _, _, labels, _ in self.rows], dtype=np.int64)
@@ -32,7 +32,7 @@ class Outline:
         return np.cumsum(self.labels) - self.labels + reservation.annotation_offset + 1
 
 
-def share_of(text: str) -> tuple[int, int]:
+def outline_share(text: str) -> tuple[int, int]:
     """Return k and n of "k/n"."""
     k, n = map(int, text.split("/"))
     if not 1 <= k <= n:
@@ -40,7 +40,7 @@ def share_of(text: str) -> tuple[int, int]:
     return k, n
 
 
-SHARE = parsed("K/N with K from 1 to N, such as 3/8", share_of, metavar="K/N")
+SHARE = make_parser("K/N with K from 1 to N, such as 3/8", outline_share, metavar="K/N")
 
 
 @Parameter(name="*")
@@ -65,7 +65,7 @@ class Part:
         if not 1 <= self.share[0] <= self.share[1]:
             raise ValueError(f"share: expected (k, n) with k from 1 to n, got {self.share}")
 
-    def of(self, outline: Outline) -> list[OutlineRow]:
+    def part_rows(self, outline: Outline) -> list[OutlineRow]:
         """Return the part's rows, ordered so that workers can keep loaded assets; shares have neighbors."""
         rows, (k, n) = sorted(outline.rows[: self.limit]), self.share
         return rows[(k - 1) * len(rows) // n : k * len(rows) // n]
@@ -79,7 +79,7 @@ def sort_key(row: Row) -> tuple[str, str, str, str]:
     return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.hdri
 
 
-def stamp_of(path: Path) -> tuple[int, int, int] | None:
+def file_stamp(path: Path) -> tuple[int, int, int] | None:
     """Identity, size, and modification time of a file; None if there is none."""
     try:
         stat = path.stat()

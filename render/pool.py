@@ -89,7 +89,7 @@ class Pool:
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # of the threads
         self._allowance = Allowance(engine.limits)
         self._blenders: list[Blender] = []
-        self._grow(engine.workers or 1)
+        self._add_blenders(engine.workers or 1)
         self._left = Event()
         self._threads = ThreadPoolExecutor(MOST_BLENDERS)
 
@@ -98,7 +98,7 @@ class Pool:
         """Number of Blenders."""
         return len(self._blenders)
 
-    def _grow(self, blenders: int) -> None:
+    def _add_blenders(self, blenders: int) -> None:
         for i in range(len(self._blenders), blenders):
             self._blenders.append(
                 Blender(
@@ -108,12 +108,12 @@ class Pool:
                     number=i,
                     allowance=self._allowance,
                     confinement=self._confinement,
-                    say=partial(self._hear, i),
+                    say=partial(self._hear_line, i),
                 )
             )
         self._allowance.blenders = len(self._blenders)
 
-    def _hear(self, worker: int, line: str) -> None:
+    def _hear_line(self, worker: int, line: str) -> None:
         self._lines.put(f"worker {worker}: {line}")
 
     def results(
@@ -127,16 +127,16 @@ class Pool:
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]
         running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each, ended ones included
         while any(queues) or running:
-            self._tell()
+            self._tell_progress()
             ended, stopping = next((future for future in running if future.done()), None), self._stopping()
             if stopping and ended is None:
                 raise Stopped
             if self._engine.workers is None:
-                self._grow(self._blenders[0].devices)
+                self._add_blenders(self._blenders[0].devices)
                 queues += [deque[int]() for _ in range(self.working - len(queues))]
             idle = set(range(self.working)) - {i for future, (i, _) in running.items() if not future.done()}
             for i in () if stopping else idle:
-                if (job := _next(queues, i)) is not None:
+                if (job := _next_job(queues, i)) is not None:
                     do = self._blenders[i].do
                     running[self._threads.submit(do, job_of(job), stopping=self._left.is_set)] = i, job
             if ended is None:
@@ -145,7 +145,7 @@ class Pool:
             (_, job), outcome = running.pop(ended), ended.result()
             yield job, outcome  # all Blenders work meanwhile
 
-    def _tell(self) -> None:
+    def _tell_progress(self) -> None:
         while not self._lines.empty():
             self._say(self._lines.get())
 
@@ -159,7 +159,7 @@ class Pool:
             blender.close()
 
 
-def _next(queues: Sequence[deque[int]], i: int) -> int | None:
+def _next_job(queues: Sequence[deque[int]], i: int) -> int | None:
     """Return the next job of a queue; an empty queue takes half of the longest one's."""
     if not queues[i]:
         longest = max(queues, key=len)

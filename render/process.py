@@ -21,11 +21,11 @@ from cyclopts import Parameter
 from hulldown.base.arguments import Positive
 from hulldown.base.child import Child, Stopped, memory_limit
 from hulldown.base.errors import HulldownError
-from hulldown.base.outside import DATA, json_of, read_file
+from hulldown.base.outside import DATA, parse_json, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import Job, MaskJob, RenderJob, StartJob
 from hulldown.render.blender.reply import BEGINNING, Reply
-from hulldown.render.rendered_pictures import damage
+from hulldown.render.rendered_pictures import picture_damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # for a worker to end by itself
@@ -124,12 +124,14 @@ class Confinement:
     write: Path  # folder for output, which must exist at the start
     read: tuple[Path, ...]  # files and folders of its jobs
 
-    def of(self, command: Sequence[str], *, gpu: bool) -> list[str]:
+    def wrap_command(self, command: Sequence[str], *, gpu: bool) -> list[str]:
         """Return a command that runs `command` confined; `gpu`: with graphics cards, and their kernel caches."""
         program = shutil.which(command[0]) or command[0]
         cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if gpu else []
         caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
-        return landlock.confined([program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards)
+        return landlock.confine_command(
+            [program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards
+        )
 
 
 class Blender:
@@ -162,7 +164,7 @@ class Blender:
         self._made_by: dict[str, str] = {}
 
     @property
-    def pid(self) -> int | None:
+    def process_id(self) -> int | None:
         """Its process id; None if it isn't open."""
         return self._child.pid if self._child else None
 
@@ -172,12 +174,12 @@ class Blender:
         reasons: list[str] = []
         try:
             while len(reasons) < MAX_ATTEMPTS:
-                self.start()
+                self.start_process()
                 try:
-                    reply, content = self._attempt(job)
+                    reply, content = self._attempt_job(job)
                     return Outcome(reply.seconds, content, restarts=self._restarts, made_by=self._made_by)
                 except Lost as lost:
-                    self._lose(lost)
+                    self._end_lost(lost)
                     reasons.append(str(lost))
                 except AttemptFailed as failure:
                     self._say(str(failure))
@@ -187,13 +189,13 @@ class Blender:
             raise
         return Outcome(reasons=tuple(reasons), restarts=self._restarts, made_by=self._made_by)
 
-    def _attempt(self, job: RenderJob | MaskJob) -> tuple[Reply, bytes]:
+    def _attempt_job(self, job: RenderJob | MaskJob) -> tuple[Reply, bytes]:
         began = time.monotonic()
-        reply = self._ask(job, self._allowance.job_s)
+        reply = self._send_job(job, self._allowance.job_s)
         self._allowance.took.append(time.monotonic() - began)
         if reply.failed:
             raise AttemptFailed(reply.failed)
-        content = _written(job)
+        content = _output_content(job)
         assert self._child is not None
         if self._child.memory > REPLACE_MEMORY_SHARE * self._allowance.memory:
             self._say("has grown near its memory limit and is replaced")
@@ -202,17 +204,17 @@ class Blender:
             self.close()
         return reply, content
 
-    def start(self) -> None:
+    def start_process(self) -> None:
         """Start it if necessary, and choose the device."""
         if self._child is not None:
             return
         for attempt in range(1, MAX_ATTEMPTS + 1):
             try:
-                self._launch()
-                version = self._hear(START_S).ready
-                reply = self._ask(StartJob(self._device, self._number, self._allowance.threads), START_S)
+                self._launch_process()
+                version = self._next_reply(START_S).ready
+                reply = self._send_job(StartJob(self._device, self._number, self._allowance.threads), START_S)
             except Lost as lost:
-                self._lose(lost)
+                self._end_lost(lost)
                 if attempt < MAX_ATTEMPTS:
                     continue
                 problem = f"Blender has not started {attempt} times running: {lost}"
@@ -224,12 +226,12 @@ class Blender:
                 "blender": version,
                 "devices": reply.device,
                 "systems": platform.platform(terse=True),
-                "confinement": landlock.confinement(),
+                "confinement": landlock.describe_confinement(),
             }
             self._say(f"renders on {reply.device}")
             return
 
-    def _launch(self) -> None:
+    def _launch_process(self) -> None:
         self._log.parent.mkdir(parents=True, exist_ok=True)
         if self._log.is_symlink():
             self._log.unlink()
@@ -242,13 +244,13 @@ class Blender:
                 replies.put(None)
             elif text.startswith(BEGINNING):
                 with contextlib.suppress(ValueError):  # a killed worker's partial line
-                    replies.put(json_of(line[len(BEGINNING) :], Reply))
+                    replies.put(parse_json(line[len(BEGINNING) :], Reply))
 
         command = worker_command(self._program)
         more = {"TMPDIR": str(self._confinement.write)} if self._confinement else {}
         try:
             self._child = Child(
-                self._confinement.of(command, gpu=self._device != "cpu") if self._confinement else command,
+                self._confinement.wrap_command(command, gpu=self._device != "cpu") if self._confinement else command,
                 env={**ENVIRONMENT, **os.environ, **more},
                 on_line=on_line,
                 log=self._log,
@@ -256,12 +258,12 @@ class Blender:
         except OSError as error:
             raise HulldownError(f"cannot be started: {error.strerror}", path=command[0]) from None
 
-    def _ask(self, job: Job, seconds: float) -> Reply:
+    def _send_job(self, job: Job, seconds: float) -> Reply:
         assert self._child is not None
         self._child.write(pickle.dumps(job))
-        return self._hear(seconds)
+        return self._next_reply(seconds)
 
-    def _hear(self, seconds: float) -> Reply:
+    def _next_reply(self, seconds: float) -> Reply:
         """Return the next reply, within the limits of time and memory."""
         assert self._child is not None
         end = time.monotonic() + seconds
@@ -284,7 +286,7 @@ class Blender:
                 raise HulldownError(f"Blender cannot be used: {reply.unusable}", remedy=reply.remedy)
             return reply
 
-    def _lose(self, lost: Lost) -> None:
+    def _end_lost(self, lost: Lost) -> None:
         self.close()
         self._restarts += 1
         self._say(f"{lost}; it is started again")
@@ -310,11 +312,11 @@ def worker_command(program: str | None) -> list[str]:
     return [program, *options, "--python", str(WORKER)]
 
 
-def _written(job: RenderJob | MaskJob) -> bytes:
+def _output_content(job: RenderJob | MaskJob) -> bytes:
     """Return the contents of a job's output file."""
     output = Path(job.output)
     if isinstance(job, RenderJob):
         size = job.camera.intrinsics
-        if wrong := damage(output, size.width, size.height):
+        if wrong := picture_damage(output, size.width, size.height):
             raise AttemptFailed(wrong)
     return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)

@@ -30,7 +30,7 @@ def without_notes(data: bytes) -> bytes:
     return b"".join(kept)
 
 
-def damage(picture: Path, width: int, height: int) -> str | None:
+def picture_damage(picture: Path, width: int, height: int) -> str | None:
     """Find damage in a picture by Blender; None if there is none."""
     try:
         # Not by `Image.open`, which refuses pictures above a size.

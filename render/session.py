@@ -27,13 +27,13 @@ from hulldown.dataset.provenance import (
     write_failures,
 )
 from hulldown.dataset.row_records import Segmenter, image_record, plan_categories
-from hulldown.dataset.store.placed_pictures import confined, publish, writing
+from hulldown.dataset.store.placed_pictures import path_inside, picture_writing, publish_picture
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import Row
 from hulldown.render.blender.messages import CyclesSettings, RenderJob
 from hulldown.render.jobs import render_job
-from hulldown.render.outline import Outline, Part, stamp_of
+from hulldown.render.outline import Outline, Part, file_stamp
 from hulldown.render.pool import Pool
 from hulldown.render.process import Outcome
 from hulldown.render.rendered_pictures import without_notes
@@ -73,25 +73,25 @@ class Session:
         self.failed: list[str] = []
         self.begun = False
         self.made_by: dict[str, list[str]] = {}
-        self._plan, self._stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
+        self._plan, self._plan_stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
         self._segmenter = Segmenter.of_plan(plan, library)
         dataset.add_categories(plan_categories(plan, library.shapes), keypoints=True)
         reservation = self._reservation = dataset.reserve(
             outline.key, images=len(outline.rows), annotations=int(outline.labels.sum())
         )
-        rows, firsts = part.of(outline), outline.first_annotations(reservation).tolist()
-        self._left: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
+        rows, firsts = part.part_rows(outline), outline.first_annotations(reservation).tolist()
+        self._pending_images: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
         for _, index, labels, planned in rows:
             if not dataset.finished(name := reservation.file_name(planned)):
-                self._left[index] = name, firsts[index]
+                self._pending_images[index] = name, firsts[index]
                 of_labels = range(firsts[index], firsts[index] + labels)
                 dataset.check_free(name, reservation.image_offset + index + 1, of_labels)
-        names = {name for name, _ in self._left.values()}
-        self.images, self.already = len(rows), len(rows) - len(self._left)
+        names = {name for name, _ in self._pending_images.values()}
+        self.images, self.already = len(rows), len(rows) - len(self._pending_images)
         self._progress = progress
         self._pool: Pool | ClusterPool | None = None
         self._folder = dataset.folder
-        self.unfinished = confined(self._folder, UNFINISHED_NAME).absolute()
+        self.unfinished = path_inside(self._folder, UNFINISHED_NAME).absolute()
         # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
         self._failures = [failure for failure in read_failures(self._folder) if failure.file_name not in names]
         read_provenance(self._folder)
@@ -101,7 +101,7 @@ class Session:
             settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces
         )
 
-    def say(self, line: str) -> None:
+    def report_line(self, line: str) -> None:
         """Report progress to the caller."""
         workers = self._pool.working if self._pool else 0
         self._progress(Progress(self.already + self.rendered, len(self.failed), self.images, line, workers))
@@ -117,25 +117,25 @@ class Session:
             time.sleep(wait)  # the Blender of a run that was just killed may write a picture before it ends, too
         self.unfinished.mkdir()
         self._pool = pool
-        self.say("")
+        self.report_line("")
         try:
             with pool:
-                for index, outcome in pool.results(list(self._left), self._job):
-                    self._take_in(index, outcome)
+                for index, outcome in pool.results(list(self._pending_images), self._make_job):
+                    self._store_outcome(index, outcome)
             if self.failed:
-                self._begin()
+                self._retry_failures()
         finally:  # after the pool's end, until which Blenders write
             shutil.rmtree(self.unfinished, ignore_errors=True)
 
-    def _take_in(self, index: int, outcome: Outcome) -> None:
+    def _store_outcome(self, index: int, outcome: Outcome) -> None:
         self.restarts += outcome.restarts
         news = {name: sorted({*self.made_by.get(name, ()), value}) for name, value in outcome.made_by.items()}
         self.made_by = {**self.made_by, **news}
         if not outcome.reasons:
-            self._done(index, outcome)
+            self._store_picture(index, outcome)
             self._failed_in_a_row = 0
             return
-        self._give_up(index, outcome.reasons)
+        self._set_aside(index, outcome.reasons)
         self._failed_in_a_row += len(outcome.reasons)
         if self._failed_in_a_row >= GIVE_UP_AFTER:
             raise HulldownError(
@@ -145,13 +145,13 @@ class Session:
                 remedy="fix the cause and run again, which goes on from here",
             )
 
-    def _begin(self) -> None:
+    def _retry_failures(self) -> None:
         """After the first image: retry the failures of earlier runs."""
         if not self.begun:
             self.begun = True
             write_failures(self._folder, self._failures)
 
-    def _record(self) -> None:
+    def _record_provenance(self) -> None:
         """Update the plan's provenance whenever there is news."""
         if self.made_by == self._recorded:
             return
@@ -165,12 +165,12 @@ class Session:
         add_provenance(self._folder, {self._reservation.key: made})
         self._recorded = self.made_by
 
-    def _output(self, row: Row) -> Path:
+    def _output_path(self, row: Row) -> Path:
         return self.unfinished / f"{row.index}.png"
 
-    def _row(self, index: int) -> Row:
+    def _read_row(self, index: int) -> Row:
         """Return a row of the plan, read when needed; refused if the plan's file was replaced meanwhile."""
-        if stamp_of(self._plan.path) != self._stamp:
+        if file_stamp(self._plan.path) != self._plan_stamp:
             raise ConfigError(
                 "is not what it was when this run began",
                 path=self._plan.path,
@@ -178,10 +178,10 @@ class Session:
             )
         return self._plan[index]
 
-    def _job(self, index: int) -> RenderJob:
-        row = self._row(index)
+    def _make_job(self, index: int) -> RenderJob:
+        row = self._read_row(index)
         try:
-            return render_job(row, self._library, self._settings, self._output(row))
+            return render_job(row, self._library, self._settings, self._output_path(row))
         except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
             raise ConfigError(
                 f"line {index + 2} cannot be rendered ({error})",
@@ -189,17 +189,17 @@ class Session:
                 remedy="plan again with `hulldown plan`",
             ) from error
 
-    def _done(self, index: int, outcome: Outcome) -> None:
-        row = self._row(index)
-        picture = self._output(row)
-        name, first = self._left[index]
+    def _store_picture(self, index: int, outcome: Outcome) -> None:
+        row = self._read_row(index)
+        picture = self._output_path(row)
+        name, first = self._pending_images[index]
         records = self._segmenter.records(row)
-        self._begin()
-        self._record()
+        self._retry_failures()
+        self._record_provenance()
         content = without_notes(outcome.content)
-        with writing(self._folder, name):
+        with picture_writing(self._folder, name):
             picture.write_bytes(content)
-        publish(picture, self._folder, name)
+        publish_picture(picture, self._folder, name)
         image_id = self._reservation.image_offset + index + 1
         about = {"id": image_id, "file_name": name, "device": outcome.made_by["devices"]}
         self._dataset.append(
@@ -207,12 +207,12 @@ class Session:
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1
-        self.say("")
+        self.report_line("")
 
-    def _give_up(self, index: int, reasons: Sequence[str]) -> None:
-        name, _ = self._left[index]
+    def _set_aside(self, index: int, reasons: Sequence[str]) -> None:
+        name, _ = self._pending_images[index]
         self._failures.append(Failure(index=index, file_name=name, reasons=list(reasons)))
         if self.begun:
             write_failures(self._folder, self._failures)
         self.failed.append(name)
-        self.say(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")
+        self.report_line(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")

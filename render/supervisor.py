@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING
 from hulldown.base.arguments import AnyPath
 from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import say, titled_bar, watched
+from hulldown.base.terminal import is_interactive, print_message, titled_bar
 from hulldown.cluster.scheduler import Scheduler, needing_dask
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import FAILURES_NAME
-from hulldown.dataset.store.placed_pictures import confined
+from hulldown.dataset.store.placed_pictures import path_inside
 from hulldown.dataset.table import Dataset
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.render.jobs import readable
+from hulldown.render.jobs import readable_paths
 from hulldown.render.outline import WHOLE, Outline, Part
 from hulldown.render.pool import DEFAULT_ENGINE, Device, Engine, Pool
 from hulldown.render.process import Confinement
@@ -111,16 +111,16 @@ def render_plan(
     return Dataset.read(folder)
 
 
-def _pool(
+def _make_pool(
     engine: Engine, logs: Path, library: Library, session: Session, stopping: Callable[[], bool]
 ) -> Pool | ClusterPool:
     """Return the pool for a session."""
     if engine.scheduler is None:
-        confinement = Confinement(session.unfinished, readable(library))
-        return Pool(logs, engine, say=session.say, stopping=stopping, confinement=confinement)
+        confinement = Confinement(session.unfinished, readable_paths(library))
+        return Pool(logs, engine, say=session.report_line, stopping=stopping, confinement=confinement)
     with needing_dask():
         from hulldown.render.cluster_pool import ClusterPool
-    return ClusterPool(engine.scheduler, engine, library, say=session.say, stopping=stopping)
+    return ClusterPool(engine.scheduler, engine, library, say=session.report_line, stopping=stopping)
 
 
 @contextlib.contextmanager
@@ -130,7 +130,7 @@ def render_bar() -> Iterator[Callable[[Progress], None]]:
 
         def show(progress: Progress) -> None:
             if progress.line:
-                say(progress.line)
+                print_message(progress.line)
             workers = {0: "", 1: " on 1 worker"}.get(progress.workers, f" on {progress.workers} workers")
             advance(f"rendering{workers}", progress.finished, progress.images)
 
@@ -168,7 +168,7 @@ def render_remaining(
     limits
         Time and memory for reading an asset.
     """
-    if progress is None and watched():
+    if progress is None and is_interactive():
         with render_bar() as bar:
             return render_remaining(
                 plan, output, library, engine=engine, part=part, cache=cache, limits=limits, progress=bar
@@ -186,7 +186,7 @@ def render_remaining(
         session: Session | None = None
         try:
             session = Session(plan, outline, dataset, library, part=part, progress=tell)
-            session.render(_pool(engine, confined(folder, LOGS_NAME), library, session, stopping))
+            session.render(_make_pool(engine, path_inside(folder, LOGS_NAME), library, session, stopping))
         except Stopped:
             interrupted = True
             if session is not None and not session.begun:

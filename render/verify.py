@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import HulldownError
-from hulldown.dataset.records import Finding, listed
+from hulldown.dataset.records import Finding, finding_lines
 from hulldown.dataset.verification.verify import find_problems
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.plan_file import read_plan
@@ -23,7 +23,7 @@ class Findings(list[Finding]):
 
     def lines(self) -> list[str]:
         """Return the findings as lines, at most `LISTED` of each kind."""
-        return listed(self)
+        return finding_lines(self)
 
 
 def verify_dataset(

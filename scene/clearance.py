@@ -10,9 +10,9 @@ from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.camera.cameras import NEAR_M
-from hulldown.geometry.arrays import checked
+from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.overlap import Obstacles
-from hulldown.geometry.transforms import apply, invert_rigid
+from hulldown.geometry.transforms import invert_rigid, transform_points
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.posed_vehicle import PosedVehicle
@@ -26,7 +26,7 @@ class CameraRoom:
     obstacles: Obstacles  # everything solid but ground and vehicles. A camera may look out of grass.
     water: Terrain | None = None  # surfaces that a camera may not be below
 
-    def rejections(
+    def reject_places(
         self,
         position: ArrayLike,
         *,
@@ -44,16 +44,18 @@ class CameraRoom:
         may touch: no surface is nearer than this. A camera that an obstacle shuts in on all sides and above is inside
         it. Also the least distance to the bounding boxes of vehicles' parts; never inside one.
         """
-        place = checked(position, "position", ("n", 3))
+        place = checked_array(position, "position", ("n", 3))
         if not obstacle_clearance >= 0.0:
             raise ValueError(f"obstacle_clearance: expected meters of 0 or more, got {obstacle_clearance}")
         n = len(place)
         rejection = np.zeros(n, dtype=np.uint8)
         for vehicle in vehicles:
-            rejection[_distance_to(vehicle, place) <= obstacle_clearance] = Rejection.CAMERA_VEHICLE
+            rejection[_vehicle_distance(vehicle, place) <= obstacle_clearance] = Rejection.CAMERA_VEHICLE
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
-        rejection[self.obstacles.touched(np.full((n, 3), float(obstacle_clearance)), cube)] = Rejection.CAMERA_OBSTACLE
+        rejection[self.obstacles.touches_boxes(np.full((n, 3), float(obstacle_clearance)), cube)] = (
+            Rejection.CAMERA_OBSTACLE
+        )
         if self.water is not None:
             water = self.water.top_hits(place[:, :2])
             with np.errstate(invalid="ignore"):
@@ -63,17 +65,17 @@ class CameraRoom:
         with np.errstate(invalid="ignore"):
             rejection[place[:, 2] - ground.z < ground_clearance] = Rejection.CAMERA_LOW
         off = np.flatnonzero(~ground.hit)
-        rejection[off[~self.obstacles.below(place[off])]] = Rejection.CAMERA_OFF_GROUND
+        rejection[off[~self.obstacles.stands_on_obstacle(place[off])]] = Rejection.CAMERA_OFF_GROUND
         return rejection
 
 
-def _distance_to(vehicle: PosedVehicle, place: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
+def _vehicle_distance(vehicle: PosedVehicle, place: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
     """Return the distance to the nearest bounding box of a part; 0 inside."""
     world = np.tile(np.eye(4), (len(place), 1, 1))
     distance = np.full(len(place), np.inf)
-    row, parts = vehicle.seen_from(world)
+    row, parts = vehicle.parts_in_cameras(world)
     for part, world_from_part in parts:
-        local = apply(invert_rigid(world_from_part), place[row, None])[:, 0]
+        local = transform_points(invert_rigid(world_from_part), place[row, None])[:, 0]
         low, high = part.hull.min(axis=0), part.hull.max(axis=0)
         beyond = np.maximum(np.maximum(low - local, local - high), 0.0)
         np.minimum.at(distance, row, np.linalg.norm(beyond, axis=1))

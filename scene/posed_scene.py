@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from hulldown.assets.scenery import Scenery
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.cameras import NEAR_M, Cameras
-from hulldown.geometry.columns import put
-from hulldown.geometry.cutouts import caster_of
+from hulldown.geometry.columns import put_rows
+from hulldown.geometry.cutouts import make_caster
 from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.rays import RayCaster, RayHits, in_threads
 from hulldown.scene.beams import nearest_in_beams, passed_in_beams
@@ -111,7 +111,7 @@ class Scene:
         """
         ground: RayCaster | Plane | None = None
         if scenery.ground is not None:
-            ground = caster_of(scenery.ground)
+            ground = make_caster(scenery.ground)
         elif fallback_z is not None:
             ground = Plane(fallback_z - float(scenery.origin[2]))
         return cls(ground, InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance))
@@ -127,9 +127,9 @@ class Scene:
     def nearest(self, origins: ArrayLike, directions: ArrayLike) -> SceneHits:
         """First hit of each ray; on ties ground, then obstacles, then vehicles. Arguments as for `occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        return self._first(along, lambda thing, reach: thing.cast(start, along, max_distance=reach))
+        return self._merge_hits(along, lambda thing, reach: thing.cast(start, along, max_distance=reach))
 
-    def seen_by(self, camera: Cameras, *, threads: int = 1) -> SceneHits:
+    def trace_image(self, camera: Cameras, *, threads: int = 1) -> SceneHits:
         """First hit at the center of each pixel of a camera, row by row; (n,) is (height * width,).
 
         As `nearest` for rays from the near plane on, with distances from the camera's position; faster in a wood,
@@ -151,13 +151,15 @@ class Scene:
             low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)
             extent = np.maximum(np.stack([u.max(axis=1), v.max(axis=1)], axis=1) - low, 1e-300)
             rays = CameraRays(low, extent, (at - low[:, None]) / extent[:, None])
-            put(hits, pixel.ravel(), self._seen(rays, np.tile(camera.world_from_camera, (len(low), 1, 1))))
+            put_rows(
+                hits, pixel.ravel(), self._trace_cameras(rays, np.tile(camera.world_from_camera, (len(low), 1, 1)))
+            )
             hits.distance[pixel] += NEAR_M * np.sqrt(1.0 + u * u + v * v)
 
         in_threads(trace, rows, threads=threads)
         return hits
 
-    def _seen(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> SceneHits:
+    def _trace_cameras(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> SceneHits:
         """First hits of all rays of n cameras, from the near plane on."""
         start, along = camera_rays.rays(world_from_camera, np.arange(len(world_from_camera) * camera_rays.count))
 
@@ -169,16 +171,16 @@ class Scene:
                     return thing.first_hits(camera_rays, world_from_camera, np.ones(len(reach), dtype=bool))
             return thing.cast(start, along, max_distance=reach)
 
-        return self._first(along, cast)
+        return self._merge_hits(along, cast)
 
-    def _first(
+    def _merge_hits(
         self,
         along: Float[np.ndarray, "n 3"],
         cast: Callable[[Thing, Float[np.ndarray, " n"]], RayHits],
     ) -> SceneHits:
         """Return the nearest hit of several casts, each within the distance of the hits before."""
         hits = SceneHits.missed(len(along))
-        for kind, i, thing in self._things():
+        for kind, i, thing in self._ray_targets():
             met = cast(thing, hits.distance)
             closer = np.flatnonzero(met.distance < hits.distance)
             face = met.face[closer]
@@ -212,13 +214,13 @@ class Scene:
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach = np.broadcast_to(max_distance, len(start))
         blocked = np.zeros(len(start), dtype=bool)
-        for _, _, thing in self._things():
+        for _, _, thing in self._ray_targets():
             left = np.flatnonzero(~blocked) if blocked.any() else slice(None)
             of = {"row": None if row is None else row[left]} if isinstance(thing, PosedVehicle) else {}
             blocked[left] = thing.occluded(start[left], along[left], max_distance=reach[left], **of)
         return blocked
 
-    def passed(
+    def image_transmittance(
         self,
         camera_rays: CameraRays,
         world_from_camera: Float[np.ndarray, "n 4 4"],
@@ -241,12 +243,12 @@ class Scene:
         passed *= passed_in_beams(self.obstacles, camera_rays, world_from_camera, reach=left)
         asked = (passed > 0.0) & (reach > -np.inf)
         for vehicle in self.vehicles:
-            for part, at, rays in vehicle.through(camera_rays, world_from_camera, asked):
+            for part, at, rays in vehicle.part_rays(camera_rays, world_from_camera, asked):
                 np.multiply.at(passed, at, part.caster.transmittance(*rays, max_distance=reach[at]))
                 asked[at] = passed[at] > 0.0
         return passed
 
-    def _things(self) -> Iterator[tuple[Kind, int, Thing]]:
+    def _ray_targets(self) -> Iterator[tuple[Kind, int, Thing]]:
         if self.ground is not None:
             yield Kind.GROUND, 0, self.ground
         yield Kind.OBSTACLE, 0, self.obstacles

@@ -13,12 +13,12 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 
 from hulldown.assets.vehicle import Articulation, VehicleShape
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
-from hulldown.geometry.cutouts import caster_of
+from hulldown.geometry.cutouts import make_caster
 from hulldown.geometry.hulls import extreme_points
-from hulldown.geometry.indices import joined
+from hulldown.geometry.indices import matching_pairs
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster, RayHits
-from hulldown.geometry.transforms import apply, compose, invert_rigid, rotate
+from hulldown.geometry.transforms import compose_affine, invert_rigid, rotate_vectors, transform_points
 
 # Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
 # stay in cache.
@@ -44,16 +44,17 @@ class VehicleCaster:
         self.shape = shape
         self.face_part = face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
         self.parts = tuple(
-            _part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i]) for i in np.unique(face_part)
+            _make_part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i])
+            for i in np.unique(face_part)
         )
 
     @cached_property
     def at_rest(self) -> tuple[VehiclePart, ...]:
         """The vehicle at rest as one part, which is faster if nothing is articulated."""
         mesh = self.shape.mesh
-        return self.parts if len(self.parts) == 1 else (_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
+        return self.parts if len(self.parts) == 1 else (_make_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
 
-    def placed(
+    def parts_with_poses(
         self,
         camera_from_vehicle: Float[np.ndarray, "n 4 4"],
         articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "n p"],
@@ -62,7 +63,7 @@ class VehicleCaster:
         poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
             return [(part, camera_from_vehicle) for part in self.at_rest]
-        return [(part, compose(camera_from_vehicle, poses[..., part.index, :, :])) for part in self.parts]
+        return [(part, compose_affine(camera_from_vehicle, poses[..., part.index, :, :])) for part in self.parts]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -98,13 +99,13 @@ class PosedVehicle:
             turned = [turned[i] for i in kept.tolist()]
         return PosedVehicle(self.caster, self.world_from_vehicle[kept], turned, row)
 
-    def seen_from(
+    def parts_in_cameras(
         self, world_from_camera: Float[np.ndarray, "n 4 4"]
     ) -> tuple[Int[np.ndarray, " k"], list[tuple[VehiclePart, Float[np.ndarray, "k 4 4"]]]]:
         """Return the camera of each pose, and the parts to cast against with their poses in the cameras' frames."""
         row = np.arange(len(world_from_camera)) if self.row is None else self.row
-        camera_from_vehicle = compose(invert_rigid(world_from_camera)[row], self.world_from_vehicle)
-        return row, self.caster.placed(camera_from_vehicle, self.articulation)
+        camera_from_vehicle = compose_affine(invert_rigid(world_from_camera)[row], self.world_from_vehicle)
+        return row, self.caster.parts_with_poses(camera_from_vehicle, self.articulation)
 
     def cast(
         self,
@@ -120,9 +121,9 @@ class PosedVehicle:
         """
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach, hits = np.broadcast_to(max_distance, len(start)), RayHits.missed(len(start))
-        pose, ray = self._pairs(row, len(start))
-        for part, world_from_part in self.caster.placed(self.world_from_vehicle, self.articulation):
-            some, rays = _into(part, world_from_part, pose, start[ray], along[ray])
+        pose, ray = self._pose_ray_pairs(row, len(start))
+        for part, world_from_part in self.caster.parts_with_poses(self.world_from_vehicle, self.articulation):
+            some, rays = _sphere_pairs(part, world_from_part, pose, start[ray], along[ray])
             at = ray[some]
             met = part.caster.cast(*rays, max_distance=np.minimum(reach, hits.distance)[at])
             _keep_nearest(hits, at, met.distance, part.face[met.face])
@@ -147,12 +148,12 @@ class PosedVehicle:
     ) -> RayHits:
         """Return the first face of the shape's mesh along each of n cameras' rays that is asked for."""
         hits = RayHits.missed(len(asked))
-        for part, at, rays in self.through(camera_rays, world_from_camera, asked):
+        for part, at, rays in self.part_rays(camera_rays, world_from_camera, asked):
             met = part.caster.cast(*rays)
             _keep_nearest(hits, at, met.distance, part.face[met.face])
         return hits
 
-    def through(
+    def part_rays(
         self,
         camera_rays: CameraRays,
         world_from_camera: Float[np.ndarray, "n 4 4"],
@@ -162,9 +163,11 @@ class PosedVehicle:
 
         `asked` may change between batches.
         """
-        camera, parts = self.seen_from(world_from_camera)
+        camera, parts = self.parts_in_cameras(world_from_camera)
         for part, camera_from_part in parts:
-            pose, ray = camera_rays.through(box_at_unit_depth(apply(camera_from_part, part.around)), camera)
+            pose, ray = camera_rays.rays_through_boxes(
+                box_at_unit_depth(transform_points(camera_from_part, part.around)), camera
+            )
             part_from_camera = invert_rigid(camera_from_part)
             kept = np.flatnonzero(asked[camera[pose] * camera_rays.count + ray])
             for i in range(0, len(kept), BATCH_RAYS):
@@ -179,7 +182,7 @@ class PosedVehicle:
         part_of_face = parts.reshape(-1, 4, 4)[self.caster.face_part[face], :3, :3]
         return np.einsum("nij,nj->ni", part_of_face, shape.mesh.normals(face))
 
-    def _pairs(
+    def _pose_ray_pairs(
         self, row: Int[np.ndarray, " n"] | None, rays: int
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Return all pairs of a pose and a ray of the same camera."""
@@ -188,7 +191,7 @@ class PosedVehicle:
             if k != 1 and self.row is None:
                 raise ValueError(f"vehicle: expected one pose, or the row of each, got {k}")
             row = np.zeros(rays, dtype=np.int64)
-        return joined(np.zeros(1, dtype=np.int64) if self.row is None else self.row, row)
+        return matching_pairs(np.zeros(1, dtype=np.int64) if self.row is None else self.row, row)
 
 
 def _keep_nearest(
@@ -200,7 +203,7 @@ def _keep_nearest(
     hits.distance[at[order]], hits.face[at[order]] = distance[order], face[order]
 
 
-def _into(
+def _sphere_pairs(
     part: VehiclePart,
     world_from_part: Float[np.ndarray, "k 4 4"],
     pose: Int[np.ndarray, " p"],
@@ -209,18 +212,18 @@ def _into(
 ) -> tuple[Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]:
     """Pairs of pose and ray that cross a sphere around a part, and their rays in the part's frame."""
     low, high = part.hull.min(axis=0), part.hull.max(axis=0)
-    to_center = apply(world_from_part, (low + high)[None] / 2)[:, 0][pose] - start
+    to_center = transform_points(world_from_part, (low + high)[None] / 2)[:, 0][pose] - start
     away = np.einsum("ij,ij->i", to_center, to_center)
     ahead = np.einsum("ij,ij->i", to_center, along)
     room = 1.00001 * ((high - low) ** 2).sum() / 4 + 1e-12 * away
     aside = (away - room) * np.einsum("ij,ij->i", along, along) <= ahead**2
     some = np.flatnonzero((away <= room) | ((ahead > 0.0) & aside))
     part_from_world = invert_rigid(world_from_part)[pose[some]]
-    inside = rotate(part_from_world[:, :3, :3], np.stack([start[some], along[some]], axis=1))
+    inside = rotate_vectors(part_from_world[:, :3, :3], np.stack([start[some], along[some]], axis=1))
     return some, (inside[:, 0] + part_from_world[:, :3, 3], inside[:, 1])
 
 
-def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:
+def bounding_points(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:
     """Few points whose convex hull holds the vertices: their own hull, or the corners of a 26-sided one around it."""
     if len(vertices) <= MAX_HULL_VERTICES:
         return vertices
@@ -241,8 +244,8 @@ def points_around(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"
     return corners + middle
 
 
-def _part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> VehiclePart:
+def _make_part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> VehiclePart:
     # Only the vertices that the faces use: others would move the center that rays are traced about.
     part = replace(mesh.of_faces(face), name=name)
     hull = part.vertices[extreme_points(part.vertices)]
-    return VehiclePart(index, caster_of(part), face, hull, points_around(hull))
+    return VehiclePart(index, make_caster(part), face, hull, bounding_points(hull))

@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 
 from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
-from hulldown.reading.blender.surfaces.bake import opacities
+from hulldown.reading.blender.api.light_pictures import render_light, see_pixel_centers
+from hulldown.reading.blender.surfaces.bake import bake_opacities
 from hulldown.reading.blender.surfaces.opacity import is_opaque
 from hulldown.render.blender import cycles
 from hulldown.render.blender.object_index import ONE_RAY
@@ -178,7 +178,7 @@ def cards():
 
 def show():
     scene = bpy.context.scene
-    cycles.configure(scene, ONE_RAY, device="CPU")
+    cycles.configure_scene(scene, ONE_RAY, device="CPU")
     scene.world = bpy.data.worlds.new("white for the camera only")
     nodes, link = scene.world.node_tree.nodes, scene.world.node_tree.links.new
     nodes["Background"].inputs[0].default_value = (1.0, 1.0, 1.0, 1.0)
@@ -188,7 +188,7 @@ def show():
     scene.camera = place("camera", lens, (lens.ortho_scale / 2, -5.0, 0.5), rot=(np.pi / 2, 0.0, 0.0))
     scene.render.resolution_x, scene.render.resolution_y = round(lens.ortho_scale * PIXELS), PIXELS
     see_pixel_centers(scene)
-    return rendered(scene)[..., 0]
+    return render_light(scene)[..., 0]
 
 
 fresh()
@@ -209,10 +209,10 @@ IMAGES = {
 cards()
 (FOLDER / "lost.png").unlink()
 save(FOLDER / "cards.blend")
-every = opacities([material for material in bpy.data.materials if not is_opaque(material)])
+every = bake_opacities([material for material in bpy.data.materials if not is_opaque(material)])
 for name in ("multiply", "invert"):
     key = bpy.data.materials[name].as_pointer()
-    (alone,) = opacities([bpy.data.materials[name]]).values()
+    (alone,) = bake_opacities([bpy.data.materials[name]]).values()
     assert np.array_equal(alone.curve, every[key].curve), "one material is baked like many"
 np.save(FOLDER / "shown.npy", show())
 (FOLDER / "cards.json").write_text(json.dumps(CARDS))

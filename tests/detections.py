@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.dataset.images import LabeledImages
-from hulldown.training.evaluation.labels import Labels, labels_of
-from hulldown.training.evaluation.matching import match
-from hulldown.training.evaluation.metrics import sums_by
-from hulldown.training.evaluation.predictions import Predictions, predictions_of
+from hulldown.training.evaluation.labels import Labels, evaluation_labels
+from hulldown.training.evaluation.matching import match_detections
+from hulldown.training.evaluation.metrics import grouped_sums
+from hulldown.training.evaluation.predictions import Predictions, read_checked_predictions
 
 HERE = Path("dataset")
 
@@ -39,18 +39,18 @@ def results(found):
 
 
 def loaded(coco, found) -> tuple[Labels, Predictions]:
-    labels = labels_of(LabeledImages.of(coco), path=HERE)
-    return labels, predictions_of(found, labels, path=Path("predictions.json"), name="predictions")
+    labels = evaluation_labels(LabeledImages.from_coco(coco), path=HERE)
+    return labels, read_checked_predictions(found, labels, path=Path("predictions.json"), name="predictions")
 
 
 def matched(coco, found):
-    return match(*loaded(coco, found))
+    return match_detections(*loaded(coco, found))
 
 
 def by_position(seen):
     """`metrics.SUMS` of each position."""
     all_of = {"of_detection": np.zeros(len(seen.box), dtype=int), "of_label": np.zeros(len(seen.detection), dtype=int)}
-    return sums_by(seen, **all_of, bins=1)[:, 0]
+    return grouped_sums(seen, **all_of, bins=1)[:, 0]
 
 
 def total(seen):

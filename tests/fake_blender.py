@@ -74,7 +74,7 @@ class Renderer:
         output.with_suffix(".pid").write_text(str(os.getpid()))
         return Reply()
 
-    def reset(self):
+    def forget_assets(self):
         pass
 
 

@@ -18,7 +18,7 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported, Job, ask_reader, exported_by, job_for
+from hulldown.reading.reader_process import Exported, Job, ask_reader, finished_export, reader_job
 from hulldown.tests.blender_plans import run_script
 from hulldown.tests.shapes import vertices_at
 
@@ -124,7 +124,7 @@ def load(folder: Path) -> Messy:
     exported, errors = {}, {}
     for name, job in _jobs(folder).items():
         try:
-            exported[name] = exported_by(job)
+            exported[name] = finished_export(job)
         except AssetError as error:
             errors[name] = error
     return Messy(folder, _cases(folder), exported, errors)
@@ -139,7 +139,7 @@ def _jobs(folder: Path) -> dict[str, Job]:
         about[suffix] = (f"imported.{suffix}", "vehicle", {"up": None if suffix == "obj" else "y"})
     about |= {name: (f"{name}.blend", "vehicle", {}) for name in DAMAGED}
     return {
-        name: job_for(folder / file, folder / f"out_{name}", kind=kind, options=Options(**options))
+        name: reader_job(folder / file, folder / f"out_{name}", kind=kind, options=Options(**options))
         for name, (file, kind, options) in about.items()
     }
 

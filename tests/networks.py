@@ -9,7 +9,7 @@ from transformers import AutoModelForObjectDetection, DFineConfig, HGNetV2Config
 
 from hulldown.training.detectors import detr
 from hulldown.training.detectors.transformers_detector import save_transformers
-from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import load_settings
 
 CLASSES = ("truck", "tank")
@@ -79,7 +79,7 @@ def tiny_weights() -> str:
 
 
 def nano_module(settings, classes, folder):
-    with quiet():
+    with silence_libraries():
         configs = detr.detr_configs(settings, classes, weights=None, device=torch.device("cpu"), folder=folder)
         return detr.RFDETRModelModule(*configs)
 

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from hulldown.assets.library import Assets
-from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.schema import Config
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
@@ -27,7 +27,7 @@ def vehicle(name, scale=1.0):
         box((-1.2, -1.1, 1.4), (1.3, 1.1, 2.3)),
         box((1.3, -0.1, 1.7), (5.0, 0.1, 1.9)),
     ]
-    mesh, _ = merge(boxes)
+    mesh, _ = merge_meshes(boxes)
     low, high = mesh.bounds
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     pivots = np.array([[0, 0, 0], np.array([0, 0, 1.4]) - foot, np.array([1.3, 0, 1.8]) - foot]) * scale
@@ -110,7 +110,7 @@ def small_config(**sections):
 def to_camera(shape, vehicle, row):
     """From the center of a vehicle's box, parts turned, to the camera, in the world."""
     vertices = vertices_at(shape, vehicle.articulation)
-    center = apply(vehicle.world_from_vehicle, (vertices.min(axis=0) + vertices.max(axis=0))[None] / 2.0)[0]
+    center = transform_points(vehicle.world_from_vehicle, (vertices.min(axis=0) + vertices.max(axis=0))[None] / 2.0)[0]
     return row.world_from_camera[:3, 3] - center
 
 

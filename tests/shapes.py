@@ -8,8 +8,8 @@ import numpy as np
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import Articulation, VehicleShape
-from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.transforms import apply, rotation_about
+from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.transforms import axis_rotation, transform_points
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 QUADS = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
@@ -22,7 +22,7 @@ LIMITS = np.array([[0, 0], [-np.pi, np.pi], [-0.1, 0.35]])
 def vertices_at(shape: VehicleShape, articulation: Articulation) -> np.ndarray:
     """All vertices (v, 3) in the vehicle frame with the parts turned."""
     poses = shape.vehicle_from_parts(articulation)[shape.vertex_part]
-    return apply(poses, shape.mesh.vertices[:, None])[:, 0]
+    return transform_points(poses, shape.mesh.vertices[:, None])[:, 0]
 
 
 def box(low, high, name: str = "mesh") -> Mesh:
@@ -53,7 +53,7 @@ def surface(x: np.ndarray, y: np.ndarray, z: np.ndarray, name: str = "surface") 
 def random_rotations(rng: np.random.Generator, n: int) -> np.ndarray:
     """Matrices (n, 3, 3) of rotations by any angle about any axis."""
     axes = rng.normal(size=(n, 3))
-    return rotation_about(axes / np.linalg.norm(axes, axis=1, keepdims=True), rng.uniform(-np.pi, np.pi, n))
+    return axis_rotation(axes / np.linalg.norm(axes, axis=1, keepdims=True), rng.uniform(-np.pi, np.pi, n))
 
 
 def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) -> VehicleShape:
@@ -61,7 +61,7 @@ def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) 
     parts = len(meshes)
     return VehicleShape(
         name=name,
-        mesh=merge(meshes, name=name)[0],
+        mesh=merge_meshes(meshes, name=name)[0],
         vertex_part=np.repeat(np.arange(parts), [len(mesh.vertices) for mesh in meshes]),
         part_names=PARTS[:parts],
         part_parent=np.arange(parts) - 1,

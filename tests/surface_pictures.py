@@ -12,8 +12,8 @@ import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import Weather
-from hulldown.reading.blender.api.add_nodes import add_node, maths
-from hulldown.reading.blender.api.light_pictures import rendered, store_light
+from hulldown.reading.blender.api.add_nodes import add_math, add_node
+from hulldown.reading.blender.api.light_pictures import render_light, store_light
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
@@ -43,7 +43,7 @@ def mixed(tree):
 def holes(tree):
     """A black leaf card with holes in stripes 0.1 m wide."""
     across = add_node(tree, "SeparateXYZ", {0: add_node(tree, "NewGeometry").outputs["Position"]}).outputs[0]
-    alpha = maths(tree, "GREATER_THAN", maths(tree, "FRACT", maths(tree, "MULTIPLY", across, 5.0)), 0.5)
+    alpha = add_math(tree, "GREATER_THAN", add_math(tree, "FRACT", add_math(tree, "MULTIPLY", across, 5.0)), 0.5)
     black = {"Base Color": (*gray(0.0), 1.0), "Roughness": 1.0}
     return add_node(tree, "BsdfPrincipled", {**black, "Alpha": alpha}).outputs[0]
 
@@ -144,7 +144,7 @@ class Studio:
     def __init__(self, folder, name):
         self.folder = folder
         self.stage = Stage(str(folder / f"{name}.blend"))
-        cycles.configure(self.stage.scene, SETTINGS, device="CPU")
+        cycles.configure_scene(self.stage.scene, SETTINGS, device="CPU")
         store_light(self.stage.scene)
 
     def picture(self, name, camera, covered, vehicles=()):
@@ -154,7 +154,7 @@ class Studio:
         stage.set_camera(camera)
         stage.world.set(LightInput(str(self.folder / "white.exr"), 0.0, 1.0, None))
         stage.set_weather(covered, seed=1)
-        np.save(self.folder / f"{name}.npy", rendered(stage.scene)[::-1, :, :3])
+        np.save(self.folder / f"{name}.npy", render_light(stage.scene)[::-1, :, :3])
 
 
 def albedos(folder):

@@ -6,9 +6,17 @@ import numpy as np
 import pytest
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.response import displayed
-from hulldown.camera.weather.kinds import DUST_ALBEDO, KINDS, Weather, air_layers, airlight, even_sky, extinction
-from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, view_of
+from hulldown.camera.response import display_levels
+from hulldown.camera.weather.kinds import (
+    DUST_ALBEDO,
+    KINDS,
+    Weather,
+    air_extinction,
+    air_layers,
+    airlight_radiance,
+    even_sky,
+)
+from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, symmetric_view
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.render.process import Blender
 from hulldown.tests.blender_plans import drawn
@@ -62,7 +70,7 @@ def test_the_veil_follows_koschmieders_law(studio, kind, color, visibility):
     for x, y in ((19.75, -8.0), (59.75, 0.0), (149.75, 70.0)):
         veil = 1.0 - math.exp(-3.912 * math.hypot(x, y) / visibility)
         column = round(64.0 - 64.0 * y / x)
-        expected = displayed(SKY * veil * np.array(color))
+        expected = display_levels(SKY * veil * np.array(color))
         assert np.abs(seen[35:37, column - 1 : column + 1] - expected).max() <= 4.0
 
 
@@ -81,7 +89,7 @@ def test_the_sun_fades_and_airlight_reaches_the_ground(studio, kind, visibility)
     seen = studio.picture(weather, world="ground", sky="sunny", pose=pose, fov_x_deg=20.0, width=32, samples=64)
     elevation = math.pi / 2 - (np.arange(64) + 0.5) / 128 * math.pi
     sunny = np.load(studio.worlds / "sunny.npy")
-    glow = airlight(kind, even_sky(np.repeat(sunny[..., None], 3, axis=2)))
+    glow = airlight_radiance(kind, even_sky(np.repeat(sunny[..., None], 3, axis=2)))
     depth = np.zeros(64)
     for layer in air_layers(kind, visibility):
         up = (layer.above + 2.0) / np.sin(elevation)
@@ -89,15 +97,15 @@ def test_the_sun_fades_and_airlight_reaches_the_ground(studio, kind, visibility)
     clear = np.exp(-depth)[:, None]
     weight = np.sin(2 * elevation)[:, None] * math.pi**2 / 128  # weight of a row of the sky, on level ground
     ground = 0.5 / math.pi * ((clear * sunny[:64].mean(axis=1)[:, None] + (1 - clear) * glow) * weight).sum(axis=0)
-    near = math.exp(-extinction(visibility) * 2.0)
-    expected = displayed(ground * near + glow * (1 - near))
+    near = math.exp(-air_extinction(visibility) * 2.0)
+    expected = display_levels(ground * near + glow * (1 - near))
     assert np.abs(seen.mean(axis=(0, 1)) - expected).max() <= 3.0
 
 
 def hidden_by(picture, radiance):
     """Share of the wall hidden by streaks of this radiance in a gray picture, in blocks of 6 x 6 pixels."""
     levels = np.linspace(WALL / 2.0, radiance, 4000)
-    curve = displayed(np.repeat(levels[:, None], 3, axis=1))[:, 1]
+    curve = display_levels(np.repeat(levels[:, None], 3, axis=1))[:, 1]
     share = (np.interp(picture[..., 1], curve, levels) - WALL) / (radiance - WALL)
     h, w = share.shape
     return share.reshape(h // 6, 6, w // 6, 6).mean(axis=(1, 3))
@@ -131,7 +139,7 @@ def moved(drops, view, width, *, times=96, fine=3):
 def test_streaks_hide_as_much_as_the_falling_drops(studio):
     """In front of a dark wall, a picture is as bright as the share hidden by moving drops."""
     found = studio.picture(RAIN, fov_x_deg=25.0, width=192, samples=64, seed=7)
-    view = view_of(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
+    view = symmetric_view(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
     drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, seed=7)
     expected = moved(drops, view, 192)
     bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * KINDS["rain"].share_of_sky)

@@ -12,14 +12,14 @@ from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_elevation
 from hulldown.camera.size import solve_distance
-from hulldown.geometry.arrays import checked, whole
+from hulldown.geometry.arrays import checked_array, whole_number
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh, first_equal, merge
+from hulldown.geometry.meshes import Mesh, first_equal, merge_meshes
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.rays import RayCaster
-from hulldown.geometry.transforms import apply, facing, invert_rigid, tilt_to
-from hulldown.placement.candidates import candidates
-from hulldown.placement.footprint import contact_footprint, underside
+from hulldown.geometry.transforms import invert_rigid, tilt_rotation, transform_points, upright_rotation
+from hulldown.placement.candidates import sample_candidates
+from hulldown.placement.footprint import contact_footprint, vehicle_underside
 from hulldown.placement.rest import support_plane
 from hulldown.placement.rules import RULES, SettleRules
 from hulldown.placement.settle import settle
@@ -52,7 +52,7 @@ def cast(origins, directions, limit=1.0):
 
 
 def tries(bounds=((0, 0, 0), (1, 1, 1)), n=1, margin=0.8):
-    return candidates(bounds, n, rng=rng(), margin=margin)
+    return sample_candidates(bounds, n, rng=rng(), margin=margin)
 
 
 def settled(width=3.5, n=1, **options):
@@ -69,22 +69,28 @@ def framed(poses=AWAY, points=POINTS[None], **options):
 
 
 def clear(**options):
-    return CameraRoom(Terrain(0.0), Obstacles(NO_OBSTACLES)).rejections([[0.0, 0.0, 3.0]], **options)
+    return CameraRoom(Terrain(0.0), Obstacles(NO_OBSTACLES)).reject_places([[0.0, 0.0, 3.0]], **options)
 
 
 WRONG = [
-    (lambda: checked([1.0, 2.0], "xy", ("n", 2)), r"xy: expected shape \(n, 2\), got \(2,\)"),
-    (lambda: checked([[1.0, 2.0, 3.0]], "xy", ("n", "n")), r"xy: expected shape \(n, n\), got \(1, 3\)"),
-    (lambda: checked([1.0], "xy", (3,)), r"xy: expected shape \(3,\), got \(1,\)"),
-    (lambda: checked([[0, np.nan]], "xy", ("n", 2)), r"xy: expected finite numbers, got nan at index \(0, 1\)"),
-    (lambda: checked([[0, 1], [-np.inf, 0]], "xy", ("n", 2)), r"xy: expected finite .*, got -inf at index \(1, 0\)"),
-    (lambda: checked("here", "xy", ("n", 2)), r"xy: expected float64 array of shape \(n, 2\), got 'here'"),
-    (lambda: checked([1.0, 2.0 + 1j], "xy", (2,)), r"xy: expected float64 array of shape \(2,\), got"),
-    (lambda: checked([[1.5]], "xy", ("n", 1), dtype=np.int64), r"xy: expected int64 array of shape \(n, 1\)"),
-    *((lambda v=v: whole(v, "n"), "n: expected a whole number, got") for v in (2.5, 2.0, "2", True, None, math.nan)),
-    (lambda: tilt_to([0.0, 0.0, -1.0]), "normal: expected a direction away from -z"),
-    (lambda: facing(0.0, [1.0, 0.0, 0.0]), "up: expected directions with z > 0"),
-    (lambda: apply(np.eye(3), np.zeros((1, 3))), "b_from_a: expected shape"),
+    (lambda: checked_array([1.0, 2.0], "xy", ("n", 2)), r"xy: expected shape \(n, 2\), got \(2,\)"),
+    (lambda: checked_array([[1.0, 2.0, 3.0]], "xy", ("n", "n")), r"xy: expected shape \(n, n\), got \(1, 3\)"),
+    (lambda: checked_array([1.0], "xy", (3,)), r"xy: expected shape \(3,\), got \(1,\)"),
+    (lambda: checked_array([[0, np.nan]], "xy", ("n", 2)), r"xy: expected finite numbers, got nan at index \(0, 1\)"),
+    (
+        lambda: checked_array([[0, 1], [-np.inf, 0]], "xy", ("n", 2)),
+        r"xy: expected finite .*, got -inf at index \(1, 0\)",
+    ),
+    (lambda: checked_array("here", "xy", ("n", 2)), r"xy: expected float64 array of shape \(n, 2\), got 'here'"),
+    (lambda: checked_array([1.0, 2.0 + 1j], "xy", (2,)), r"xy: expected float64 array of shape \(2,\), got"),
+    (lambda: checked_array([[1.5]], "xy", ("n", 1), dtype=np.int64), r"xy: expected int64 array of shape \(n, 1\)"),
+    *(
+        (lambda v=v: whole_number(v, "n"), "n: expected a whole number, got")
+        for v in (2.5, 2.0, "2", True, None, math.nan)
+    ),
+    (lambda: tilt_rotation([0.0, 0.0, -1.0]), "normal: expected a direction away from -z"),
+    (lambda: upright_rotation(0.0, [1.0, 0.0, 0.0]), "up: expected directions with z > 0"),
+    (lambda: transform_points(np.eye(3), np.zeros((1, 3))), "b_from_a: expected shape"),
     (lambda: invert_rigid(np.full((4, 4), np.nan)), "b_from_a: expected finite numbers"),
     (lambda: mesh(POINTS[:, :2]), r"mesh 'hill': vertices: expected numbers of shape \(v, 3\), got float64 \(4, 2\)"),
     (lambda: mesh(np.array([["a"] * 3] * 4)), "mesh 'hill': vertices: expected numbers"),
@@ -96,7 +102,7 @@ WRONG = [
     (lambda: mesh(faces=[[-1, 0, 1]]), r"mesh 'hill': face 0 is \[-1, 0, 1\]"),
     (lambda: mesh(np.full((4, 3), np.nan)), r"mesh 'hill': vertex 0 is \[nan, nan, nan\]; expected finite"),
     (lambda: mesh(np.vstack([POINTS[:3], [0, 1, np.inf]])), r"mesh 'hill': vertex 3 is \[0\.0, 1\.0, inf\]"),
-    (lambda: merge([]), "meshes: expected at least one mesh"),
+    (lambda: merge_meshes([]), "meshes: expected at least one mesh"),
     (lambda: InstancedScene([CUBE], [1], ONE), "instance_mesh: expected indices below 1, got 1 to 1"),
     (lambda: InstancedScene([CUBE], [-1], ONE), "instance_mesh: expected indices below 1"),
     (lambda: InstancedScene([CUBE], [0, 0], ONE), r"instance_mesh: expected shape \(1,\), got \(2,\)"),
@@ -121,7 +127,7 @@ WRONG = [
     (lambda: tries([[-np.inf, 0, 0], [1, 1, 1]]), "bounds: expected finite numbers"),
     (lambda: tries([0, 0, 0]), r"bounds: expected shape \(2, 2\)"),
     (lambda: contact_footprint(np.zeros((0, 3))), "vertices: expected at least one vertex"),
-    (lambda: underside(Mesh(POINTS[[0, 1, 1]], np.array([[0, 1, 2]]))), "mesh: expected a length and a width"),
+    (lambda: vehicle_underside(Mesh(POINTS[[0, 1, 1]], np.array([[0, 1, 2]]))), "mesh: expected a length and a width"),
     (lambda: SettleRules(rule="mean"), "rule: expected one of averaged, support, got 'mean'"),
     (lambda: SettleRules(n=1), "n: expected 2 to 9 rays a side, got 1"),
     (lambda: SettleRules(contact_n=-1), "contact_n: expected 0 or more points a side, got -1"),
@@ -139,8 +145,8 @@ WRONG = [
     (lambda: draw_elevation(1, (0.5, 0.4), rng=rng()), "bounds: expected"),
     (lambda: Intrinsics(0, 10, 1.0), "width: expected"),
     *((lambda x=fov_x: Intrinsics(9, 9, x), "fov_x: expected radians") for fov_x in (0.0, math.pi, 60.0, math.nan)),
-    (lambda: VGA.distance_for(0, 0.1), "size: expected positive numbers"),
-    (lambda: VGA.distance_for(1, -1), "target_fraction: expected positive numbers"),
+    (lambda: VGA.target_distance(0, 0.1), "size: expected positive numbers"),
+    (lambda: VGA.target_distance(1, -1), "target_fraction: expected positive numbers"),
     (lambda: Intrinsics.calibrated(1920, 1080, PINHOLE, (-0.2, 0, 0, 0, 0)), r"distortion: .*folds at 1.29"),
     *(
         (lambda p=pose: Cameras(VGA, p), "world_from_camera: expected a rigid 4x4 transform")
@@ -221,7 +227,7 @@ def test_an_empty_world_and_ground_without_area_are_never_met():
 
 
 def test_checked_arrays_are_contiguous_float64():
-    array = checked([[1, 2], [3, 4]], "xy", ("n", 2))
+    array = checked_array([[1, 2], [3, 4]], "xy", ("n", 2))
     assert array.dtype == np.float64
     assert array.flags.c_contiguous
-    assert np.isinf(checked([np.inf], "limit", ("n",), finite=False)).all()
+    assert np.isinf(checked_array([np.inf], "limit", ("n",), finite=False)).all()

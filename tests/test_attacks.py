@@ -20,8 +20,8 @@ from hulldown.plan.library import load_library
 from hulldown.plan.plan_file import read_plan
 from hulldown.plan.row import decode_row
 from hulldown.planning.write import write_plan
-from hulldown.reading.confinement.landlock import abi
-from hulldown.reading.reader_process import export
+from hulldown.reading.confinement.landlock import landlock_version
+from hulldown.reading.reader_process import export_asset
 from hulldown.render.blender.messages import CyclesSettings
 from hulldown.render.jobs import render_job
 from hulldown.render.pool import Engine
@@ -36,7 +36,7 @@ OPEN, ACCESS = 0x20, 0x01  # from inotify(7)
 WRITES_WHEN_OPENED = ("particles", "paint", "fluid")
 WRITERS = (*WRITES_WHEN_OPENED, "outputs")
 pytestmark = pytest.mark.blender
-needs_landlock = pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
+needs_landlock = pytest.mark.xfail(not landlock_version(), reason="this kernel has no Landlock", run=False)
 
 
 class Opened:
@@ -86,7 +86,7 @@ def cleaned(folder: Path) -> set[str]:
 @needs_landlock
 def test_a_file_with_all_attacks_reads_and_writes_nothing_outside(attack: Path, tmp_path: Path) -> None:
     before, opened = written(attack), Opened(attack / "secret")
-    report = export(attack / "mine/assets/all/everything.blend", tmp_path, kind="scenery").report
+    report = export_asset(attack / "mine/assets/all/everything.blend", tmp_path, kind="scenery").report
     missing = {Path(missing.path).name for missing in report.missing}
     assert {"image.png", "relative.png", "udim.<UDIM>.png", "font.ttf", "linked.blend"} <= missing, (
         "missing files are reported"
@@ -97,7 +97,7 @@ def test_a_file_with_all_attacks_reads_and_writes_nothing_outside(attack: Path, 
 
 @needs_landlock
 def test_texts_and_tables_next_to_an_asset_are_not_imported(attack: Path, tmp_path: Path) -> None:
-    report = export(attack / "mine/assets/all/neighbors.blend", tmp_path, kind="vehicle").report
+    report = export_asset(attack / "mine/assets/all/neighbors.blend", tmp_path, kind="vehicle").report
     assert report.triangles == 3 * 12, "three cubes, and nothing imported"
     assert sum("is left out, since it isn't a model or picture" in doubt.text for doubt in report.doubts) == 3
 
@@ -126,7 +126,7 @@ def test_the_list_of_risky_features_alone_stops_them_when_read(
 ) -> None:
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
     before = cleaned(attack)
-    exported = export(attack / f"mine/assets/{case}.blend", tmp_path, kind="vehicle")
+    exported = export_asset(attack / f"mine/assets/{case}.blend", tmp_path, kind="vehicle")
     assert written(attack) == before
     lost = [doubt.text for doubt in exported.report.doubts if "since its cache isn't in the file" in doubt.text]
     assert len(lost) == (case in ("fluid", "paint"))

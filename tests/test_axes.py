@@ -8,8 +8,8 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.transforms import apply, rigid, rotation_about, rotation_z
+from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z, transform_points
 from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.options import Options
@@ -54,9 +54,9 @@ def read(
     """The vehicle of a file with these parts, with all origins at zero."""
     found, given = Evaluated(), Options(**options)
     for i, (name, mesh) in enumerate(parts.items()):
-        placed = mesh.at(apply(np.eye(4) if pose is None else pose, mesh.vertices))
+        placed = mesh.with_vertices(transform_points(np.eye(4) if pose is None else pose, mesh.vertices))
         found.meshes.append(placed)
-        bounds = placed.at(apply(meters_from_file(1.0, stated), placed.vertices)).bounds
+        bounds = placed.with_vertices(transform_points(meters_from_file(1.0, stated), placed.vertices)).bounds
         link = Link(name, (), "MESH", np.eye(4))
         found.pieces.append(Piece(name, (link,), i, np.eye(4), bounds, len(mesh.faces), hidden=name in hidden))
     upright = stand_upright(found, unit=1.0, stated_up=stated, up=given.up)
@@ -69,7 +69,7 @@ def kinds(built) -> list[DoubtKind]:
 
 
 def turned(yaw_deg: float) -> np.ndarray:
-    return rigid(rotation_z(np.radians(yaw_deg)), np.zeros(3))
+    return rigid_matrix(rotation_z(np.radians(yaw_deg)), np.zeros(3))
 
 
 @pytest.mark.parametrize("axis", UPS)
@@ -107,8 +107,8 @@ def van(yaw: float) -> Mesh:
     """A single mesh without wheels: a box with a slanted windshield, 5 m along x before it's turned."""
     mesh = box((5, 2, 2), (0, 0, 1.4))
     front = (mesh.vertices[:, 0] > 0) & (mesh.vertices[:, 2] > 1.4)
-    mesh = mesh.at(np.where(front[:, None], mesh.vertices - [0.8, 0, 0], mesh.vertices))
-    return mesh.at(apply(turned(yaw), mesh.vertices))
+    mesh = mesh.with_vertices(np.where(front[:, None], mesh.vertices - [0.8, 0, 0], mesh.vertices))
+    return mesh.with_vertices(transform_points(turned(yaw), mesh.vertices))
 
 
 @pytest.mark.parametrize("yaw", [0.0, 90.0, 180.0, -90.0])
@@ -126,7 +126,7 @@ def test_names_of_wheels_outweigh_a_rack_and_the_body_is_no_stray() -> None:
             for k, mesh in CAR.items() if k[0] == "W"}  # fmt: skip
     for x in (-1.6, -2.2):
         rack = tube((x - 2.6, 0, 2.25), (x + 2.6, 0, 2.25), 0.1)
-        built = read(ends | {"body": merge([CAR["Hull"], rack], name="body")[0]})
+        built = read(ends | {"body": merge_meshes([CAR["Hull"], rack], name="body")[0]})
         assert built.shape.vehicle_from_file[0, 0] == 1.0
         assert not {DoubtKind.STRAY, DoubtKind.FORWARD} & set(kinds(built))
 
@@ -157,7 +157,7 @@ def test_forward_is_an_axis_an_angle_or_a_vector_once_z_is_up(options: dict, nos
 def test_origins_at_zero_are_not_pivots_but_the_turret_ring_is() -> None:
     built = read(TANK)
     shift = np.linalg.inv(built.shape.vehicle_from_file)
-    turret, gun = apply(shift, built.shape.part_pivot[1:])
+    turret, gun = transform_points(shift, built.shape.part_pivot[1:])
     assert np.allclose(turret[:2], [0.1, 0], atol=1e-6)
     assert abs(gun[0] - 1.0) < 0.05
     assert abs(gun[2] - 1.9) < 1e-6
@@ -184,7 +184,8 @@ def test_pivots_in_the_config_are_used() -> None:
     pose = turned(90.0)
     built = read(TANK, pose, turret_pivot=(0.0, 0.3, 1.5), gun_pivot="Hull")
     assert np.allclose(
-        apply(np.linalg.inv(built.shape.vehicle_from_file), built.shape.part_pivot[1:]), [[0, 0.3, 1.5], [0, 0, 0]]
+        transform_points(np.linalg.inv(built.shape.vehicle_from_file), built.shape.part_pivot[1:]),
+        [[0, 0.3, 1.5], [0, 0, 0]],
     )
     assert not built.doubts
     with pytest.raises(Exception, match="gun_pivot = 'Axle' is no object or empty"):
@@ -220,7 +221,7 @@ def test_objects_on_a_turret_without_children_turn_with_it() -> None:
 def card(y: float, low: float) -> Mesh:
     """An upright sheet along a vehicle."""
     level = sheet((-5, low), (5, 5), y)
-    return level.at(level.vertices[:, [0, 2, 1]])
+    return level.with_vertices(level.vertices[:, [0, 2, 1]])
 
 
 @pytest.mark.parametrize(
@@ -304,9 +305,9 @@ def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
 
 
 def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
-    rise = rigid(rotation_about([0.0, -1.0, 0.0], 0.4), [-0.8, 0.0, 1.8])
+    rise = rigid_matrix(axis_rotation([0.0, -1.0, 0.0], 0.4), [-0.8, 0.0, 1.8])
     tubes = {f"Launch_Gun_{i}": tube((-3, y, 0.8), (2.0, y, 0.8), 0.3) for i, y in enumerate((-0.8, 0.0, 0.8))}
-    raised = {k: m.at(apply(rise, m.vertices)) for k, m in tubes.items()}
+    raised = {k: m.with_vertices(transform_points(rise, m.vertices)) for k, m in tubes.items()}
     plates = {f"Turret_Plate_{s}": box((1.0, 0.1, 0.8), (-1.0, 0.9 * s, 2.0)) for s in (-1, 1)}
     base = {k: m for k, m in TANK.items() if k != "Gun" and k != "Turret"}
     for yaw in (0.0, 180.0):
@@ -314,7 +315,7 @@ def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
         built = read(base | plates | raised, pose)
         assert np.allclose(built.shape.vehicle_from_file[:2, 0], [np.cos(np.radians(yaw)), 0], atol=1e-9)
         at = built.shape.part_pivot[built.shape.part_names.index("gun")]
-        inner = apply(np.linalg.inv(built.shape.vehicle_from_file @ pose), at[None])[0]
+        inner = transform_points(np.linalg.inv(built.shape.vehicle_from_file @ pose), at[None])[0]
         assert np.allclose(inner, [-1.0, 0, 2.2], atol=1e-6)
         assert any(d.kind == DoubtKind.PIVOT and "gun_pivot" in d.text for d in built.doubts)
 
@@ -337,9 +338,9 @@ LORRY = {
     ],
 )
 def test_names_outweigh_tubes_that_rise_at_the_tail(rise_deg: float, named: bool, words: str) -> None:
-    rise = rigid(rotation_about([0.0, 1.0, 0.0], np.radians(rise_deg)), [-1.5, 0.0, 2.6])
+    rise = rigid_matrix(axis_rotation([0.0, 1.0, 0.0], np.radians(rise_deg)), [-1.5, 0.0, 2.6])
     lorry = LORRY if named else {k.replace("cab", "body_a"): m for k, m in LORRY.items() if k[:3] not in ("win", "tow")}
-    built = read(lorry | {k: m.at(apply(rise, m.vertices)) for k, m in TUBES.items()})
+    built = read(lorry | {k: m.with_vertices(transform_points(rise, m.vertices)) for k, m in TUBES.items()})
     assert words in f"{built.axes} {built.doubts}"
     assert (DoubtKind.FORWARD in kinds(built)) == (rise_deg > 10)
     assert (built.shape.vehicle_from_file[0, 0] > 0) == named  # the cab is in front
@@ -357,13 +358,13 @@ def test_helpers_named_for_a_part_are_pivots_and_objects_on_the_turret_turn() ->
 
 
 def test_a_tire_and_its_rim_are_one_wheel() -> None:
-    rims = {f"rim{k}": m.at(m.vertices * [1, 1.03, 1]) for k, m in CAR.items() if k[0] == "W"}
+    rims = {f"rim{k}": m.with_vertices(m.vertices * [1, 1.03, 1]) for k, m in CAR.items() if k[0] == "W"}
     assert "4 wheels" in read(CAR | rims).axes
 
 
 def test_a_protruding_gun_shows_the_front_of_a_hull() -> None:
     """The gun's mesh includes its mantlet, so it isn't a slender barrel."""
-    stub, _ = merge([box((1, 1.2, 1), (1.5, 0, 2)), box((2.6, 0.5, 0.5), (-1, 0, 2.1))])
+    stub, _ = merge_meshes([box((1, 1.2, 1), (1.5, 0, 2)), box((2.6, 0.5, 0.5), (-1, 0, 2.1))])
     hull = {k: m for k, m in CAR.items() if k != "Cab"} | {"Casemate": box((2, 2.4, 1), (1.8, 0, 2))}
     built = read(hull | {"Mesh_Canon": stub})
     assert "'Mesh_Canon' sticks out there" in built.axes

@@ -38,7 +38,7 @@ def test_backgrounds_are_counted_exactly_in_addition_to_classes(rows):
     assert Counter(row.target.category for row in rows if not row.background) == {"tank": 6, "truck": 6}
     backgrounds = [row for row in rows if row.background]
     assert len(backgrounds) == 4
-    assert Counter(row.empty for row in backgrounds) == {True: 2, False: 2}
+    assert Counter(row.hides_target for row in backgrounds) == {True: 2, False: 2}
     for row in backgrounds:
         assert row.labeled == []
         assert row.companions == []

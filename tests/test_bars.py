@@ -3,7 +3,7 @@
 import io
 
 from hulldown.base import terminal
-from hulldown.base.terminal import Terminal, titled_bar, tracked
+from hulldown.base.terminal import Terminal, titled_bar, track_items
 
 
 def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
@@ -23,10 +23,10 @@ def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
 def test_tracked_items_move_a_bar_that_an_error_ends(monkeypatch):
     out = io.StringIO()
     monkeypatch.setattr(terminal, "STDERR", Terminal(file=out, force_terminal=True, width=150))
-    assert list(tracked("checking", iter("abc"), 3)) == ["a", "b", "c"]
+    assert list(track_items("checking", iter("abc"), 3)) == ["a", "b", "c"]
     assert "3/3" in out.getvalue()
     try:
-        for item in tracked("checking", [1, 0], 2):
+        for item in track_items("checking", [1, 0], 2):
             raise KeyError(item)
     except KeyError:
         assert "0/2" in out.getvalue()
@@ -36,5 +36,5 @@ def test_tracked_items_move_a_bar_that_an_error_ends(monkeypatch):
 def test_tracked_items_have_no_bar_in_a_file(monkeypatch):
     out = io.StringIO()
     monkeypatch.setattr(terminal, "STDERR", Terminal(file=out))
-    assert list(tracked("checking", "abc", 3)) == ["a", "b", "c"]
+    assert list(track_items("checking", "abc", 3)) == ["a", "b", "c"]
     assert out.getvalue() == ""

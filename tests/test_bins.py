@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hulldown.dataset.attributes import seen_from
+from hulldown.dataset.attributes import viewing_angles
 from hulldown.tests.detections import dataset, loaded, matched, random_case, results
-from hulldown.training.evaluation.bins import fields, figures_of
+from hulldown.training.evaluation.bins import bin_figures, binned_fields
 
 
 def posed(axis, degrees, at=(0.0, 0.0, 0.0)):
@@ -37,12 +37,12 @@ def test_every_value_has_its_bin_and_stored_ones_come_first(field, image, label,
     coco = dataset([(1, 1, (0, 0, 30, 30), label)])
     coco["images"][0] |= image
     labels, predictions = loaded(coco, [])
-    assert {one.name: one.bins[one.of_label[0]] for one in fields(labels, predictions)}[field] == name
+    assert {one.name: one.bins[one.of_label[0]] for one in binned_fields(labels, predictions)}[field] == name
 
 
 def test_distance_elevation_and_side_are_those_of_the_camera_from_the_target():
     vehicle, camera = (np.array([one], dtype=float) for one in (OFF["world_from_vehicle"], AWAY["world_from_camera"]))
-    distance, elevation, azimuth = seen_from(vehicle[:, :3, 3], vehicle, camera)
+    distance, elevation, azimuth = viewing_angles(vehicle[:, :3, 3], vehicle, camera)
     assert distance[0] == pytest.approx(13)
     assert elevation[0] == pytest.approx(math.degrees(math.asin(12 / 13)))
     assert azimuth[0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 30)
@@ -55,15 +55,15 @@ def test_other_formats_of_poses_are_left_out():
     ]
     coco = dataset([*boxes, (1, 1, (0, 0, 9, 9), {"iscrowd": 1, "visible_fraction": 0.5})])
     coco["images"][0]["world_from_camera"] = camera_at(60, 0, 0)
-    by_name = {field.name: field for field in fields(*loaded(coco, []))}
+    by_name = {field.name: field for field in binned_fields(*loaded(coco, []))}
     assert by_name["distance"].of_label.tolist() == [0, -1, -1, -1, -1, -1]
     assert by_name["distance"].bins == ("50 to 100 m",)
     assert "visible_fraction" not in by_name  # known of a crowd alone
 
 
 def binned(coco, found):
-    seen = matched(coco, found).above(0.3)
-    return [figures_of(field, seen) for field in fields(seen.labels, seen.predictions)], seen
+    seen = matched(coco, found).above_threshold(0.3)
+    return [bin_figures(field, seen) for field in binned_fields(seen.labels, seen.predictions)], seen
 
 
 @pytest.mark.parametrize("seed", range(5))

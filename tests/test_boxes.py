@@ -7,7 +7,7 @@ from hulldown.annotate.boxes import VehicleBoxes, truncated_fraction
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.transforms import rigid
+from hulldown.geometry.transforms import rigid_matrix
 from hulldown.tests.shapes import CORNERS, box, vehicle_of
 
 CUBE = 2.0 * CORNERS - 1.0
@@ -17,7 +17,7 @@ INTRINSICS = Intrinsics(200, 100, math.pi / 2)
 
 def camera_at(x: float, y: float, z: float, intrinsics: Intrinsics = INTRINSICS) -> Cameras:
     """A camera along +z of the world, with x right and y down."""
-    return Cameras(intrinsics, rigid(np.eye(3), [x, y, z]))
+    return Cameras(intrinsics, rigid_matrix(np.eye(3), [x, y, z]))
 
 
 def vehicle() -> VehicleShape:
@@ -28,7 +28,7 @@ def vehicle() -> VehicleShape:
 
 def test_a_batch_has_a_row_per_pose_and_nan_for_invisible_targets():
     boxes = VehicleBoxes(vehicle())
-    cameras = Cameras(INTRINSICS, rigid(np.eye(3), [[0, 0, -8], [4, 0, -5], [0, 0, 5], [30, 0, -5]]))
+    cameras = Cameras(INTRINSICS, rigid_matrix(np.eye(3), [[0, 0, -8], [4, 0, -5], [0, 0, 5], [30, 0, -5]]))
     found = boxes.boxes(np.tile(np.eye(4), (4, 1, 1)), cameras)
     assert found.truncated_fraction[0] == 0.0
     assert 0.0 < found.truncated_fraction[1] < 1.0

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hulldown.assets.bundle import BUNDLE_FORMAT, load_scenery, load_vehicle, save
-from hulldown.assets.fingerprint import fingerprint
+from hulldown.assets.bundle import BUNDLE_FORMAT, load_scenery, load_vehicle, save_asset
+from hulldown.assets.fingerprint import asset_fingerprint
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.tests.shapes import scenery_of, vehicle_of
 
 TRIANGLES = Mesh(
@@ -60,14 +60,14 @@ def content(value: object) -> object:
 
 
 def test_a_vehicle_round_trips_bit_for_bit(tmp_path: Path) -> None:
-    save(tmp_path / "v.npz", vehicle())
+    save_asset(tmp_path / "v.npz", vehicle())
     assert content(load_vehicle(tmp_path / "v.npz")) == content(vehicle())
 
 
 @pytest.mark.parametrize(("ground", "obstacles"), [(True, True), (False, True), (True, False), (False, False)])
 def test_a_scenery_round_trips_bit_for_bit(tmp_path: Path, ground: bool, obstacles: bool) -> None:
     made = scenery(ground=ground, obstacles=obstacles)
-    save(tmp_path / "s.npz", made)
+    save_asset(tmp_path / "s.npz", made)
     assert content(load_scenery(tmp_path / "s.npz")) == content(made)
 
 
@@ -77,7 +77,7 @@ def test_a_fingerprint_tells_a_moved_vertex_and_a_turned_face_from_rounding() ->
 
     def agrees(**changes: np.ndarray) -> bool:
         other = replace(shape, name="other", mesh=replace(shape.mesh, **changes), underside=np.full((1, 1), np.inf))
-        return fingerprint(shape).agrees(fingerprint(other))
+        return asset_fingerprint(shape).agrees_with_other(asset_fingerprint(other))
 
     assert agrees(vertices=corners * (1 + 1e-13))
     moves = 1e-3 * np.eye(corners.size).reshape(-1, *corners.shape)
@@ -100,7 +100,7 @@ def test_holes_round_trip_and_each_texture_is_stored_once(tmp_path: Path) -> Non
         which=[0],
         poses=[np.eye(4)],
     )
-    save(tmp_path / "s.npz", made)
+    save_asset(tmp_path / "s.npz", made)
     found = load_scenery(tmp_path / "s.npz")
     assert content(found) == content(made)
     ground, card = found.ground.cutouts, found.obstacle_meshes[0].cutouts
@@ -108,14 +108,14 @@ def test_holes_round_trip_and_each_texture_is_stored_once(tmp_path: Path) -> Non
     assert np.shares_memory(ground.maps[0].texels, card.maps[1].texels)
     with np.load(tmp_path / "s.npz") as file:
         assert len(file["uint8"]) == 64, "stored once"
-    both, _ = merge([found.ground, found.obstacle_meshes[0]])
+    both, _ = merge_meshes([found.ground, found.obstacle_meshes[0]])
     assert len(both.cutouts.maps) == 3, "the same texture, looked up alike, is one again"
 
 
 @pytest.fixture
 def path(tmp_path: Path) -> Path:
     """A vehicle's bundle."""
-    save(tmp_path / "v.npz", vehicle())
+    save_asset(tmp_path / "v.npz", vehicle())
     return tmp_path / "v.npz"
 
 
@@ -135,7 +135,7 @@ def test_an_interrupted_save_keeps_the_old_bundle(path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(np, "savez", no_room)
     with pytest.raises(OSError, match="no space left"):
-        save(path, replace(vehicle(), name="new"))
+        save_asset(path, replace(vehicle(), name="new"))
     assert list(path.parent.iterdir()) == [path]
     assert path.read_bytes() == before
 
@@ -146,7 +146,7 @@ def test_a_file_that_is_not_a_bundle_is_a_one_line_error(path: Path, tmp_path: P
     np.savez(tmp_path / "future.npz", hulldown_bundle=np.int64(99), kind=np.str_("vehicle"))
     np.savez(tmp_path / "partial.npz", hulldown_bundle=np.int64(BUNDLE_FORMAT), kind=np.str_("vehicle"))
     np.save(tmp_path / "single.npy", np.zeros(3))
-    save(tmp_path / "scenery.npz", scenery())
+    save_asset(tmp_path / "scenery.npz", scenery())
     np.savez(tmp_path / "pickled.npz", hulldown_bundle=np.array([{}], dtype=object), kind=np.str_("vehicle"))
     for name, content, problem in (
         ("cut.npz", whole[: len(whole) // 2], "cannot be read as a bundle"),
@@ -214,5 +214,5 @@ def test_a_fingerprint_of_infinite_coordinates_is_a_number():
     class Asset:
         bounds: np.ndarray
 
-    found = fingerprint(Asset(np.array([np.inf, -np.inf, np.nan, 1.0])))
+    found = asset_fingerprint(Asset(np.array([np.inf, -np.inf, np.nan, 1.0])))
     assert np.isfinite(found.shape)

@@ -13,10 +13,10 @@ from msgspec import structs
 
 import hulldown.reading.cache
 import hulldown.reading.hdri
-from hulldown.assets.bundle import save
+from hulldown.assets.bundle import save_asset
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import AssetError, ConfigError
-from hulldown.base.outside import sha256_of
+from hulldown.base.outside import file_sha256
 from hulldown.geometry.meshes import Mesh
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library, load_planned_library
@@ -24,13 +24,13 @@ from hulldown.plan.plan_file import Plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.pairs import Pairs
 from hulldown.planning.write import make_header
-from hulldown.reading.cache import cached
-from hulldown.reading.confinement.landlock import abi
+from hulldown.reading.cache import cached_export
+from hulldown.reading.confinement.landlock import landlock_version
 from hulldown.reading.hdri import FoundSky
 from hulldown.reading.pieces.asset_report import FileReport, Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported, export_in
+from hulldown.reading.reader_process import Exported, folder_export
 from hulldown.tests.shapes import scenery_of, vehicle_of
 
 ODD = Doubt(DoubtKind.SCALE, "odd")
@@ -52,19 +52,19 @@ class Exporter:
         self.read.append(path.name)
         folder = Path(folder)
         made = vehicle_of(*[MESH] * self.parts, name=path.stem) if kind == "vehicle" else scenery_of(path.stem, MESH)
-        save(folder / "bundle.npz", made)
+        save_asset(folder / "bundle.npz", made)
         (folder / "tidy.blend").write_bytes(BLEND)
         report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=(ODD,))
-        return export_in(folder, report, self.files)
+        return folder_export(folder, report, self.files)
 
 
 @pytest.fixture
 def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
-    monkeypatch.setattr(hulldown.reading.cache, "export", stand_in)
+    monkeypatch.setattr(hulldown.reading.cache, "export_asset", stand_in)
     sky = FoundSky(SkyLight(), ())
     monkeypatch.setattr(hulldown.reading.hdri, "ask_reader", lambda jobs, limits: None)
-    monkeypatch.setattr(hulldown.reading.hdri, "found_by", lambda job, kind: sky)
+    monkeypatch.setattr(hulldown.reading.hdri, "found_answer", lambda job, kind: sky)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
 
@@ -82,7 +82,7 @@ def read(exporter: Exporter, blend: Path, tmp_path: Path) -> Callable[..., bool]
 
     def run(path: Path = blend, kind: str = "vehicle", **options: object) -> bool:
         before, lines = len(exporter.read), []
-        exported, digest = cached(
+        exported, digest = cached_export(
             path, tmp_path / "cache", kind=kind, options=Options(**options), progress=lines.append
         )
         assert len(digest) == 64
@@ -123,7 +123,7 @@ def test_changes_of_textures_and_libraries_count(
     assert read(tmp_path / "other" / "tank.blend"), "its relative paths lead to other files there"
 
 
-@pytest.mark.skipif(not abi(), reason="without confinement, Blender reads it too")
+@pytest.mark.skipif(not landlock_version(), reason="without confinement, Blender reads it too")
 @pytest.mark.parametrize("link", [False, True])
 def test_files_outside_the_folders_of_an_asset_are_not_opened(
     read: Callable[..., bool], exporter: Exporter, tmp_path: Path, blend: Path, link: bool
@@ -162,7 +162,7 @@ def forged(entry: Path, **note: object) -> None:
     seal, body = (entry / "entry.json").read_bytes().split(b"\n", 1)
     sealed = json.loads(body)
     sealed["note"].update(note)
-    sealed["content"] = {name: sha256_of(entry / name) for name in sealed["content"]}
+    sealed["content"] = {name: file_sha256(entry / name) for name in sealed["content"]}
     (entry / "entry.json").write_bytes(seal + b"\n" + json.dumps(sealed, indent=1).encode())
 
 
@@ -227,11 +227,11 @@ def test_a_failed_export_leaves_nothing_behind(
     def fail(*_: object, **__: object) -> None:
         raise AssetError("broken")
 
-    monkeypatch.setattr(hulldown.reading.cache, "export", fail)
+    monkeypatch.setattr(hulldown.reading.cache, "export_asset", fail)
     with pytest.raises(AssetError, match="broken"):
         read()
     assert [p.suffix for p in (tmp_path / "cache").iterdir()] == [".lock"]
-    monkeypatch.setattr(hulldown.reading.cache, "export", exporter)
+    monkeypatch.setattr(hulldown.reading.cache, "export_asset", exporter)
     assert read()
 
 

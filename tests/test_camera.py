@@ -14,7 +14,7 @@ from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, shell_axes, shell_place
 from hulldown.camera.size import solve_distance
-from hulldown.geometry.transforms import rigid, rotation_about
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix
 from hulldown.tests.cameras import unproject
 
 VGA = Intrinsics(640, 480, math.pi / 2)  # f = 320
@@ -27,7 +27,7 @@ def test_equations_2_to_6_for_the_papers_image() -> None:
     assert math.degrees(fov_y) == pytest.approx(35.98339777135764, abs=1e-12)
     assert hd.f_px == pytest.approx((1080 / 2) / math.tan(fov_y / 2), rel=1e-15)
     # Equation 6 by hand: 2 m at 20 % of 1080 pixels, f = 960 / tan(30 deg).
-    assert hd.distance_for(2.0, 0.2) == pytest.approx(2.0 * 960 * math.sqrt(3) / 216, rel=1e-15)
+    assert hd.target_distance(2.0, 0.2) == pytest.approx(2.0 * 960 * math.sqrt(3) / 216, rel=1e-15)
 
 
 @pytest.mark.parametrize("fov_deg", [0.1, 1, 60, 120, 179])
@@ -37,7 +37,11 @@ def test_a_point_at_half_the_field_of_view_is_at_the_images_edge(fov_deg: float)
     assert camera.half_tangents == pytest.approx((960 / camera.f_px, 540 / camera.f_px), rel=1e-12)
     # A row has 12 decimals.
     assert camera.fov_x_deg.round(12) == fov_deg
-    assert Intrinsics.of_fields(1920, 1080, fov_x_deg=fov_deg) == camera == camera.resized(480, 270).resized(1920, 1080)
+    assert (
+        Intrinsics.of_fields(1920, 1080, fov_x_deg=fov_deg)
+        == camera
+        == camera.with_size(480, 270).with_size(1920, 1080)
+    )
 
 
 def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:
@@ -88,7 +92,7 @@ def test_projection_equals_blenders_world_to_camera_view_in_float32() -> None:
     cases, expected = [], []
     for width, height, fov_deg in [(1920, 1080, 60), (640, 480, 20), (300, 900, 35), (1000, 1000, 110)]:
         pose = camera_pose(rng.uniform(-5, 5, 3), 20.0, rng.uniform(0, 6), rng.uniform(-1.5, 1.5))
-        pose = pose @ rigid(rotation_about([0.0, 0.0, 1.0], 0.2), np.zeros(3))
+        pose = pose @ rigid_matrix(axis_rotation([0.0, 0.0, 1.0], 0.2), np.zeros(3))
         camera = Cameras(Intrinsics(width, height, math.radians(fov_deg)), pose)
         points = unproject(camera, rng.uniform(-0.5, 1.5, (20, 2)) * [width, height], rng.uniform(2, 40, 20))
         size = {"width": width, "height": height, "fov_x": camera.lenses.fov_x}

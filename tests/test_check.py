@@ -10,7 +10,7 @@ import pytest
 from hulldown.base.errors import ConfigError
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import read_plan
-from hulldown.plan.row import PlannedVehicle, Row, fields
+from hulldown.plan.row import PlannedVehicle, Row, row_fields
 from hulldown.planning.check import check_plan, check_rows
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import write_plan
@@ -93,7 +93,7 @@ def test_an_unchanged_plan_has_no_findings(made, planner):
 @pytest.mark.parametrize("whose", ["", "target", "companion", "distractor"])
 def test_every_changed_field_is_found(made, planner, tmp_path, whose):
     """Change one field in each row, in as many rounds as needed for all fields."""
-    keys = [key for key in fields(PlannedVehicle if whose else Row) if key not in READER]
+    keys = [key for key in row_fields(PlannedVehicle if whose else Row) if key not in READER]
     rows = [row.index for row in made if not whose or place_of(row, whose) is not None]
     for start in range(0, len(keys), len(rows)):
         some = dict(zip(rows, keys[start : start + len(rows)], strict=False))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.overlap import Obstacles
-from hulldown.geometry.transforms import compose, rigid, rotation_z
+from hulldown.geometry.transforms import compose_affine, rigid_matrix, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.clearance import CameraRoom
@@ -20,11 +20,11 @@ HOUSE = box([-5, -5, 0], [5, 5, 6])
 CRATE = VehicleCaster(vehicle_of(box([-3, -1.5, 0], [3, 1.5, 2])))
 NOTHING = Obstacles(InstancedScene([], [], np.zeros((0, 4, 4))))
 # A house whose near wall is at x = 15.
-STREET = Obstacles(InstancedScene([HOUSE], [0], rigid(np.eye(3), [20.0, 0, 0])[None]))
+STREET = Obstacles(InstancedScene([HOUSE], [0], rigid_matrix(np.eye(3), [20.0, 0, 0])[None]))
 
 
 def judge(room: CameraRoom, *position: float, **limits: object) -> Rejection:
-    return Rejection(int(room.rejections([list(position)], **limits)[0]))
+    return Rejection(int(room.reject_places([list(position)], **limits)[0]))
 
 
 TRIANGLE = Terrain(Mesh(np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]])))
@@ -45,7 +45,7 @@ def test_cameras_stay_above_the_ground(ground: Terrain, position: tuple, expecte
 
 def test_cameras_may_be_above_roofs_without_ground_below() -> None:
     dome = box([-500, -500, -500], [500, 500, 500])
-    pose = rigid(np.eye(3), [[20.0, 0, 0], [0, 0, 0]])
+    pose = rigid_matrix(np.eye(3), [[20.0, 0, 0], [0, 0, 0]])
     obstacles = Obstacles(InstancedScene([HOUSE, dome], [0, 1], pose), extent=np.array([[0.0, 0.0], [9.0, 9.0]]))
     room = CameraRoom(TRIANGLE, obstacles)
     assert judge(room, 20.0, 0.0, 9.0) == Rejection.NONE
@@ -56,7 +56,7 @@ def test_cameras_may_be_above_roofs_without_ground_below() -> None:
 def test_no_surface_is_closer_than_the_clearance() -> None:
     room, rng = CameraRoom(Terrain(0.0), STREET), np.random.default_rng(0)
     place = rng.uniform([10, -8, 0.1], [30, 8, 9], (3000, 3))
-    free = room.rejections(place, obstacle_clearance=1.0) == Rejection.NONE
+    free = room.reject_places(place, obstacle_clearance=1.0) == Rejection.NONE
     beyond = np.abs(place - [20, 0, 3]) - [5, 5, 3]
     distance = np.linalg.norm(np.maximum(beyond, 0), axis=1)
     assert (distance[free] > 1.0).all()
@@ -73,7 +73,7 @@ def test_no_surface_is_closer_than_the_clearance() -> None:
     ],
 )
 def test_cameras_keep_clear_of_vehicles(position: tuple, expected: Rejection) -> None:
-    at = rigid(rotation_z(1.0), [100.0, 200, 0])
+    at = rigid_matrix(rotation_z(1.0), [100.0, 200, 0])
     place = at[:3, :3] @ position + at[:3, 3]
     vehicle = PosedVehicle(CRATE, at[None], {})
     room = CameraRoom(Terrain(0.0), NOTHING)
@@ -81,20 +81,20 @@ def test_cameras_keep_clear_of_vehicles(position: tuple, expected: Rejection) ->
 
 
 def pose(x, y, z=0.0, yaw=0.0):
-    return rigid(rotation_z(yaw), [x, y, z])
+    return rigid_matrix(rotation_z(yaw), [x, y, z])
 
 
 def clear_of_obstacles(scene, size, poses, clearance=0.0, *, solid=None):
     """Whether boxes at the origins of these poses, grown to the sides and upwards, are clear."""
     half = np.asarray(size) / 2 + clearance * np.array([1.0, 1.0, 0.5])
-    boxes = compose(np.array(poses), rigid(np.eye(3), [0, 0, half[2]]))
-    return ~Obstacles(scene, solid=solid).touched(np.tile(half, (len(boxes), 1)), boxes)
+    boxes = compose_affine(np.array(poses), rigid_matrix(np.eye(3), [0, 0, half[2]]))
+    return ~Obstacles(scene, solid=solid).touches_boxes(np.tile(half, (len(boxes), 1)), boxes)
 
 
 BEAM = InstancedScene([box([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
 BELOW_IT = [pose(0, 0, z) for z in (0.22, -1.45, -1.55, -1.75)]
 # The arch's bounds contain the vehicle, its stone doesn't.
-STONE = merge([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])[0]
+STONE = merge_meshes([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])[0]
 ARCH = InstancedScene([STONE], [0], [pose(50, 0, yaw=0.3)])
 UNDER_IT = [pose(50, 0, yaw=0.3), pose(50, 0, yaw=0.3 + math.pi / 2), pose(50, 0, 3.0, yaw=0.3)]
 HALL = InstancedScene([box([-9, -9, -1], [9, 9, 9])], [0], [pose(100, 0, yaw=1.0)])

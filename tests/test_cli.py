@@ -220,7 +220,7 @@ def test_a_message_of_any_length_is_one_line(monkeypatch, capsys):
     def fail():
         raise HulldownError("x" * 10**6 + "\nsecond line", path="a\x1bb")
 
-    monkeypatch.setattr("hulldown.render.doctor.diagnose", fail)
+    monkeypatch.setattr("hulldown.render.doctor.diagnose_machine", fail)
     assert cli.main(["doctor"]) == 2
     printed = capsys.readouterr().err
     assert len(printed) < 3000

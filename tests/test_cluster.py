@@ -22,7 +22,7 @@ from hulldown.cluster.scheduler import Scheduler
 from hulldown.dataset.provenance import read_failures
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import read_plan
-from hulldown.reading.confinement.landlock import abi
+from hulldown.reading.confinement.landlock import landlock_version
 from hulldown.render.pool import Engine
 from hulldown.render.process import Limits
 from hulldown.render.supervisor import render_remaining
@@ -192,7 +192,7 @@ def test_workers_that_cannot_render_are_named_and_the_others_continue(folder, tm
 
 
 @pytest.mark.thorough
-@pytest.mark.xfail(not abi(), reason="this kernel has no Landlock, which hides the files", run=False)
+@pytest.mark.xfail(not landlock_version(), reason="this kernel has no Landlock, which hides the files", run=False)
 def test_workers_that_do_not_see_the_assets_are_refused_in_one_line(folder, tmp_path):
     with cluster(tmp_path / "nodes") as nodes:
         nodes.add(before=(sys.executable, "-c", HIDDEN, PYTHONPATH, str(folder)))
@@ -248,7 +248,7 @@ save(target, relative_remap=False)
 
 
 @pytest.mark.thorough
-@pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
+@pytest.mark.xfail(not landlock_version(), reason="this kernel has no Landlock", run=False)
 def test_a_texture_outside_the_asset_folders_is_missing_as_on_one_machine(folder, tmp_path):
     """It was missing in a local render, but visible on a cluster."""
     client, secret = tmp_path / "client" / "pack" / "worlds", tmp_path / "secret" / "ground.png"

@@ -11,7 +11,7 @@ from hulldown.training.evaluation.bootstrap import (
     share_interval,
     standard_error,
 )
-from hulldown.training.evaluation.metrics import denominators, figures
+from hulldown.training.evaluation.metrics import figure_denominators, figures_from_sums
 
 POSITIONS = (5, 10, 20, 60, 200)
 TIMES = 300  # resamples
@@ -44,13 +44,13 @@ def covers(truth, ends, drawn):
 def of_figures(rng, n, simulations, recall, agreement, alarms):
     """Yield whether intervals of recall, precision, F1, and mean IoU hold the truth."""
     per = 1.0 + SHOTS
-    truth = figures(np.array([per * recall, alarms, per * (1 - recall), 0.8 * per * recall, 0, 0]))
+    truth = figures_from_sums(np.array([per * recall, alarms, per * (1 - recall), 0.8 * per * recall, 0, 0]))
     for _ in range(simulations):
         labels = 1 + rng.poisson(SHOTS, n)
         sums = sums_of(rng, labels, found_in(rng, labels, recall, agreement), rng.poisson(alarms, n))
         again = resampled_sums(sums, times=TIMES)
-        drawn = figures(again)
-        ends = figure_intervals(figures(sums.sum(axis=0)), drawn, denominators(sums))
+        drawn = figures_from_sums(again)
+        ends = figure_intervals(figures_from_sums(sums.sum(axis=0)), drawn, figure_denominators(sums))
         yield [covers(truth[key], ends[key], drawn[key]) for key in ("recall", "precision", "f1", "mean_iou")]
 
 

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
-from hulldown.geometry.cutouts import caster_of
+from hulldown.geometry.cutouts import make_caster
 from hulldown.geometry.instances import InstancedScene
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.seen_surface import faces_with_area, seen_surface
-from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.geometry.transforms import rigid_matrix, rotation_z
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.shapes import vehicle_of
@@ -42,17 +42,17 @@ def on_checks(at: np.ndarray) -> np.ndarray:
 
 
 WALL = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
-NET = vehicle_of(merge([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])[0], name="net")
+NET = vehicle_of(merge_meshes([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])[0], name="net")
 VEHICLE = PosedVehicle(VehicleCaster(NET), np.eye(4)[None], {})
 # The flat one is cast as a separate mesh.
-POSES = np.stack([np.eye(4), rigid(np.eye(3), [0.0, 2.0, 0.0]), np.diag([1.0, 1e-9, 1.0, 1.0])])
+POSES = np.stack([np.eye(4), rigid_matrix(np.eye(3), [0.0, 2.0, 0.0]), np.diag([1.0, 1e-9, 1.0, 1.0])])
 POSES[2, 1, 3] = -1.0
 
 
 @pytest.mark.parametrize(
     ("thing", "distance"),
     [
-        (caster_of(card()), 3.0),
+        (make_caster(card()), 3.0),
         (InstancedScene([card()], [0, 0, 0], POSES), 2.0),
         (VEHICLE, 2.0),
         (Scene(vehicles=[VEHICLE]), 2.0),
@@ -70,7 +70,7 @@ def test_rays_hit_opaque_texels_and_pass_clear_ones(thing, distance: float):
 
 def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
     origins, along, at = through()
-    hits = caster_of(merge([card(), WALL])[0]).cast(origins, along)
+    hits = make_caster(merge_meshes([card(), WALL])[0]).cast(origins, along)
     np.testing.assert_array_equal(hits.face, np.where(on_checks(at), 0, 2) + (at[:, 1] > at[:, 0]))
     np.testing.assert_allclose(hits.distance, np.where(on_checks(at), 3.0, 4.0))
     hits = InstancedScene([card()], [0, 0, 0], POSES).cast(origins, along)
@@ -79,9 +79,9 @@ def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
 
 def test_transmittance_multiplies_and_half_occludes():
     origins, along, at = through()
-    mesh, _ = merge([card(SOFT), card(SOFT, y=1e-5), card(SOFT, y=0.5)])
+    mesh, _ = merge_meshes([card(SOFT), card(SOFT, y=1e-5), card(SOFT, y=0.5)])
     opacity = SOFT.opacity(at)
-    caster = caster_of(mesh)
+    caster = make_caster(mesh)
     expected = (1.0 - opacity.astype(float)) ** 3
     found = caster.transmittance(origins, along)
     np.testing.assert_allclose(found, np.where(expected < 1e-3, 0.0, expected), atol=1e-3)
@@ -92,14 +92,14 @@ def test_transmittance_multiplies_and_half_occludes():
 def test_layers_10_micrometers_apart_all_count():
     layers = 40
     half = AlphaMap(np.full((1, 1), 0.1, dtype=np.float32))
-    mesh, _ = merge([card(half, y=1e-5 * i) for i in range(layers)])
+    mesh, _ = merge_meshes([card(half, y=1e-5 * i) for i in range(layers)])
     for turn in (0.0, 0.7):
-        pose = rigid(rotation_z(turn), [3.0, -2.0, 1.0])
+        pose = rigid_matrix(rotation_z(turn), [3.0, -2.0, 1.0])
         scene = InstancedScene([mesh], [0], pose[None])
         origins, along, _ = through(500)
         moved = origins @ pose[:3, :3].T + pose[:3, 3], along @ pose[:3, :3].T
         ray = np.arange(500)
-        found = scene.transmittance_by(*moved, ray, instance=np.zeros(500, int))
+        found = scene.transmittance_pairs(*moved, ray, instance=np.zeros(500, int))
         np.testing.assert_allclose(found, 0.9**layers, rtol=1e-6)
 
 
@@ -110,12 +110,12 @@ def test_a_slanting_ray_hits_each_face_once(slant: float):
     on = np.column_stack([rng.uniform(0.2, 0.8, 500), np.zeros(500), rng.uniform(0.2, 0.8, 500)])
     along = np.tile([1.0, slant, 0.3], (500, 1))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    found = caster_of(mesh).transmittance(on - along, along)
+    found = make_caster(mesh).transmittance(on - along, along)
     np.testing.assert_array_equal(found, 0.5)
 
 
 def test_a_ray_within_a_card_terminates():
-    found = caster_of(card(SOFT)).transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0]] * 2)
+    found = make_caster(card(SOFT)).transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0]] * 2)
     assert ((found >= 0.0) & (found <= 1.0)).all()
 
 
@@ -127,7 +127,7 @@ def test_faces_classified_opaque_or_clear_are_so_everywhere(extension: Extension
     alpha = AlphaMap(texels, extension, smooth, HARD)
     low = rng.uniform(-1.5, 1.5, (400, 1, 2))
     uv = (low + rng.uniform(0, 0.4, (400, 3, 2))).astype(np.float32)
-    cuts = Cutouts(np.arange(400), uv, np.zeros(400, int), (alpha,)).cuts()
+    cuts = Cutouts(np.arange(400), uv, np.zeros(400, int), (alpha,)).face_cuts()
     weight = rng.dirichlet([0.3] * 3, (400, 200))
     opacity = alpha.opacity((weight @ uv.astype(float)).reshape(-1, 2)).reshape(400, 200)
     assert set(cuts) == set(Cut)
@@ -138,25 +138,25 @@ def test_faces_classified_opaque_or_clear_are_so_everywhere(extension: Extension
 def test_opacity_exactly_at_the_threshold():
     half = np.full((1, 1), 0.5, dtype=np.float32)
     origins, along, _ = through(5)
-    assert caster_of(card(AlphaMap(half))).occluded(origins, along).all()
+    assert make_caster(card(AlphaMap(half))).occluded(origins, along).all()
     for curve, hides in ((GRADES >= 0.5, True), (GRADES > 0.5, False), (GRADES < 0.5, False)):
         alpha = AlphaMap(half, curve=curve.astype(np.float32))
-        assert (caster_of(card(alpha)).occluded(origins, along) == hides).all()
+        assert (make_caster(card(alpha)).occluded(origins, along) == hides).all()
 
 
 def test_boxes_touch_the_opaque_parts_of_a_card():
-    scene = InstancedScene([card()], [0], rigid(rotation_z(0.4), [5.0, 2.0, 0.0])[None])
+    scene = InstancedScene([card()], [0], rigid_matrix(rotation_z(0.4), [5.0, 2.0, 0.0])[None])
     at = np.random.default_rng(4).uniform(0.02, 0.98, (500, 2))
     world_from_box = np.tile(scene.world_from_instance[0], (500, 1, 1))
     world_from_box[:, :3, 3] += (at[:, :1] * world_from_box[:, :3, 0]) + at[:, 1:] * world_from_box[:, :3, 2]
-    touched = Obstacles(scene).touched(np.full((500, 3), 0.05), world_from_box)
+    touched = Obstacles(scene).touches_boxes(np.full((500, 3), 0.05), world_from_box)
     # A box of 0.1 m around a point of a checkerboard of 0.25 m, far from the edges of its fields.
     opaque = on_checks(at)
     inner = (np.abs(at * 4 - np.rint(at * 4)) > 0.25).all(axis=1)
     np.testing.assert_array_equal(touched[inner], opaque[inner])
     assert touched[opaque].all()
     whole = Obstacles(InstancedScene([replace(card(), cutouts=None)], [0], scene.world_from_instance))
-    assert whole.touched(np.full((500, 3), 0.05), world_from_box).all()
+    assert whole.touches_boxes(np.full((500, 3), 0.05), world_from_box).all()
 
 
 @pytest.mark.parametrize(("longest", "shape"), [(8, (8, 8)), (5, (5, 5)), (1, (1, 1))])

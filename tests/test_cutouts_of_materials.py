@@ -12,7 +12,7 @@ from hulldown.assets.bundle import load_scenery
 from hulldown.geometry.instances import InstancedScene
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import DoubtKind
-from hulldown.reading.reader_process import export
+from hulldown.reading.reader_process import export_asset
 
 SCRIPT = "cutout_blends.py"
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
@@ -35,7 +35,7 @@ BY_CHANCE = ("principled alpha",)  # half opaque Principled shaders let a random
 def cards(written: Path) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], FileReport]:
     """For each card the picture and its planned transmittance; the report."""
     shown, names = np.load(written / "shown.npy"), json.loads((written / "cards.json").read_text())
-    exported = export(written / "cards.blend", written, kind="scenery")
+    exported = export_asset(written / "cards.blend", written, kind="scenery")
     scenery = load_scenery(exported.bundle)
     height, width = shown.shape
     x, z = np.meshgrid((np.arange(width) + 0.5) / PIXELS, (np.arange(height) + 0.5) / PIXELS)
@@ -43,7 +43,7 @@ def cards(written: Path) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], File
     n, k = x.size, len(scenery.instance_mesh)
     assert sorted(scenery.instance_names) == sorted(names)
     origins = np.column_stack([x.ravel(), np.full(n, -5.0), z.ravel()]) - scenery.origin
-    planned = scene.transmittance_by(
+    planned = scene.transmittance_pairs(
         origins, np.tile([0.0, 1.0, 0.0], (n, 1)), np.repeat(np.arange(n), k), instance=np.tile(np.arange(k), n)
     ).reshape(height, width)
     around = {name: (x > STEP * i + 0.01) & (x < STEP * i + 0.99) for i, name in enumerate(names)}

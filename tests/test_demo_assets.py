@@ -28,7 +28,7 @@ from hulldown.plan.config.schema import Config
 from hulldown.planning.search.budget import make_budget
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import export
+from hulldown.reading.reader_process import export_asset
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.parameters import few
 from hulldown.tests.shapes import vertices_at
@@ -73,7 +73,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
 
 
 def _read(path: Path, folder: Path, **options: object) -> tuple[FileReport, VehicleShape]:
-    exported = export(path, folder, options=Options(**options))
+    exported = export_asset(path, folder, options=Options(**options))
     shape = load_vehicle(exported.bundle)
     assert not exported.report.missing
     assert 1_000 <= len(shape.mesh.faces) <= 60_000
@@ -110,7 +110,7 @@ def test_building_keeps_existing_files_and_continues_after_a_crash(tmp_path, mon
         assert files == tuple(tmp_path / "out" / file for file in make_assets.FILES)
         assert steps == [(k + 2, 26) for k in range(25)]
     assert [file.read_text() for file in files] == ["built", "mine", *["built"] * 24]
-    monkeypatch.setattr(make_assets, "ATTEMPTS", 2)
+    monkeypatch.setattr(make_assets, "MAX_ATTEMPTS", 2)
     with pytest.raises(AssetError, match="could not build"):
         make_assets.build_demo_assets(tmp_path / "other")
 

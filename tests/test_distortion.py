@@ -9,10 +9,10 @@ import pytest
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.distortion import distorted, seen_radius, undistorted
+from hulldown.camera.distortion import distort_points, seen_radius, undistort_points
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.geometry.transforms import rigid, rotation_about
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix
 from hulldown.tests.cameras import unproject
 from hulldown.tests.oracles.curves import LENSES
 from hulldown.tests.planning_assets import filled_share, plan, small_assets, small_config, vehicle
@@ -32,19 +32,19 @@ def points_within(radius, n=5000):
 def test_points_equal_opencvs_and_round_trip(name):
     lens = LENSES[name]
     points = points_within(seen_radius(lens))
-    image = distorted(points, lens)
+    image = distort_points(points, lens)
     placed, _ = cv2.projectPoints(np.c_[points, np.ones(len(points))], *np.zeros((2, 3)), np.eye(3), np.array(lens))
     np.testing.assert_allclose(image, placed[:, 0], atol=1e-12)
-    back = undistorted(image, lens, seen_radius(lens))
+    back = undistort_points(image, lens, seen_radius(lens))
     np.testing.assert_allclose(back, points, atol=1e-12)
-    alone = [undistorted(each[None], lens, seen_radius(lens))[0] for each in image[:100]]
+    alone = [undistort_points(each[None], lens, seen_radius(lens))[0] for each in image[:100]]
     np.testing.assert_array_equal(alone, back[:100])
 
 
 @every_lens
 def test_a_camera_projects_and_casts_rays_like_opencv(name):
     intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES[name])
-    pose = rigid(rotation_about([0.6, 0.0, 0.8], 0.7), [1.0, 2.0, 3.0])
+    pose = rigid_matrix(axis_rotation([0.6, 0.0, 0.8], 0.7), [1.0, 2.0, 3.0])
     camera = Cameras(intrinsics, pose)
     pixels = np.random.default_rng(1).uniform(0, [1920, 1080], (2000, 2))
     depth = np.random.default_rng(2).uniform(0.2, 100, 2000)
@@ -65,7 +65,7 @@ def test_nothing_is_visible_beyond_the_fold():
     pixels, depth = camera.project([[1.2, 0.0, 1.0], [1.3, 0.0, 1.0], [0.0, 3.0, 1.0]])
     assert np.isnan(pixels[:, 0]).tolist() == [False, True, True]
     assert depth.tolist() == [1.0] * 3
-    assert np.isnan(undistorted(np.array([[1e9, 0.0], [np.nan, 0.0]]), LENSES["folding"], 1.0)).all()
+    assert np.isnan(undistort_points(np.array([[1e9, 0.0], [np.nan, 0.0]]), LENSES["folding"], 1.0)).all()
     # An unlimited wall ends at the circle of the fold.
     wall = sheet((-50, -50), (50, 50), 2.0)
     box = surface_box(wall.vertices, wall.faces, camera, frame=False)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, between, choose
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose_weighted, scale_uniform
 
 
 def test_a_row_does_not_depend_on_other_rows():
@@ -29,15 +29,17 @@ def test_numbers_are_uniform_and_uncorrelated_along_every_axis():
 
 def test_no_two_streams_share_a_number():
     draws = RandomStreams(0)
-    bits = [draws.bits(p, np.arange(500), t, count=10) for p in Purpose for t in range(3)]
-    bits += [RandomStreams(1).bits(Purpose.PLACE, np.arange(500), 0, count=10)]
+    bits = [draws.random_bits(p, np.arange(500), t, count=10) for p in Purpose for t in range(3)]
+    bits += [RandomStreams(1).random_bits(Purpose.PLACE, np.arange(500), 0, count=10)]
     flat = np.concatenate([b.ravel() for b in bits])
     assert len(np.unique(flat)) == len(flat)
 
 
 def test_the_numbers_of_a_seed_never_change():
     # Later versions give the same plan.
-    assert RandomStreams(42).bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
+    assert RandomStreams(42).random_bits(Purpose.PLACE, 3, 1, count=2).tolist() == [
+        [3236006953506002898, 3480301495620565934]
+    ]
 
 
 def test_a_generator_by_row_uses_a_separate_stream_for_each_row():
@@ -47,7 +49,7 @@ def test_a_generator_by_row_uses_a_separate_stream_for_each_row():
     expected = draws.uniform(Purpose.CAMERA, np.arange(10), 2, count=4)
     assert np.array_equal(np.column_stack([first, second]), expected)
     again = RowStreams(draws, Purpose.CAMERA, np.arange(10), 2)
-    assert np.array_equal(again.uniform(-1.0, 1.0, (10, 3)), between(-1.0, 1.0, expected[:, :3]))
+    assert np.array_equal(again.uniform(-1.0, 1.0, (10, 3)), scale_uniform(-1.0, 1.0, expected[:, :3]))
 
 
 def test_a_generator_by_row_refuses_unsupported_calls():
@@ -58,16 +60,16 @@ def test_a_generator_by_row_refuses_unsupported_calls():
 
 def test_choices_follow_their_weights_and_zero_weights_are_never_chosen():
     u = (np.arange(100_000) + 0.5) / 100_000
-    assert np.bincount(choose([1.0, 0.0, 3.0], u)).tolist() == [25_000, 0, 75_000]
+    assert np.bincount(choose_weighted([1.0, 0.0, 3.0], u)).tolist() == [25_000, 0, 75_000]
     numbers = [0.0, np.nextafter(0.5, 0.0), 0.5, 1.0 - 2.0**-53]
-    assert choose([0.0, 1.0, 1.0, 0.0], numbers).tolist() == [1, 1, 2, 2]
-    assert choose([[0.0, 1.0, 1.0, 0.0]] * 3 + [[2.0, 0.0, 0.0, 0.0]], numbers).tolist() == [1, 1, 2, 0]
-    assert choose([0.0, 0.0], []).tolist() == []
+    assert choose_weighted([0.0, 1.0, 1.0, 0.0], numbers).tolist() == [1, 1, 2, 2]
+    assert choose_weighted([[0.0, 1.0, 1.0, 0.0]] * 3 + [[2.0, 0.0, 0.0, 0.0]], numbers).tolist() == [1, 1, 2, 0]
+    assert choose_weighted([0.0, 0.0], []).tolist() == []
     with pytest.raises(ValueError, match="weights"):
-        choose([[1.0, 0.0], [0.0, 0.0]], [0.5, 0.5])
+        choose_weighted([[1.0, 0.0], [0.0, 0.0]], [0.5, 0.5])
 
 
 def test_between_never_leaves_its_bounds():
     u = np.array([0.0, 0.5, 1.0 - 2.0**-53])
-    assert between(0.1, 0.3, u).max() <= 0.3
-    assert between(2.0, 2.0, u).tolist() == [2.0, 2.0, 2.0]
+    assert scale_uniform(0.1, 0.3, u).max() <= 0.3
+    assert scale_uniform(2.0, 2.0, u).tolist() == [2.0, 2.0, 2.0]

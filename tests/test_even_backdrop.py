@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hulldown.camera.backdrop import even_color, fade
+from hulldown.camera.backdrop import even_color, fade_sines
 from hulldown.tests.oracles.rendered import radiance
 
 
@@ -35,5 +35,5 @@ def test_a_low_horizon_keeps_its_surroundings_colors():
 
 @pytest.mark.parametrize("horizon_deg", [15.1, 60.0, 79.9, 85.0, 90.0])
 def test_the_fade_ends_above_its_start(horizon_deg):
-    low, high = fade(np.radians(horizon_deg))
+    low, high = fade_sines(np.radians(horizon_deg))
     assert low < high <= 1.0

@@ -8,10 +8,10 @@ import pytest
 
 from hulldown.assets.bundle import load_vehicle
 from hulldown.base.errors import AssetError
-from hulldown.geometry.transforms import apply
-from hulldown.placement.footprint import underside
+from hulldown.geometry.transforms import transform_points
+from hulldown.placement.footprint import vehicle_underside
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import export
+from hulldown.reading.reader_process import export_asset
 from hulldown.tests.messy_export import SCENERIES, VEHICLES, Messy, iou
 
 pytestmark = pytest.mark.blender
@@ -83,12 +83,12 @@ def _sorted(points: np.ndarray) -> np.ndarray:
 
 
 def test_an_export_in_a_separate_process(messy: Messy, tmp_path: Path) -> None:
-    exported = export(messy.folder / "clutter.blend", tmp_path)
+    exported = export_asset(messy.folder / "clutter.blend", tmp_path)
     assert exported.report.kind == "vehicle", "the kind is detected"
     shape = load_vehicle(exported.bundle)
     assert shape.name == "clutter"
     assert np.array_equal(shape.mesh.vertices, messy.asset("clutter").mesh.vertices)
-    assert np.allclose(apply(np.linalg.inv(shape.vehicle_from_file), [[0.0, 0.0, 0.0]])[0, 2], 0.5)
-    assert np.array_equal(shape.underside, underside(shape.mesh).heights), "stored for planning"
+    assert np.allclose(transform_points(np.linalg.inv(shape.vehicle_from_file), [[0.0, 0.0, 0.0]])[0, 2], 0.5)
+    assert np.array_equal(shape.underside, vehicle_underside(shape.mesh).heights), "stored for planning"
     with pytest.raises(AssetError, match=r"turret = 'Turm' matches nothing"):
-        export(messy.folder / "clutter.blend", tmp_path, options=Options(turret="Turm"))
+        export_asset(messy.folder / "clutter.blend", tmp_path, options=Options(turret="Turm"))

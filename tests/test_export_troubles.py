@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.reader_process import export
+from hulldown.reading.reader_process import export_asset
 from hulldown.tests.messy_export import Messy
 
 pytestmark = pytest.mark.blender
@@ -84,6 +84,6 @@ def test_files_refused_without_starting_blender(tmp_path: Path, file: str, conte
     if content is not None:
         (tmp_path / file).write_bytes(content)
     with pytest.raises(AssetError) as caught:
-        export(tmp_path / file, tmp_path, kind="vehicle")
+        export_asset(tmp_path / file, tmp_path, kind="vehicle")
     assert str(caught.value).startswith(f"{tmp_path / file}: {problem}")
     assert "\n" not in str(caught.value)

@@ -12,8 +12,8 @@ import pytest
 from pycocotools.coco import COCO
 
 from hulldown import cli
-from hulldown.annotate.masks import decode, encode, mask_box
-from hulldown.annotate.outlines import polygons
+from hulldown.annotate.masks import decode_mask, encode_mask, mask_box
+from hulldown.annotate.outlines import mask_polygons
 from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export_dataset
@@ -65,7 +65,7 @@ def dataset(tmp_path_factory):
             continue
         mask = mask_of(i % 3)
         label = {"bbox": np.add(mask_box(mask), [0.25, 0.125, -0.5, -0.25]).tolist(), "area": int(mask.sum())}
-        label |= {"segmentation": encode(mask) if render else [], "iscrowd": int(i in (6, 7))}
+        label |= {"segmentation": encode_mask(mask) if render else [], "iscrowd": int(i in (6, 7))}
         annotations.append({"image_id": i + 1, "category_id": 1 + i // 3 % 2, **label})
     folder = write_dataset(tmp_path_factory.mktemp("dataset"), images, annotations, names=NAMES)
 
@@ -300,9 +300,9 @@ def test_polygons_of_random_masks_are_accurate():
     rng = np.random.default_rng(3)
     for _ in range(50):
         mask = rng.random((12, 16)) < rng.uniform(0.05, 0.95)
-        rings = polygons(encode(mask), 16, 12)
-        shown = decode(rings, 16, 12) if rings else np.zeros_like(mask)
+        rings = mask_polygons(encode_mask(mask), 16, 12)
+        shown = decode_mask(rings, 16, 12) if rings else np.zeros_like(mask)
         assert (mask == shown).mean() > 0.95
-    assert polygons(encode(np.zeros((4, 4), dtype=bool)), 4, 4) == []
-    whole = polygons(encode(np.ones((4, 4), dtype=bool)), 4, 4)
-    assert decode(whole, 4, 4).all()
+    assert mask_polygons(encode_mask(np.zeros((4, 4), dtype=bool)), 4, 4) == []
+    whole = mask_polygons(encode_mask(np.ones((4, 4), dtype=bool)), 4, 4)
+    assert decode_mask(whole, 4, 4).all()

@@ -5,7 +5,7 @@ import pytest
 
 from hulldown.assets.library import Assets
 from hulldown.assets.skylight import SkyLight
-from hulldown.camera.response import CARD_LEVEL, card_radiance, displayed
+from hulldown.camera.response import CARD_LEVEL, card_radiance, display_levels
 from hulldown.geometry.color import LUMINANCE
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 
@@ -26,7 +26,7 @@ def rows(**light):
 def test_a_gray_card_is_mid_gray_for_each_hdri_and_strength():
     for row in rows(exposure_error_ev=0.0, strength=[0.1, 10.0]):
         level = (
-            displayed(card_radiance(np.array(lit().sky(row.hdri).irradiance), row.strength) * 2.0**row.exposure_ev)
+            display_levels(card_radiance(np.array(lit().sky(row.hdri).irradiance), row.strength) * 2.0**row.exposure_ev)
             @ LUMINANCE
         )
         assert level == pytest.approx(CARD_LEVEL, abs=0.01)

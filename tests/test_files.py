@@ -4,16 +4,16 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.base.files import replacing, stays_inside
+from hulldown.base.files import atomic_writer, stays_inside
 from hulldown.tests.oracles.synced import synced_bytes
 
 FILL = """
 import resource, sys
 from pathlib import Path
-from hulldown.base.files import replacing
+from hulldown.base.files import atomic_writer
 resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
 try:
-    with replacing(Path(sys.argv[1])) as file:
+    with atomic_writer(Path(sys.argv[1])) as file:
         file.write(bytes(100_000))
         file.flush()
 except OSError as error:
@@ -24,7 +24,7 @@ except OSError as error:
 def test_a_replaced_file_is_synced_before_it_gets_its_name(tmp_path, monkeypatch):
     path, synced = tmp_path / "plan.json", synced_bytes(monkeypatch)
     path.write_bytes(b"old")
-    with replacing(path) as file:
+    with atomic_writer(path) as file:
         file.write(b"new")
         file.flush()
         assert path.read_bytes() == b"old"
@@ -35,7 +35,7 @@ def test_a_replaced_file_is_synced_before_it_gets_its_name(tmp_path, monkeypatch
 def test_an_error_keeps_the_old_file(tmp_path):
     path = tmp_path / "plan.json"
     path.write_bytes(b"old")
-    with pytest.raises(TypeError), replacing(path) as file:
+    with pytest.raises(TypeError), atomic_writer(path) as file:
         file.writelines([b"half", None])
     assert [(p.name, p.read_bytes()) for p in tmp_path.iterdir()] == [("plan.json", b"old")]
 

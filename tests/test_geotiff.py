@@ -12,9 +12,9 @@ from hulldown.base.errors import AssetError, ConfigError
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.schema import Config
 from hulldown.reading.pieces.doubt import DoubtKind
-from hulldown.reading.pieces.formats import format_of
+from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import export
+from hulldown.reading.reader_process import export_asset
 from hulldown.reading.scenery.geotiff import on_map, read_elevations, read_orthophoto
 
 UTM = "EPSG:32632"
@@ -65,7 +65,7 @@ def test_heights_equal_those_of_rasterio(tmp_path, kind, holes, layout):
         options["nodata"] = float((np.finfo if kind.startswith("float") else np.iinfo)(kind).min)
         z[5:9, 30:33] = options["nodata"]
     path = write(tmp_path / "dem.tif", z, scale=(0.25, -10.0), **options)
-    assert format_of(path) == "geotiff"
+    assert file_format(path) == "geotiff"
     read = elevations(path)
     assert np.array_equal(read.anchor, np.round(read.anchor / 1000) * 1000)
     assert (read.crs, read.doubts) == (UTM, ())
@@ -215,14 +215,14 @@ def test_a_scenery_is_read_from_a_geotiff_with_its_orthophoto(tmp_path):
     path = write(tmp_path / "dem.tif", z)
     write(tmp_path / "ortho.tif", np.full((4, 8, 8), 90, np.uint8), transform=from_origin(*CORNER, 20.0, 20.0),
           photometric="rgb", alpha="yes")  # fmt: skip
-    read = export(path, tmp_path, options=Options(texture="ortho.tif"))
+    read = export_asset(path, tmp_path, options=Options(texture="ortho.tif"))
     scenery = load_scenery(read.bundle)
     assert (read.report.kind, scenery.crs, read.files) == ("scenery", UTM, (str(tmp_path / "ortho.tif"),))
     assert scenery.origin.tolist() == [447000.0, 5412000.0, 0.0]
     center = np.array([[1.0, -1.0], [1.0 + 2 * 31, -1.0 - 2 * 17]])
     assert Terrain(scenery.ground).top_hits(center).z.tolist() == [z[0, 0], z[17, 31]]
     with pytest.raises(AssetError, match="folder"):
-        export(path, tmp_path, options=Options(texture="../../../../../etc/ortho.tif"))
+        export_asset(path, tmp_path, options=Options(texture="../../../../../etc/ortho.tif"))
 
 
 @pytest.mark.parametrize(

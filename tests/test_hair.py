@@ -77,7 +77,7 @@ def test_a_sample_of_much_fur_covers_as_much(monkeypatch):
     points = np.cumsum(rng.uniform(0, 1, (1000, 6, 3)), axis=1).reshape(-1, 3)
     fur = points, rng.uniform(0.01, 0.02, 6000), np.arange(0, 6000, 6), np.ones(1000, dtype=bool), "fur"
     every = hair_mesh(*fur)
-    monkeypatch.setattr(hair, "LARGEST", 900)
+    monkeypatch.setattr(hair, "MAX_STRETCHES", 900)
     some = hair_mesh(*fur)
     assert len(every.faces) == 8 * 5000
     assert len(some.faces) == 8 * 833

@@ -10,7 +10,7 @@ import pytest
 
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, export_dataset
-from hulldown.dataset.records import listed
+from hulldown.dataset.records import finding_lines
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.editing import edit, write_dataset
 
@@ -71,7 +71,7 @@ def test_many_equal_annotations_are_few_lines(folder):
         coco["annotations"] += [{**coco["annotations"][0], "id": i} for i in range(4, 3004)]
 
     edit(folder, repeat)
-    lines = listed(verify_dataset(folder))
+    lines = finding_lines(verify_dataset(folder))
     assert len(lines) == 21
     assert "2980 more" in lines[-1]
 
@@ -80,7 +80,7 @@ def test_findings_of_a_kind_are_counted_beyond_twenty(folder):
     edit(folder, lambda coco: coco.update(annotations=[
         {**coco["annotations"][0], "id": i, "category_id": 9, "bbox": [i % 20, i // 20, 1, 1]} for i in range(1, 201)
     ]))  # fmt: skip
-    lines = listed(verify_dataset(folder))
+    lines = finding_lines(verify_dataset(folder))
     assert len(lines) == 21
     assert "180 more" in lines[-1]
 

@@ -15,13 +15,13 @@ from hulldown import cli
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
-from hulldown.reading.inspect import COLORS, PAGE_ASSETS, Inspected, draw, write_pictures
+from hulldown.reading.inspect import COLORS, PAGE_ASSETS, Inspected, draw_asset, write_pictures
 from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, ObjectRow
 from hulldown.tests.blender_plans import run_python
 from hulldown.tests.shapes import box, scenery_of, vehicle_of
 from hulldown.tests.test_found_assets import SKY
 from hulldown.verbs import output
-from hulldown.verbs.output import show
+from hulldown.verbs.output import print_report
 
 FILES = """
 import bpy
@@ -79,7 +79,7 @@ def hue_of(pixels: np.ndarray) -> np.ndarray:
 
 def test_the_picture_shows_each_part_in_its_color() -> None:
     size = 200
-    image = np.asarray(draw(VEHICLE, size=size)).astype(float)
+    image = np.asarray(draw_asset(VEHICLE, size=size)).astype(float)
     assert image.shape == (2 * size, 2 * size, 3)
     scale = size / (6 * 1.25)  # pixels per meter in the view from the left, which the length fills
     left = hue_of(image[:size, :size])
@@ -95,14 +95,14 @@ def test_the_picture_shows_each_part_in_its_color() -> None:
 def test_a_model_is_drawn_whose_bar_of_meters_is_rounded_below_a_power_of_ten() -> None:
     # 0.24 m * 1.25 / 3 is 0.09999999999999999 m, whose logarithm is -1: fuzzing found it.
     model = vehicle_of(box((-0.12, -0.06, 0), (0.12, 0.06, 0.04)), box((-0.04, -0.04, 0.04), (0.04, 0.04, 0.08)))
-    assert draw(model, size=120).width == 240
+    assert draw_asset(model, size=120).width == 240
 
 
 @pytest.mark.parametrize("ground", [True, False])
 def test_a_scenery_is_drawn(ground: bool) -> None:
     land = box((-50, -50, -1), (50, 50, 0)) if ground else None
     scenery = scenery_of("s", land, obstacles=[box((0, 0, 0), (5, 5, 5))], which=[0], poses=np.eye(4))
-    image = np.asarray(draw(scenery, size=120)).astype(float)
+    image = np.asarray(draw_asset(scenery, size=120)).astype(float)
     green = hue_of(image[120:, 120:])[30:, :] == 3
     assert bool(green.sum() > 1000) is ground
 
@@ -223,7 +223,7 @@ def report(*rows: ObjectRow) -> FileReport:
 def shown(monkeypatch: pytest.MonkeyPatch, table: Table, **console: object) -> str:
     file = io.StringIO()
     monkeypatch.setattr(output, "STDOUT", Terminal(file=file, highlight=False, **console))
-    show(table)
+    print_report(table)
     return file.getvalue()
 
 

@@ -8,7 +8,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.annotate.labels.keypoints import category_fields, keypoints_in_image
-from hulldown.assets.bundle import load_vehicle, save
+from hulldown.assets.bundle import load_vehicle, save_asset
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
@@ -58,12 +58,12 @@ def test_a_keypoint_moves_with_the_part_of_the_nearest_surface(tmp_path):
     marked = shape.with_keypoints({f"p{i}": (point, None) for i, point in enumerate(points)})
     turned = {name: 0.3 for name in shape.part_names[1:]}
     moved = vertices_at(shape, turned)[:: max(1, len(shape.mesh.vertices) // 40)]
-    shared = np.abs(marked.keypoints_at(turned) - moved).max(axis=1) > 1e-9
+    shared = np.abs(marked.turned_keypoints(turned) - moved).max(axis=1) > 1e-9
     assert shared.mean() < 0.2  # two parts touch there
-    save(tmp_path / "v.npz", marked)
+    save_asset(tmp_path / "v.npz", marked)
     again = load_vehicle(tmp_path / "v.npz")
     assert again.keypoint_names == marked.keypoint_names
-    assert np.array_equal(again.keypoints_at(turned), marked.keypoints_at(turned))
+    assert np.array_equal(again.turned_keypoints(turned), marked.turned_keypoints(turned))
 
 
 def test_names_and_skeletons_of_categories(tmp_path):

@@ -11,7 +11,7 @@ import pytest
 
 from hulldown.cli import main
 from hulldown.reading.confinement import landlock
-from hulldown.reading.confinement.landlock import abi, asset_folders, confined
+from hulldown.reading.confinement.landlock import asset_folders, confine_command, landlock_version
 
 ROOT = Path(__file__).resolve().parents[1]
 # Each line is tried separately. IN is writable, OUT isn't; both are folders with a file.
@@ -62,7 +62,7 @@ for line in lines:
         pass
 print(json.dumps(done))
 """
-needs_landlock = pytest.mark.xfail(not abi(), reason="this kernel has no Landlock", run=False)
+needs_landlock = pytest.mark.xfail(not landlock_version(), reason="this kernel has no Landlock", run=False)
 
 
 @pytest.fixture
@@ -82,7 +82,7 @@ def tried(lines: str, names: dict[str, object]) -> list[str]:
     names = {**names, "PORT": listening.getsockname()[1]}
     command = [sys.executable, "-I", "-c", TRY, json.dumps(lines.strip().splitlines()), json.dumps(names)]
     ran = subprocess.run(
-        confined(command, read=[names["SEEN"]], write=[names["IN"]]), capture_output=True, text=True, check=True
+        confine_command(command, read=[names["SEEN"]], write=[names["IN"]]), capture_output=True, text=True, check=True
     )
     listening.close()
     return json.loads(ran.stdout)
@@ -91,7 +91,7 @@ def tried(lines: str, names: dict[str, object]) -> list[str]:
 @needs_landlock
 @pytest.mark.parametrize("line", TRIES.strip().splitlines())
 def test_a_confined_process_reaches_nothing_else(names: dict[str, object], line: str) -> None:
-    if "socket" in line and abi() < landlock.NETWORK_ABI:
+    if "socket" in line and landlock_version() < landlock.NETWORK_ABI:
         pytest.xfail("this kernel's Landlock knows no network")
     assert tried(line, names) == []
 
@@ -108,7 +108,7 @@ def test_folders_where_python_looks_for_modules_are_open_only_where_packages_are
     (folder / "tool-1.dist-info").mkdir()
     (folder / "tool-1.dist-info/METADATA").write_text("Name: tool\nVersion: 1\n")
     (folder / "tool-1.dist-info/RECORD").write_text("tool.py,,\ntool-1.dist-info/RECORD,,\n../elsewhere,,\n")
-    landlock._installed.cache_clear()
+    landlock._installed_files.cache_clear()
     assert tried(lines, names) == lines.splitlines()[1:]
 
 
@@ -126,8 +126,8 @@ def test_the_forbidden_lines_succeed_without_confinement(
 
 
 def test_a_kernel_without_landlock_runs_the_unchanged_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(landlock, "abi", lambda: 0)
-    assert confined(["/bin/true", "x"], read=[], write=[]) == ["/bin/true", "x"]
+    monkeypatch.setattr(landlock, "landlock_version", lambda: 0)
+    assert confine_command(["/bin/true", "x"], read=[], write=[]) == ["/bin/true", "x"]
 
 
 @needs_landlock
@@ -136,10 +136,10 @@ def test_a_kernel_of_any_version_is_asked_only_for_rights_it_supports(
     names: dict[str, object], monkeypatch: pytest.MonkeyPatch, version: int
 ) -> None:
     """An older kernel has some of these rights, and refuses requests for the others."""
-    asked = min(version, abi())
+    asked = min(version, landlock_version())
     code = (
-        f"from hulldown.reading.confinement import landlock; landlock.abi = lambda: {asked};"
-        f"landlock.restrict({{'write': [{names['IN']!r}]}}); open({names['IN'] + '/new'!r}, 'w').close();"
+        f"from hulldown.reading.confinement import landlock; landlock.landlock_version = lambda: {asked};"
+        f"landlock.confine_process({{'write': [{names['IN']!r}]}}); open({names['IN'] + '/new'!r}, 'w').close();"
         f"open({names['OUT'] + '/new'!r}, 'w')"
     )
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)

@@ -7,7 +7,7 @@ from scipy.stats import ks_2samp
 from hulldown.base.errors import ConfigError
 from hulldown.dataset.photographs import read_photographs
 from hulldown.plan.plan_file import read_plan
-from hulldown.plan.summary import summarize
+from hulldown.plan.summary import summarize_plan
 from hulldown.planning.check import check_plan
 from hulldown.planning.search.likeness import TRUNCATION_MARGIN, Likeness
 from hulldown.planning.write import write_plan
@@ -120,13 +120,13 @@ def test_other_values_follow_the_configured_ranges(tmp_path):
 def test_limits_override_photographs_and_the_summary_counts_them(tmp_path):
     small, large = ("tank", 700, 500, 80, 40), ("tank", 300, 200, 1000, 700)
     known = photographed(tmp_path, [[small], [large]])
-    summary = summarize(plan(config_of(known, distance_m=[40, 1e5]), ASSETS))
+    summary = summarize_plan(plan(config_of(known, distance_m=[40, 1e5]), ASSETS))
     like = summary.counts["like"]
     assert like["followed"] > 0
     assert like["another"] > 0
     assert any("limits won over" in note for note in summary.notes())
     # No camera can produce any of them.
-    none = summarize(
+    none = summarize_plan(
         plan(config_of(known, images=5, distance_m=[3000, 4000], target_fraction=0.001, min_box_px=1), ASSETS)
     )
     assert none.counts["like"] == {"none": 10}

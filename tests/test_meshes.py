@@ -3,8 +3,8 @@ import pytest
 import trimesh
 
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import FORMATS, Mesh, first_equal, merge
-from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.geometry.meshes import FORMATS, Mesh, first_equal, merge_meshes
+from hulldown.geometry.transforms import rigid_matrix, rotation_z
 from hulldown.tests.shapes import surface
 
 SQUARE = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [1.0, 1.0, 0.0], [0.0, 1.0, 2.0]])
@@ -17,7 +17,7 @@ def test_bounds_exclude_unused_vertices():
 
 
 def test_merging_gives_the_mesh_of_each_face():
-    merged, source = merge([Mesh(SQUARE, FACES[:1]), Mesh(SQUARE + 5, FACES)])
+    merged, source = merge_meshes([Mesh(SQUARE, FACES[:1]), Mesh(SQUARE + 5, FACES)])
     assert source.tolist() == [0, 1, 1]
     np.testing.assert_array_equal(merged.triangles[1:], SQUARE[FACES] + 5)
 
@@ -48,8 +48,8 @@ def test_a_saved_mesh_is_loaded_again(tmp_path, ending):
 def test_meshes_of_a_scene_are_in_their_places(tmp_path):
     box = trimesh.creation.box((2.0, 2.0, 2.0))
     scene = trimesh.Scene()
-    scene.add_geometry(box, transform=rigid(np.eye(3), [10.0, 0.0, 0.0]))
-    scene.add_geometry(box, transform=rigid(rotation_z(np.pi / 4), [0.0, 20.0, 0.0]))
+    scene.add_geometry(box, transform=rigid_matrix(np.eye(3), [10.0, 0.0, 0.0]))
+    scene.add_geometry(box, transform=rigid_matrix(rotation_z(np.pi / 4), [0.0, 20.0, 0.0]))
     scene.export(str(tmp_path / "two.glb"))
     mesh = Mesh.load(tmp_path / "two.glb")
     assert len(mesh.faces) == 24

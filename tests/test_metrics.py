@@ -10,16 +10,22 @@ from hulldown.training.evaluation.average_precision import (
 from hulldown.training.evaluation.bootstrap import (
     combined_error,
     difference_interval,
+    draw_resamples,
     figure_intervals,
     ratio_error,
     resampled_sums,
-    resamples,
     share_interval,
     standard_error,
 )
-from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare_detectors
 from hulldown.training.evaluation.matching import match_repeatedly
-from hulldown.training.evaluation.metrics import SHARES, confusion, curves, denominators, figures
+from hulldown.training.evaluation.metrics import (
+    SHARES,
+    confusion_matrix,
+    figure_denominators,
+    figures_from_sums,
+    threshold_curves,
+)
 
 
 def test_figures_and_confusion_of_one_image_by_hand():
@@ -32,20 +38,20 @@ def test_figures_and_confusion_of_one_image_by_hand():
         (1, 1, (400, 0, 10, 10), 0.9),
         (1, 2, (300, 0, 10, 10), 0.2),
     ]
-    seen = matched(dataset(boxes), results(found)).above(0.5)
-    assert {key: float(value) for key, value in figures(total(seen)).items()} == pytest.approx(
+    seen = matched(dataset(boxes), results(found)).above_threshold(0.5)
+    assert {key: float(value) for key, value in figures_from_sums(total(seen)).items()} == pytest.approx(
         {"precision": 2 / 5, "recall": 2 / 4, "f1": 4 / 9, "mean_iou": 0.9}
         | {"mean_confidence": 0.84, "mean_confidence_tp": 0.8, "mean_confidence_fp": 2.6 / 3}
     )
-    assert confusion(seen).tolist() == [[1, 0, 1, 0], [0, 1, 0, 1], [0, 0, 0, 0], [1, 1, 0, 0]]
+    assert confusion_matrix(seen).tolist() == [[1, 0, 1, 0], [0, 1, 0, 1], [0, 0, 0, 0], [1, 1, 0, 0]]
 
 
 def test_curves_go_through_the_operating_points():
     matching = matched(*random_case(1))
-    curve = curves(matching)
+    curve = threshold_curves(matching)
     assert (np.diff(curve["threshold"]) < 0).all()
     for k in range(len(curve["threshold"])):
-        figure = figures(total(matching.above(curve["threshold"][k])))
+        figure = figures_from_sums(total(matching.above_threshold(curve["threshold"][k])))
         assert [curve[key][k] for key in SHARES] == [figure[key] for key in SHARES]
     best = best_threshold(matching.labels, matching.predictions)
     assert curve["f1"][curve["threshold"] == best] == curve["f1"].max()
@@ -80,7 +86,9 @@ def counted(found):
 
 
 def intervals(sums):
-    return figure_intervals(figures(sums.sum(axis=0)), figures(resampled_sums(sums)), denominators(sums))
+    return figure_intervals(
+        figures_from_sums(sums.sum(axis=0)), figures_from_sums(resampled_sums(sums)), figure_denominators(sums)
+    )
 
 
 def recall_interval(sums):
@@ -141,7 +149,7 @@ def test_a_difference_is_significant_if_enough_labels_changed():
 def test_a_detector_differs_from_itself_by_no_more_than_the_two_added_labels():
     labels, predictions = loaded(*random_case(0))
     one = Evaluation(labels, predictions, threshold=Threshold(0.5, "given"))
-    low, high = np.transpose(list(compare(one, one).intervals.values()))
+    low, high = np.transpose(list(compare_detectors(one, one).intervals.values()))
     assert (low == -high).all()
     assert 0 < high.min() == high.max() < 3 * np.sqrt(2) / (~labels.crowd).sum()
 
@@ -156,7 +164,7 @@ def test_different_seeds_widen_an_interval():
 
 @pytest.mark.parametrize("groups", [7, 70_000])
 def test_resamples_have_the_size_of_the_sample(groups):
-    drawn = list(resamples(groups, times=70))
+    drawn = list(draw_resamples(groups, times=70))
     assert len(drawn) == 1 + (groups == 70_000)
     assert [row.sum() for rows in drawn for row in rows] == [groups] * 70
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.base.code import versions
-from hulldown.render.node import refusal, shared_files
+from hulldown.base.code import package_versions
+from hulldown.render.node import refusal_reason, shared_files
 from hulldown.tests.render_plans import cube_library
 
 
@@ -37,9 +37,9 @@ def test_a_blend_cannot_choose_what_a_worker_must_see_unless_the_user_adds_its_f
 
 def test_a_worker_that_lacks_a_file_or_has_another_one_is_refused(library, tmp_path):
     files, texture = shared_files(library), tmp_path / "pack/worlds/a/bark.png"
-    client, changed = versions("bpy"), texture.stat().st_mtime
-    assert refusal(client, False, files) == ""
+    client, changed = package_versions("bpy"), texture.stat().st_mtime
+    assert refusal_reason(client, False, files) == ""
     os.utime(texture, (changed, changed - 9))
-    assert refusal(client, False, files).startswith(f"sees another {texture}: all machines must share it")
+    assert refusal_reason(client, False, files).startswith(f"sees another {texture}: all machines must share it")
     texture.unlink()
-    assert refusal(client, False, files).startswith(f"cannot read {texture}: all machines must share it")
+    assert refusal_reason(client, False, files).startswith(f"cannot read {texture}: all machines must share it")

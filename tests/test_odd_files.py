@@ -10,8 +10,8 @@ import pytest
 from hulldown.base.errors import AssetError
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.confinement.watch import ReadLimits
-from hulldown.reading.pieces.formats import format_of
-from hulldown.reading.reader_process import export
+from hulldown.reading.pieces.formats import file_format
+from hulldown.reading.reader_process import export_asset
 from hulldown.tests.messy_export import Messy
 
 LIMITS = ReadLimits(silence_s=120.0, memory_bytes=2 * 2**30)
@@ -20,7 +20,7 @@ TOO_LARGE = "GiB of memory, more than the limit of 2.00 GiB; make it smaller, le
 
 def refused(path: Path, folder: Path, **more: object) -> str:
     with pytest.raises(AssetError) as caught:
-        export(path, folder, **{"limits": LIMITS, **more})
+        export_asset(path, folder, **{"limits": LIMITS, **more})
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
     return str(caught.value)
@@ -88,7 +88,7 @@ def test_only_regular_files_are_opened(tmp_path: Path) -> None:
         ("round/a.blend", "cannot be read (Too many levels"),
     ):
         with pytest.raises(AssetError) as caught:
-            format_of(tmp_path / name)
+            file_format(tmp_path / name)
         assert line in str(caught.value)
 
 

@@ -46,7 +46,7 @@ def test_onnxruntime_gives_the_detectors_results(kind, tmp_path, capsys):
     for height, width in ((54, 96), (90, 40)):
         picture = rng.integers(0, 255, (height, width, 3), dtype=np.uint8)
         given = network_pictures([picture], (64, 64))
-        given = given / 255 if kind == "small" else detr.normalized(given)
+        given = given / 255 if kind == "small" else detr.normalize_pictures(given)
         found = session.run(None, {"input": given.numpy()})
         corners, scores, labels = decoded(found, width, height)
         if kind == "small":  # what it finds is in the picture

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.masks import encode
+from hulldown.annotate.masks import encode_mask
 from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.row_records import Segmenter, image_record
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.detections import dataset as dataset_of
 from hulldown.tests.detections import loaded
@@ -40,7 +40,7 @@ def test_the_rectangle_is_the_smallest_around_the_mask():
     rng = np.random.default_rng(0)
     for i in range(1000):
         mask = random_mask(rng, i % 3)
-        found = mask_rectangle(encode(mask), mask.shape[1], mask.shape[0])
+        found = mask_rectangle(encode_mask(mask), mask.shape[1], mask.shape[0])
         if not mask.any():
             assert found is None
             continue
@@ -79,12 +79,12 @@ def dataset(planned, tmp_path_factory):
 def test_the_corners_are_those_of_the_posed_box_the_ground_first(planned, dataset):
     images = {image.id: image for image in read_usable(dataset).images}
     for image_id, row in enumerate(planned[1], start=1):
-        if image_id not in images or not images[image_id].labels or row.empty:
+        if image_id not in images or not images[image_id].labels or row.hides_target:
             continue
         low, high = row.target.bounds
         around = [[high[0], high[1]], [high[0], low[1]], [low[0], low[1]], [low[0], high[1]]]
         corners = [[*corner, z] for z in (low[2], high[2]) for corner in around]
-        wanted = row.camera.project(apply(row.target.world_from_vehicle, np.array(corners))).pixels
+        wanted = row.camera.project(transform_points(row.target.world_from_vehicle, np.array(corners))).pixels
         label = images[image_id].labels[0]
         np.testing.assert_allclose(label.record["bbox_3d_corners"], wanted, rtol=0, atol=1e-4)
 

@@ -45,7 +45,7 @@ def opened(path):
         if isinstance(node, ast.Call):
             name, owner = ast.unparse(node.func), ast.unparse(getattr(node.func, "value", node.func))
             writes = any(isinstance(a, ast.Constant) and str(a.value)[:1] in "wx" for a in node.args)
-            encoded = node.args and ast.unparse(node.args[0]).startswith(("encode(", "io.BytesIO("))
+            encoded = node.args and ast.unparse(node.args[0]).startswith(("encode_line(", "io.BytesIO("))
             if OPENS.fullmatch(name) and not (writes or encoded or owner in OURS):
                 yield node.lineno, name
 
@@ -62,11 +62,11 @@ def test_files_are_opened_and_parsed_in_one_place():
     assert found == []
 
 
-# Three threads meet a type that holds five others, 30 times. Without the lock of `converted`, msgspec crashes.
+# Three threads meet a type that holds five others, 30 times. Without the lock of `convert_value`, msgspec crashes.
 MEETING = """
 import sys, threading
 import msgspec
-from hulldown.base.outside import converted
+from hulldown.base.outside import convert_value
 
 sys.setswitchinterval(1e-7)
 VALUE = 1
@@ -79,7 +79,7 @@ for _ in range(30):
         kind = msgspec.defstruct(f"Level{depth}", [("of", kind), *((f"n{i}", int) for i in range(10))],
                                  rename={f"n{i}": str(i) for i in range(10)})
     together = threading.Barrier(3)
-    threads = [threading.Thread(target=lambda: (together.wait(), converted(VALUE, kind))) for _ in range(3)]
+    threads = [threading.Thread(target=lambda: (together.wait(), convert_value(VALUE, kind))) for _ in range(3)]
     for thread in threads: thread.start()
     for thread in threads: thread.join()
 """

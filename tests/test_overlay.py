@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.drawing import IGNORED, Overlay, color_of, draw
-from hulldown.annotate.masks import encode
+from hulldown.annotate.masks import encode_mask
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
@@ -56,7 +56,7 @@ def test_masks_are_tinted_exactly():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
     drawn = np.asarray(
-        draw(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode(mask)})])
+        draw(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode_mask(mask)})])
     )
     assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(color_of(1)))).all()
     assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()
@@ -88,7 +88,7 @@ def test_masks_of_a_dataset_are_shown_on_request(tmp_path):
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
     with CocoDataset.open(tmp_path) as dataset:
-        label = {"category": "tank", "bbox": [100, 60, 60, 50], "segmentation": encode(mask)}
+        label = {"category": "tank", "bbox": [100, 60, 60, 50], "segmentation": encode_mask(mask)}
         append(dataset, "images/1.png", gray(), [label])
     tinted, plain = (np.asarray(Dataset.read(tmp_path).picture(0, masks=masks))[mask] for masks in (True, False))
     assert (tinted != 90).all()

@@ -6,9 +6,9 @@ import pytest
 from hulldown.plan.coats import Coat, color_of_material
 from hulldown.plan.config.asset_sections import PaintEntry
 from hulldown.plan.library import unmatched_pattern
-from hulldown.plan.pictures.preview import caption
-from hulldown.plan.pictures.shading import previewed
-from hulldown.plan.summary import summarize
+from hulldown.plan.pictures.preview import image_caption
+from hulldown.plan.pictures.shading import coated_color
+from hulldown.plan.summary import summarize_plan
 from hulldown.planning.write import write_plan
 from hulldown.reading.pieces.asset_report import MaterialRow
 from hulldown.tests.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, small_assets, small_config
@@ -78,18 +78,18 @@ def test_each_vehicle_of_a_position_has_its_own_coats(made):
 
 
 def test_the_summary_counts_coats(made):
-    counts = summarize(made).counts["paints"]
+    counts = summarize_plan(made).counts["paints"]
     rows = list(made)
     coats = [coat for row in rows for vehicle in row.vehicles for coat in vehicle.paint]
     assert counts.total() == len(coats)
     assert counts["own"] == len(coats) / 2
-    assert summarize(made).to_json()["paints"] == dict(counts)
+    assert summarize_plan(made).to_json()["paints"] == dict(counts)
 
 
 def test_a_preview_has_the_first_coats_color(made):
     own = np.array([0.3, 0.4, 0.2])
-    assert np.array_equal(previewed(own, []), own)
-    assert previewed(own, [Coat(["*"], "#ff0000")]) == pytest.approx([1.0, 0.0, 0.0])
-    assert np.array_equal(previewed(own, [Coat(["*"], None)]), own)
-    row = next(row for row in made if row.target.paint and not row.empty)
-    assert f"{row.target.vehicle}, {row.target.paint[0].color} in {row.scenery}" in caption(row)
+    assert np.array_equal(coated_color(own, []), own)
+    assert coated_color(own, [Coat(["*"], "#ff0000")]) == pytest.approx([1.0, 0.0, 0.0])
+    assert np.array_equal(coated_color(own, [Coat(["*"], None)]), own)
+    row = next(row for row in made if row.target.paint and not row.hides_target)
+    assert f"{row.target.vehicle}, {row.target.paint[0].color} in {row.scenery}" in image_caption(row)

@@ -9,10 +9,10 @@ import pytest
 from hulldown.base.errors import ConfigError
 from hulldown.plan.plan_file import read_plan
 from hulldown.plan.row import encode_rows
-from hulldown.plan.summary import summarize
+from hulldown.plan.summary import summarize_plan
 from hulldown.planning.check import check_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.search.random_streams import Purpose, choose
+from hulldown.planning.search.random_streams import Purpose, choose_weighted
 from hulldown.planning.write import write_plan
 from hulldown.tests.planning_assets import hills, plan, small_assets, small_config, vehicle
 
@@ -32,7 +32,7 @@ def test_pairs_without_a_place_are_left_out_and_classes_stay_balanced(tmp_path):
     assert Counter(row.target.category for row in rows) == {"tank": 24, "truck": 24}
     assert {row.scenery for row in rows} == {"hills", "bare"}
     assert check_plan(made, assets) == []
-    notes = summarize(made, left_out=made.header.left_out).notes()
+    notes = summarize_plan(made, left_out=made.header.left_out).notes()
     assert len(notes) == 3
     assert "'leo' is 9.24 m long; in 'yard'" in notes[1]
 
@@ -77,7 +77,7 @@ def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_
     in_two = planner.rows(0, 3) + planner.rows(3, len(rows))
     assert encode_rows(in_two) == encode_rows(rows)
     uniform = planner._draws.uniform(Purpose.SCENERY, np.arange(len(rows)), 0, count=1)[:, 0]
-    drawn = choose(planner.pairs.weights[planner.budget.positions.vehicle], uniform)
+    drawn = choose_weighted(planner.pairs.weights[planner.budget.positions.vehicle], uniform)
     moved = [row for row, site in zip(rows, drawn.tolist(), strict=True) if row.scenery != ("hills", "bare")[site]]
     assert len(moved) > 1
     assert {row.scenery for row in moved} == {"bare"}
@@ -137,7 +137,7 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
     assert any(row.companions for row in rows)
     assert check_plan(made, assets) == []
     left_out = sum(row.left_out for row in rows if row.shot == 0)
-    summary = summarize(made)
+    summary = summarize_plan(made)
     assert summary.notes() == [f"left out: {left_out} companions without room at their position"]
     assert summary.to_json()["companions_left_out"] == left_out
 

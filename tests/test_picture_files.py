@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.drawing import Overlay, draw
-from hulldown.assets.picture_files import read_picture, read_pixels, rgb
+from hulldown.assets.picture_files import read_picture, read_pixels, rgb_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.table import Dataset
 from hulldown.render.verify import verify_dataset
@@ -40,7 +40,7 @@ MODES = ["1", "L", "LA", "La", "P", "PA", "RGB", "RGBA", "RGBa", "RGBX", "CMYK",
 def test_every_mode_of_pillow_keeps_its_values(mode):
     picture, wanted = of_mode(mode)
     tolerance = {"YCbCr": 3, "HSV": 3, "LAB": 20}.get(mode, 0)  # no exact counterpart in these modes
-    np.testing.assert_allclose(rgb(picture).astype(int), wanted.astype(int), rtol=0, atol=tolerance)
+    np.testing.assert_allclose(rgb_pixels(picture).astype(int), wanted.astype(int), rtol=0, atol=tolerance)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from hulldown.base.files import stays_inside
 from hulldown.plan.lines import PlanWriter
 from hulldown.plan.picture_names import PICTURE_NAME
 from hulldown.plan.plan_file import read_plan
-from hulldown.plan.row import PlannedVehicle, Row, decode_header, encode, fields
+from hulldown.plan.row import PlannedVehicle, Row, decode_header, encode_line, row_fields
 from hulldown.tests.plan_lines import HEADER, POSE, VEHICLE, line, row, write_lines
 from hulldown.tests.planning_assets import small_config
 
@@ -39,8 +39,8 @@ def test_rows_round_trip(path):
     plan = read_plan(path)
     assert plan.header == header()
     assert len(plan) == 5
-    assert [json.loads(encode(found)) for found in plan] == [row(i) for i in range(5)]
-    assert [json.loads(encode(plan[i])) for i in (4, 0, 2)] == [row(4), row(0), row(2)]
+    assert [json.loads(encode_line(found)) for found in plan] == [row(i) for i in range(5)]
+    assert [json.loads(encode_line(plan[i])) for i in (4, 0, 2)] == [row(4), row(0), row(2)]
     assert plan[3].world_from_camera.shape == (4, 4)
     assert plan[3].intrinsics.fov_x == math.radians(50.0)
     with pytest.raises(IndexError, match="index: expected -5 to 4, got 5"):
@@ -48,8 +48,8 @@ def test_rows_round_trip(path):
 
 
 def test_the_row_of_these_tests_has_every_key():
-    assert set(row(0)) == {name for name, field in fields(Row).items() if not field.optional}
-    assert set(VEHICLE) == {name for name, field in fields(PlannedVehicle).items() if not field.optional}
+    assert set(row(0)) == {name for name, field in row_fields(Row).items() if not field.optional}
+    assert set(VEHICLE) == {name for name, field in row_fields(PlannedVehicle).items() if not field.optional}
 
 
 def turned(**changes):

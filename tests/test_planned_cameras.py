@@ -40,7 +40,7 @@ def drawn(options):
     distance = np.linalg.norm(away, axis=1)
     fov = np.array([row.fov_x_deg for row in found])
     box = np.array([row.target.bbox for row in found])
-    full = np.array([Intrinsics(1920, 1080, math.radians(f)).distance_for(TANK.size_xyz.min(), 1.0) for f in fov])
+    full = np.array([Intrinsics(1920, 1080, math.radians(f)).target_distance(TANK.size_xyz.min(), 1.0) for f in fov])
     axes = np.array([row.world_from_camera[:3, :3] for row in found])
     return {
         "distance": distance / full,

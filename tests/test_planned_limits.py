@@ -9,7 +9,7 @@ import pytest
 from hulldown.annotate.boxes import surface_box
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.errors import ConfigError
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.placement.rejection import first_accepted
 from hulldown.plan.row import encode_rows
 from hulldown.planning.planner import Planner
@@ -48,14 +48,16 @@ def test_vehicles_keep_their_clearance_from_obstacles(clearance):
     parts = [TANK.mesh.vertices[TANK.vertex_part == k] for k in range(3)]
     points = [low + OVER_A_BOX * (high - low) for low, high in ((p.min(axis=0), p.max(axis=0)) for p in parts)]
     boxes = [
-        apply(pose, wood.obstacle_meshes[k].vertices)[[0, -1]]
+        transform_points(pose, wood.obstacle_meshes[k].vertices)[[0, -1]]
         for pose, k in zip(wood.world_from_instance, wood.instance_mesh.tolist(), strict=True)
         if not (clearance and k == ROCK)
     ]
     nearest = []
     for row in rows:
         poses = TANK.vehicle_from_parts(row.target.articulation)
-        world = apply(row.target.world_from_vehicle, np.concatenate([apply(poses[k], points[k]) for k in range(3)]))
+        world = transform_points(
+            row.target.world_from_vehicle, np.concatenate([transform_points(poses[k], points[k]) for k in range(3)])
+        )
         away = [np.maximum(np.maximum(low - world, world - high), 0.0) for low, high in boxes]
         nearest.append(min(np.linalg.norm(d, axis=1).min() for d in away))
     assert min(nearest) >= clearance
@@ -83,7 +85,7 @@ def sized(**camera):
 
 def amodal_share(row, measure):
     """Share of the image by the exact rule, from the row's poses alone."""
-    vertices = apply(row.target.world_from_vehicle, vertices_at(TANK, row.target.articulation))
+    vertices = transform_points(row.target.world_from_vehicle, vertices_at(TANK, row.target.articulation))
     return filled_share(surface_box(vertices, TANK.mesh.faces, row.camera, frame=False)[2:], row, measure)
 
 

@@ -7,11 +7,11 @@ import pytest
 
 from hulldown.assets.library import HdriSource, Source
 from hulldown.base.errors import ConfigError
-from hulldown.geometry.meshes import merge
+from hulldown.geometry.meshes import merge_meshes
 from hulldown.plan.lines import PlanWriter
-from hulldown.plan.row import ModelSource, encode, encode_rows
+from hulldown.plan.row import ModelSource, encode_line, encode_rows
 from hulldown.planning.planner import Planner
-from hulldown.planning.search.instance_table import boxes_at
+from hulldown.planning.search.instance_table import articulated_boxes
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import make_header, write_plan
 from hulldown.tests.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
@@ -53,7 +53,7 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, rows, worker
     path = tmp_path / "plan.jsonl"
     made = write_plan(small_config(), ASSETS, path, workers=workers, progress=lambda *done: seen.append(done))
     assert encode_rows(list(made)) == encode_rows(rows)
-    assert made.path.read_bytes().split(b"\n", 1)[1] == b"".join(map(encode, rows))
+    assert made.path.read_bytes().split(b"\n", 1)[1] == b"".join(map(encode_line, rows))
     assert seen[0] == (0, 22)
     assert seen[-1] == (22, 22)
     assert seen == sorted(seen)
@@ -70,7 +70,7 @@ def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, rows, kept):
     done = []
     made = write_plan(config, ASSETS, path, progress=lambda n, _: done.append(n))
     assert done[0] == {0: 0, 3: 0, 4: 4, 22: 22}[kept]
-    assert made.path.read_bytes() == b"".join(map(encode, [header, *rows]))
+    assert made.path.read_bytes() == b"".join(map(encode_line, [header, *rows]))
 
 
 def test_the_header_has_the_plans_inputs(tmp_path):
@@ -131,13 +131,13 @@ def test_an_unseen_plate_neither_carries_a_vehicle_nor_needs_room():
     """It's below the tracks and wider than the vehicle."""
     shape, plate = vehicle("t72"), box((-9.0, -9.0, -1.0), (9.0, 9.0, -0.9))
     part = np.append(shape.vertex_part, np.zeros(len(plate.vertices), dtype=int))
-    mesh, _ = merge([shape.mesh, plate])
+    mesh, _ = merge_meshes([shape.mesh, plate])
     hidden = replace(shape, mesh=mesh, vertex_part=part, seen=shape.mesh, seen_part=shape.vertex_part)
     assets = small_assets(vehicles=("t72",))
     fleets = [make_stage(small_config(), replace(assets, vehicles={"t72": one})).fleet for one in (shape, hidden)]
     wanted, got = fleets
     rest = np.zeros((1, len(shape.part_names)))
-    for bounds in (boxes_at(fleet, np.array([0]), rest) for fleet in fleets):  # of rows, and so of bbox_3d
+    for bounds in (articulated_boxes(fleet, np.array([0]), rest) for fleet in fleets):  # of rows, and so of bbox_3d
         np.testing.assert_allclose(np.ptp(bounds[0], axis=0), shape.size_xyz, rtol=0, atol=1e-8)
     for name in ("size", "center", "half", "box_center", "reach"):
         np.testing.assert_array_equal(getattr(got, name), getattr(wanted, name), err_msg=name)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.kinds import extinction
+from hulldown.camera.weather.kinds import air_extinction
 from hulldown.camera.weather.precipitation import (
     FARTHEST,
     MOST_DROPS,
@@ -15,15 +15,15 @@ from hulldown.camera.weather.precipitation import (
     drops_in_view,
     rain_sizes,
     snow_sizes,
-    streaks,
-    view_of,
+    streak_quads,
+    symmetric_view,
 )
 
 AHEAD = np.array([[0.0, 0.0, 1.0, 5.0], [-1.0, 0.0, 0.0, 6.0], [0.0, -1.0, 0.0, 7.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def view(width=1280, exposure_s=0.004, fov_x_deg=50.0):
-    return view_of(AHEAD, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), exposure_s)
+    return symmetric_view(AHEAD, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), exposure_s)
 
 
 def drawn(sizes, seen, wind=(0.0, 0.0), seed=3):
@@ -52,8 +52,8 @@ def test_drops_fall_as_gunn_and_kinzer_measured(diameter, speed):
 
 @pytest.mark.parametrize("visibility", [100.0, 1000.0])
 def test_flakes_dim_the_air_over_the_visible_distance(visibility):
-    sizes = snow_sizes(extinction(visibility))
-    assert 2.0 * sizes.number @ (np.pi / 4.0 * middle(sizes) ** 2) == pytest.approx(extinction(visibility))
+    sizes = snow_sizes(air_extinction(visibility))
+    assert 2.0 * sizes.number @ (np.pi / 4.0 * middle(sizes) ** 2) == pytest.approx(air_extinction(visibility))
     assert 0.7 < sizes.fall.min() < sizes.number @ sizes.fall / sizes.number.sum() < 1.0
 
 
@@ -87,7 +87,7 @@ def test_drops_outside_the_frame_reach_into_it_with_their_streaks():
 def test_a_streak_is_as_long_as_its_drop_moves_and_as_wide_as_the_drop(wind):
     seen = view(width=100_000, exposure_s=0.03)
     drops = drawn(rain_sizes(50.0), seen, wind)
-    made = streaks(drops, seen)
+    made = streak_quads(drops, seen)
     assert np.array_equal(made.gain, np.ones(len(made.gain)))
     along = (made.vertices[:, 3] + made.vertices[:, 2] - made.vertices[:, 1] - made.vertices[:, 0]) / 2.0
     across = made.vertices[:, 1] - made.vertices[:, 0]
@@ -105,7 +105,7 @@ def test_a_thin_streak_fades_and_hides_as_much_as_its_drop(width):
     """What a quad's moving disc hides on average over the shutter time equals a drop's area for any image size."""
     seen = view(width)
     drops = Drops(np.array([[4.0, 0.3, 0.2]]), np.array([0.0015]), np.array([[0.0, 1.0, -5.0]]))
-    made = streaks(drops, seen)
+    made = streak_quads(drops, seen)
     (right, top, way), steps = made.profile[0, 2], (np.arange(120) + 0.5) / 60.0 - 1.0
     u, v, center = np.meshgrid(right * steps, top * steps, way * steps)
     disc = np.maximum(1.0 - u**2 - (v - center) ** 2, 0.0)
@@ -116,7 +116,7 @@ def test_a_thin_streak_fades_and_hides_as_much_as_its_drop(width):
 
 
 def test_a_drop_that_moves_toward_the_camera_is_a_disc():
-    made = streaks(Drops(np.array([[3.0, 0.0, 0.0]]), np.array([0.02]), np.array([[-5.0, 0.0, 0.0]])), view())
+    made = streak_quads(Drops(np.array([[3.0, 0.0, 0.0]]), np.array([0.02]), np.array([[-5.0, 0.0, 0.0]])), view())
     assert np.isfinite(made.vertices).all()
     assert np.ptp(made.vertices[0], axis=0) == pytest.approx([0.0] + [0.02 * math.sqrt(2.0)] * 2, rel=2e-3, abs=1e-9)
 
@@ -129,4 +129,4 @@ def test_a_view_has_a_limited_number_of_drops(sizes, fov_x_deg, exposure_s):
     assert len(drops.diameters) <= MOST_DROPS + 6.0 * math.sqrt(MOST_DROPS)
     depth = drops.centers @ AHEAD[:3, 2]
     assert ((depth >= NEAREST * (1 - 1e-6)) & (depth <= FARTHEST * (1 + 1e-6))).all()
-    assert np.isfinite(streaks(drops, seen).vertices).all()
+    assert np.isfinite(streak_quads(drops, seen).vertices).all()

@@ -13,7 +13,7 @@ from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.cli import main
 from hulldown.tests.editing import edit, write_dataset
 from hulldown.tests.networks import RUN, write_small_weights
-from hulldown.training.detectors.detector import Detections, weights_of
+from hulldown.training.detectors.detector import Detections, find_weights
 from hulldown.training.detectors.tiled import TiledDetector
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.evaluation.predictions import read_predictions
@@ -118,7 +118,7 @@ def test_a_mistake_is_a_one_line_error(data, tmp_path, monkeypatch, capsys, comm
 def test_a_wrong_run_json_is_refused_with_file_and_key(tmp_path, changes, named):
     (tmp_path / "run.json").write_text(json.dumps(RUN | changes))
     with pytest.raises(HulldownError, match=rf"run\.json: isn't a hulldown run \(.*{named}.*; name a folder of"):
-        weights_of(tmp_path)
+        find_weights(tmp_path)
 
 
 @pytest.fixture

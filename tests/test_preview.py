@@ -5,8 +5,8 @@ import pytest
 from PIL import Image
 
 from hulldown.camera.weather.kinds import Weather
-from hulldown.plan.pictures.preview import TILE_WIDTH, Artist, caption, preview_sheet
-from hulldown.plan.pictures.shading import sun_of
+from hulldown.plan.pictures.preview import TILE_WIDTH, Artist, image_caption, preview_sheet
+from hulldown.plan.pictures.shading import sun_direction
 from hulldown.planning.write import write_plan
 from hulldown.tests.plan_lines import altered
 from hulldown.tests.planning_assets import small_assets, small_config
@@ -66,7 +66,7 @@ def test_fog_hides_distant_objects(plan, artist):
 
 
 def test_the_sun_turns_with_the_hdri():
-    a, b = sun_of("noon", 10.0), sun_of("noon", 100.0)
+    a, b = sun_direction("noon", 10.0), sun_direction("noon", 100.0)
     assert a[0] * b[0] + a[1] * b[1] == pytest.approx(0.0, abs=1e-12)
     assert np.linalg.norm(a) == pytest.approx(1.0)
 
@@ -87,6 +87,6 @@ def test_the_sheet(plan, tmp_path, count, shown):
 def test_a_caption_has_what_the_picture_cannot_show(plan):
     target = altered(plan[0].target, visible_fraction=0.5)
     row = altered(plan[0], weather=Weather(visibility_m=250.0, kind="fog"), target=target)
-    words = caption(row)
+    words = image_caption(row)
     assert words.startswith(f"1: {row.target.vehicle} in {row.scenery}, ")
     assert words.endswith(f"50 % visible, {row.hdri}, fog 250 m")

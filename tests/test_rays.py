@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh, merge
-from hulldown.geometry.rays import BLOCK, RayCaster, coherent_blocks
+from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.rays import RAYS_PER_BLOCK, RayCaster, coherent_blocks
 from hulldown.tests.shapes import sheet
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
-HOUSE, _ = merge([sheet((-1, -1), (1, 1)), sheet((0, 0), (1, 1), 1.0)], name="house")
+HOUSE, _ = merge_meshes([sheet((-1, -1), (1, 1)), sheet((0, 0), (1, 1), 1.0)], name="house")
 DOWN = [0.0, 0.0, -1.0]
 
 
@@ -54,11 +54,11 @@ def test_batches_change_nothing():
 def test_five_thousand_casters_coexist():
     floors = [Mesh(HOUSE.vertices + np.array([0, 0, height]), HOUSE.faces) for height in range(5000)]
     casters = [RayCaster(floor) for floor in floors]  # with a separate device each, the process crashed at about 1,000
-    met = np.array([caster.down(np.array([-0.25]), np.array([-0.5]))[0] for caster in casters])
+    met = np.array([caster.top_face(np.array([-0.25]), np.array([-0.5]))[0] for caster in casters])
     assert (met == 0).all()
 
 
-@pytest.mark.parametrize("n", [0, 1, 5000, 3 * BLOCK])
+@pytest.mark.parametrize("n", [0, 1, 5000, 3 * RAYS_PER_BLOCK])
 def test_blocks_contain_every_point_once_and_neighbors_together(n):
     points = np.random.default_rng(4).uniform(0, 100, (n, 2))
     order = np.concatenate(list(coherent_blocks(points)))

@@ -7,7 +7,7 @@ import pytest
 
 import hulldown.reading.reader_process
 from hulldown.base.errors import AssetError
-from hulldown.reading.reader_process import export
+from hulldown.reading.reader_process import export_asset
 
 
 @pytest.mark.parametrize(
@@ -33,4 +33,4 @@ def test_a_process_without_an_answer_is_an_error(
     program.chmod(0o755)
     monkeypatch.setattr(hulldown.reading.reader_process.sys, "executable", os.fspath(program))
     with pytest.raises(error, match=message):
-        export(blend, tmp_path)
+        export_asset(blend, tmp_path)

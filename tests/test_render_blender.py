@@ -17,18 +17,18 @@ import numpy as np
 import psutil
 import pytest
 
-from hulldown.annotate.masks import iou, mask_box
+from hulldown.annotate.masks import mask_box, mask_iou
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.child import Child
 from hulldown.base.errors import HulldownError
 from hulldown.camera.shell import shell_axes
 from hulldown.cli import main
 from hulldown.dataset.provenance import read_failures, read_provenance
-from hulldown.geometry.transforms import rigid
+from hulldown.geometry.transforms import rigid_matrix
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan
 from hulldown.render.cycles_masks import cycles_masks, verify_masks
-from hulldown.render.jobs import mask_job, readable
+from hulldown.render.jobs import mask_job, readable_paths
 from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_remaining
 from hulldown.render.verify import verify_dataset
@@ -105,7 +105,7 @@ def test_cycles_and_embree_see_the_same_pixels(plan, library):
     assert any(row.target.truncated_fraction > 0 for row in plan)
     for row, (_, *maps) in zip(plan, cycles_masks(plan, range(len(plan)), library), strict=True):
         for number, (target, alone) in enumerate(zip(row.vehicles, maps, strict=True), start=1):
-            assert iou(alone == number, vehicle_masks(standing(library, target), row.camera)[1]) >= 0.99
+            assert mask_iou(alone == number, vehicle_masks(standing(library, target), row.camera)[1]) >= 0.99
         # All parts of the tank are thicker than a pixel: the outermost pixel centers are within one pixel of the box.
         assert np.abs(corners(mask_box(maps[0] == 1)) - corners(row.target.bbox)).max() <= 1.0
 
@@ -123,7 +123,7 @@ def test_pictures_show_the_planned_vehicles(dataset, plan, library):
         for target in row.vehicles:
             expected |= vehicle_masks(standing(library, target), row.camera, world=world)[1]
         # Antialiased edges: one pixel more or less on every side.
-        assert iou(pink(pixels(dataset / row.file_name)), expected) > 0.8
+        assert mask_iou(pink(pixels(dataset / row.file_name)), expected) > 0.8
 
 
 def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, library, tmp_path):
@@ -137,7 +137,7 @@ def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, li
 def looking(azimuth_deg, elevation_deg, *, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
     """Fields of a row whose camera is at `at` and looks in a direction."""
     _, axes = shell_axes(math.radians(azimuth_deg + 180.0), math.radians(-elevation_deg))
-    return {"world_from_camera": rigid(axes, np.array(at)), "width": 128, "height": 72, "fov_x_deg": fov_x_deg}
+    return {"world_from_camera": rigid_matrix(axes, np.array(at)), "width": 128, "height": 72, "fov_x_deg": fov_x_deg}
 
 
 def test_the_sky_turns_counter_clockwise_with_yaw(plan, library, own_worlds, tmp_path):
@@ -260,7 +260,7 @@ def test_an_idle_worker_with_one_core_sleeps(plan, library, tmp_path):
     """A Blender limited to one thread kept a core busy while idle."""
     with Blender(tmp_path / "log", allowance=Allowance(Limits(), blenders=psutil.cpu_count())) as blender:
         drawn(blender, job(plan[0], library, tmp_path / "0.png"))
-        process = psutil.Process(blender.pid)
+        process = psutil.Process(blender.process_id)
         before = sum(process.cpu_times()[:2])
         time.sleep(2.0)
         assert sum(process.cpu_times()[:2]) - before < 0.5
@@ -282,9 +282,9 @@ def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, library, tmp_path)
     entry = altered(plan.header.sceneries["field"], path=str(tmp_path / "secret" / "field.blend"))
     header = altered(plan.header, sceneries={**plan.header.sceneries, "field": entry})
     found = load_planned_library(Plan(plan.path, header))
-    assert readable(found) == readable(library)
-    assert plan.path.parent in readable(found)
-    assert library.hdris["gray"].path in readable(found)
+    assert readable_paths(found) == readable_paths(library)
+    assert plan.path.parent in readable_paths(found)
+    assert library.hdris["gray"].path in readable_paths(found)
 
 
 # A principal point far from the center, and pixels that aren't square; the field of view is 53 degrees wide.
@@ -316,4 +316,4 @@ def test_any_field_of_view_is_rendered_exactly(plan, library, tmp_path, fov_x_de
         seen = np.load(BytesIO(blender.do(mask_job(row, library, tmp_path / "m.npy")).content))[1] == 1
     expected = vehicle_masks(PosedVehicle(target, up[None], {}), row.camera)[1]
     assert expected.sum() > 100
-    assert iou(seen, expected) >= 0.99
+    assert mask_iou(seen, expected) >= 0.99

@@ -6,7 +6,7 @@ import pytest
 
 from hulldown.assets.skylight import level_irradiance
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, displayed, metered, white_balance
+from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, display_levels, metered_exposures_ev, white_balance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
@@ -59,14 +59,14 @@ def rendered(folder, jobs, *, samples=4096, watch=lambda pid: None):
                 output=str(folder / f"{number}.png"),
             )
             levels.append(drawn(blender, job).mean(axis=(0, 1)))
-            watch(blender.pid)
+            watch(blender.process_id)
     return np.array(levels)
 
 
 def error_ev(level):
     """EV by which a card is brighter in a picture than requested."""
     ev = np.linspace(-4.0, 4.0, 801)
-    ramp = displayed(CARD_ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE
+    ramp = display_levels(CARD_ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE
     return float(np.interp(np.dot(level, LUMINANCE), ramp, ev) - np.interp(CARD_LEVEL, ramp, ev))
 
 
@@ -79,14 +79,14 @@ def test_a_gray_card_has_the_requested_brightness(tmp_path):
             np.save(tmp_path / f"{names[-1]}.npy", pixels)
             irradiance.append(level_irradiance(pixels))
     radiance = CARD_ALBEDO / np.pi * np.array(irradiance)
-    exact = metered(radiance).tolist()
+    exact = metered_exposures_ev(radiance).tolist()
     jobs = [(name, 1.0, None, ev, 0.0, None) for name, ev in zip(names, exact, strict=True)]
     first, ev, n = names[0], exact[0], len(names)
     jobs += [(first, 1.0, None, ev, 0.0, Weather(100.0, "fog")), (first, 1.0, None, ev, 900.0, None)]
     jobs += [(first, 1.0, 0.8, ev, 0.0, None), (first, 4.0, None, ev - 2.0, 0.0, None)]
     levels = rendered(tmp_path, jobs)
     assert [abs(error_ev(level)) < 0.1 for level in levels[: n + 1]] == [True] * (n + 1), "fog matters"
-    balanced = displayed(white_balance(900.0) @ radiance[0] * 2.0 ** exact[0])
+    balanced = display_levels(white_balance(900.0) @ radiance[0] * 2.0 ** exact[0])
     np.testing.assert_allclose(levels[n + 1], balanced, atol=4.0)
     np.testing.assert_allclose(levels[n + 2], levels[0], atol=0.5)  # the visible horizon doesn't change the light
     np.testing.assert_allclose(levels[n + 3], levels[0], atol=0.5)

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.annotate.masks import decode, encode
+from hulldown.annotate.masks import decode_mask, encode_mask
 from hulldown.annotate.records import Label
-from hulldown.render.cycles_masks import compared, verify_masks
+from hulldown.render.cycles_masks import compare_masks, verify_masks
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.render_plans import CUBES, make_row, write_plan
 
@@ -27,7 +27,7 @@ def rendered(tmp_path, render, monkeypatch):
         plan, path = write_plan(tmp_path, rows), tmp_path / "d" / "annotations.json"
         render(plan, tmp_path / "d")
         coco = json.loads(path.read_text())
-        masks = np.array([decode(label["segmentation"], 16, 16) for label in coco["annotations"]])
+        masks = np.array([decode_mask(label["segmentation"], 16, 16) for label in coco["annotations"]])
         alone = masks.reshape(len(rows), -1, 16, 16)
         alone = alone * np.arange(1, alone.shape[1] + 1)[:, None, None]
         shown = np.concatenate([alone.max(axis=1, keepdims=True), alone], axis=1)
@@ -87,15 +87,20 @@ def label(**fields):
 
 
 def test_box_and_mask_are_measured():
-    found = compared("1.png", "cube", label(bbox=[5.2, 4.0, 10.0, 6.4], segmentation=encode(MASK)), MASK, MASK)
+    found = compare_masks(
+        "1.png", "cube", label(bbox=[5.2, 4.0, 10.0, 6.4], segmentation=encode_mask(MASK)), MASK, MASK
+    )
     assert (found.pixels, found.box_error, found.outside) == (60, pytest.approx(0.4), pytest.approx(0.2))
     assert found.mask_iou == 1.0
     half = MASK.copy()
     half[:7] = False
-    assert compared("1.png", "cube", label(bbox=[5, 4, 10, 6], segmentation=encode(MASK)), MASK, half).mask_iou == 0.5
-    assert math.isnan(compared("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK, MASK).mask_iou)
-    whole = label(bbox=[5, 4, 10, 6], segmentation=encode(half), segmentation_amodal=encode(half))
-    found = compared("1.png", "cube", whole, MASK, half)
+    assert (
+        compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6], segmentation=encode_mask(MASK)), MASK, half).mask_iou
+        == 0.5
+    )
+    assert math.isnan(compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK, MASK).mask_iou)
+    whole = label(bbox=[5, 4, 10, 6], segmentation=encode_mask(half), segmentation_amodal=encode_mask(half))
+    found = compare_masks("1.png", "cube", whole, MASK, half)
     assert (found.mask_iou, found.amodal_iou) == (1.0, 0.5)
 
 
@@ -112,4 +117,4 @@ def test_an_amodal_mask_that_cycles_does_not_render_is_an_error(rendered):
 
 
 def test_the_box_error_of_an_invisible_vehicle_is_infinite():
-    assert compared("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK & False, MASK & False).box_error == math.inf
+    assert compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK & False, MASK & False).box_error == math.inf

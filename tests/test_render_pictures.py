@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from hulldown.render.rendered_pictures import damage, without_notes
+from hulldown.render.rendered_pictures import picture_damage, without_notes
 
 
 def encoded(notes):
@@ -45,7 +45,7 @@ def test_a_cut_file_and_one_of_another_format_are_refused():
 def test_a_picture_of_another_size_is_damage(tmp_path):
     path = tmp_path / "picture.png"
     Image.new("RGB", (6, 4)).save(path)
-    assert damage(path, 6, 4) is None
-    assert damage(path, 4, 6) is not None
+    assert picture_damage(path, 6, 4) is None
+    assert picture_damage(path, 4, 6) is not None
     path.write_bytes(path.read_bytes()[:-20])
-    assert damage(path, 6, 4) is not None
+    assert picture_damage(path, 6, 4) is not None

@@ -21,7 +21,7 @@ from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.join import join_datasets
 from hulldown.dataset.provenance import read_failures
 from hulldown.dataset.store.document import read_coco
-from hulldown.reading.confinement.landlock import confinement
+from hulldown.reading.confinement.landlock import describe_confinement
 from hulldown.render.pool import Engine
 from hulldown.render.supervisor import Part
 from hulldown.tests.render_plans import contents, cube_library, make_row, write_plan
@@ -93,7 +93,7 @@ def test_provenance_lists_versions_and_devices_from_the_first_image_on(tmp_path,
     (entry,) = json.loads((tmp_path / "d" / "provenance.json").read_text())["plans"].values()
     assert entry["blender"] == [f"fake, Python {platform.python_version()}, NumPy {np.__version__}"]
     assert entry["devices"] == ["CPU"]
-    assert entry["confinement"] == [confinement()]
+    assert entry["confinement"] == [describe_confinement()]
     assert entry["plan"]["vehicles"]["cube"]["category"] == "box"
 
 

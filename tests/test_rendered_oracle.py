@@ -6,7 +6,7 @@ import numpy as np
 import orjson
 import pytest
 
-from hulldown.camera.response import displayed
+from hulldown.camera.response import display_levels
 from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.row import decode_row
 from hulldown.scene.posed_scene import Plane, Scene
@@ -44,7 +44,7 @@ def picture(row, sky=EAST):
     """A noisy picture of an endless plain."""
     along = row.camera.rays(row.intrinsics.pixel_centers)[1]
     yaw = math.radians(row.hdri_yaw_deg)
-    seen = displayed(radiance(sky, along, yaw=yaw, strength=row.strength, weather=row.weather))
+    seen = display_levels(radiance(sky, along, yaw=yaw, strength=row.strength, weather=row.weather))
     shown = np.where(along[:, 2:] < 0.0, 70.0, seen).reshape(row.height, row.width, 3)
     return (shown + np.random.default_rng(0).normal(0.0, 25.0, (row.height, row.width, 1))).clip(0, 255)
 

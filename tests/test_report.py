@@ -10,7 +10,7 @@ from PIL import Image
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import Select
 
-from hulldown.annotate.masks import encode
+from hulldown.annotate.masks import encode_mask
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.reports.dataset_report import report_dataset
 from hulldown.dataset.reports.page import Tile, facet_counts
@@ -42,7 +42,10 @@ def folder(tmp_path_factory):
         mask[10:20, 20 : 30 + i] = True
         for k in range(0 if i == 7 else 2 if i == 3 else 1):
             label = {"image_id": i + 1, "category_id": 1 + (i + k) % 2}
-            label |= {"bbox": [20.0, 10.0 + 20 * k, 10.0 + i, 10.0], "segmentation": encode(mask) if k == 0 else []}
+            label |= {
+                "bbox": [20.0, 10.0 + 20 * k, 10.0 + i, 10.0],
+                "segmentation": encode_mask(mask) if k == 0 else [],
+            }
             if i < 12:
                 label |= {"vehicle": f"v{k}", "world_from_vehicle": pose(0.0, float(i), 0.0).tolist()}
                 label |= {"visible_fraction": 0.5 + i / 24, "truncated_fraction": 0.0}

@@ -10,7 +10,7 @@ from hulldown.base.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import DoubtKind
-from hulldown.reading.pieces.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hints
+from hulldown.reading.pieces.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hinted_stem
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link, Piece, Unseen, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
@@ -61,18 +61,18 @@ HULL = piece("Hull", size=(6, 3, 1), at=(0, 0, 1))
         (first_match, "Tile[3]", ["tile[[]3]"], True),
         (first_match, "anything", ["", "..."], False),
         # Words inside words and in other languages.
-        (hints, "gunbarrel", GUN_HINTS, True),
-        (hints, "guncariage_2", GUN_HINTS, True),
-        (hints, "turretpivot", TURRET_HINTS, True),
-        (hints, "Turm_03", TURRET_HINTS, True),
-        (hints, "Geschütz", GUN_HINTS, True),
-        (hints, "turet", TURRET_HINTS, True),
-        (hints, "BASHNYA01", TURRET_HINTS, True),
-        (hints, "炮塔", TURRET_HINTS, True),
-        (hints, "begonia", GUN_HINTS, False),
-        (hints, "Sturmhaube", TURRET_HINTS, False),
-        (hints, "vezel", ("wheel",), False),
-        (hints, "pieza_11", TURRET_HINTS, False),
+        (hinted_stem, "gunbarrel", GUN_HINTS, True),
+        (hinted_stem, "guncariage_2", GUN_HINTS, True),
+        (hinted_stem, "turretpivot", TURRET_HINTS, True),
+        (hinted_stem, "Turm_03", TURRET_HINTS, True),
+        (hinted_stem, "Geschütz", GUN_HINTS, True),
+        (hinted_stem, "turet", TURRET_HINTS, True),
+        (hinted_stem, "BASHNYA01", TURRET_HINTS, True),
+        (hinted_stem, "炮塔", TURRET_HINTS, True),
+        (hinted_stem, "begonia", GUN_HINTS, False),
+        (hinted_stem, "Sturmhaube", TURRET_HINTS, False),
+        (hinted_stem, "vezel", ("wheel",), False),
+        (hinted_stem, "pieza_11", TURRET_HINTS, False),
     ],
 )
 def test_names_match_words(match: Callable, name: str, words: Sequence[str], found: bool) -> None:

@@ -10,7 +10,7 @@ from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, Unseen
-from hulldown.reading.scenery.scenery_roles import matching, scenery_roles, unmatched
+from hulldown.reading.scenery.scenery_roles import matching_pattern, scenery_roles, unmatched_pattern
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 from hulldown.tests.test_roles import link, piece
 from hulldown.tests.test_roles import scenery_uses as uses
@@ -190,7 +190,7 @@ def test_houses_on_a_floor_are_not_a_vehicle() -> None:
 )  # fmt: skip
 def test_a_pattern_matches_whole_object_names(pattern: str, matches: bool) -> None:
     one = piece(link("Plane.003", "Hills"), data="Terrain_mesh", materials=("Grass_A",))
-    assert bool(matching(one, (pattern,))) is matches
+    assert bool(matching_pattern(one, (pattern,))) is matches
 
 
 def test_what_is_dropped_or_not_ground_precedes_ground() -> None:
@@ -231,5 +231,5 @@ def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
 
 def test_only_drop_matches_the_carrier_of_a_piece():
     leaves = [piece("leaf", carrier="Emitter")]
-    assert unmatched(leaves, Options(drop=("Emitter",))) is None
-    assert unmatched(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")
+    assert unmatched_pattern(leaves, Options(drop=("Emitter",))) is None
+    assert unmatched_pattern(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")

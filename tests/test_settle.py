@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh, merge
-from hulldown.placement.footprint import underside
+from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.placement.footprint import vehicle_underside
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
@@ -25,7 +25,7 @@ def height_field(height, half=20.0, cell=0.5):
 def wheels(*axles):
     """A hull 0.6 m above the ground on narrow wheels."""
     on = [box((x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.6)) for x in axles for y in (-1.2, 1.2)]
-    return merge([*on, box((-3.0, -1.3, 0.6), (3.0, 1.3, 1.5))])[0]
+    return merge_meshes([*on, box((-3.0, -1.3, 0.6), (3.0, 1.3, 1.5))])[0]
 
 
 def placed(terrain, xy=ORIGIN, yaw=AHEAD, *, footprint=None, **rules):
@@ -106,7 +106,7 @@ def test_the_footprint_can_be_off_the_origin():
 def test_a_ridge_that_fits_between_the_rails_does_not_lift_the_vehicle():
     # The sides of the ridge, 0.4 m high and 1 m wide, aren't slopes to refuse.
     ridge = Terrain(height_field(lambda x, y: np.maximum(0, 0.4 - 0.8 * np.abs(y)), half=8, cell=0.1))
-    places, rails = ([[0.5, 0.0]] * 2, [0.0, math.pi]), underside(tank())
+    places, rails = ([[0.5, 0.0]] * 2, [0.0, math.pi]), vehicle_underside(tank())
     over_plate, over_rails = (placed(ridge, *places, footprint=f, max_slope=1.2) for f in (rails.box, rails))
     flat = placed(Terrain(0.0), *places, footprint=rails)
     np.testing.assert_allclose(over_plate.world_from_vehicle[:, 2, 3], 0.4, atol=1e-12)
@@ -117,7 +117,7 @@ def test_a_ridge_that_fits_between_the_rails_does_not_lift_the_vehicle():
 
 def test_an_axle_between_the_samples_can_carry_the_vehicle():
     # A bump under both middle wheels, 0.75 m from samples of 5 x 5.
-    six = underside(wheels(-2.9, 0.75, 2.9))
+    six = vehicle_underside(wheels(-2.9, 0.75, 2.9))
     bump = Terrain(height_field(lambda x, y: np.where(np.abs(x - 0.75) < 0.25, 0.2, 0.0), half=8, cell=0.05))
     plate, seen = (placed(bump, footprint=f) for f in (six.box, six))
     assert plate.penetration[0] > 0.1
@@ -132,7 +132,7 @@ def test_a_triangular_footprint_rests_in_either_direction(corners, mirror):
     base = np.array(corners, dtype=float) * [1.0, mirror]
     vertices = np.concatenate([np.column_stack([base, np.full(3, z)]) for z in (0.0, 1.0)])
     walls = [side for i, j in ((0, 1), (1, 2), (2, 0)) for side in ([i, j, 3 + j], [i, 3 + j, 3 + i])]
-    wedge = underside(Mesh(vertices, np.array([[0, 2, 1], [3, 4, 5], *walls]), "wedge"))
+    wedge = vehicle_underside(Mesh(vertices, np.array([[0, 2, 1], [3, 4, 5], *walls]), "wedge"))
     settled = settle(SLOPE, [4.0, 3.0, 1.0], [[0.0, 0.0]] * 3, [0.0, 1.0, 2.5], footprint=wedge)
     assert settled.ok.all()
     np.testing.assert_allclose(settled.tilt, 0.1, atol=1e-12)

@@ -8,7 +8,7 @@ from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.geometry.transforms import rigid
+from hulldown.geometry.transforms import rigid_matrix
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.shapes import CORNERS, FACES, vehicle_of
@@ -16,7 +16,7 @@ from hulldown.tests.shapes import CORNERS, FACES, vehicle_of
 CUBE = 2.0 * CORNERS - 1.0
 # Looks along +y of the world with z up; fov_x of 90 degrees makes f_px half the width.
 AXES = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-CAMERA = Cameras(Intrinsics(200, 100, math.pi / 2), rigid(AXES, [0.0, -5.0, 0.0]))
+CAMERA = Cameras(Intrinsics(200, 100, math.pi / 2), rigid_matrix(AXES, [0.0, -5.0, 0.0]))
 SHAPE = vehicle_of(Mesh(CUBE, FACES), name="cube")
 HERE = PosedVehicle(VehicleCaster(SHAPE), np.eye(4)[None], {})
 
@@ -47,13 +47,13 @@ def test_objects_in_front_hide_and_objects_behind_do_not():
 
 
 def test_nothing_before_the_near_plane_is_visible():
-    close = Cameras(CAMERA.lenses, rigid(AXES, [0.0, -1.0 - NEAR_M / 2.0, 0.0]))
+    close = Cameras(CAMERA.lenses, rigid_matrix(AXES, [0.0, -1.0 - NEAR_M / 2.0, 0.0]))
     # The near face is cut away, so the walls behind it fill the image.
     assert visible(HERE, close).all()
-    away = Cameras(CAMERA.lenses, rigid(AXES, [0.0, 1.0 - NEAR_M / 2.0, 0.0]))
+    away = Cameras(CAMERA.lenses, rigid_matrix(AXES, [0.0, 1.0 - NEAR_M / 2.0, 0.0]))
     assert not visible(HERE, away).any()
 
 
 def test_the_mask_is_empty_outside_the_image():
-    assert not visible(PosedVehicle(HERE.caster, rigid(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA).any()
+    assert not visible(PosedVehicle(HERE.caster, rigid_matrix(np.eye(3), [99.0, 0.0, 0.0])[None], {}), CAMERA).any()
     assert not visible(HERE, CAMERA, xywh=[10.2, 10.2, 0.2, 0.2]).any()

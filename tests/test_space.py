@@ -11,7 +11,7 @@ from hulldown.annotate.labels.box_3d import Box3D, BoxInCamera
 from hulldown.annotate.records import Image, Label
 from hulldown.dataset.exports.layouts.kitti import label_line
 from hulldown.dataset.row_records import label_records
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.tests.planning_assets import plan, small_assets, small_config
 from hulldown.tests.shapes import vertices_at
 
@@ -28,8 +28,10 @@ def rows(assets):
 
 def points_of(assets, vehicle, row):
     """All vertices of a vehicle in its camera's frame."""
-    points = apply(vehicle.world_from_vehicle, vertices_at(assets.vehicles[vehicle.vehicle], vehicle.articulation))
-    return apply(np.linalg.inv(row.world_from_camera), points)
+    points = transform_points(
+        vehicle.world_from_vehicle, vertices_at(assets.vehicles[vehicle.vehicle], vehicle.articulation)
+    )
+    return transform_points(np.linalg.inv(row.world_from_camera), points)
 
 
 def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, rows):
@@ -45,9 +47,9 @@ def test_distance_and_azimuth_are_those_of_the_center(rows):
     for row in rows:
         label = label_records(row)[0]
         assert label["distance"] == pytest.approx(np.linalg.norm(label["bbox_3d"]["center"]), abs=1e-8)
-        middle = apply(row.world_from_camera, np.array([label["bbox_3d"]["center"]]))[0]
-        eye = apply(np.linalg.inv(row.target.world_from_vehicle), row.world_from_camera[None, :3, 3])[0]
-        eye = eye - apply(np.linalg.inv(row.target.world_from_vehicle), middle[None])[0]
+        middle = transform_points(row.world_from_camera, np.array([label["bbox_3d"]["center"]]))[0]
+        eye = transform_points(np.linalg.inv(row.target.world_from_vehicle), row.world_from_camera[None, :3, 3])[0]
+        eye = eye - transform_points(np.linalg.inv(row.target.world_from_vehicle), middle[None])[0]
         assert label["azimuth_seen"] == pytest.approx(math.atan2(eye[1], eye[0]), abs=1e-8)
 
 

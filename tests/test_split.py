@@ -8,8 +8,8 @@ from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import DONE_NAME, UNFINISHED_NAME
 from hulldown.dataset.exports.export import export_dataset
-from hulldown.dataset.exports.split import SPLITS, share_out
-from hulldown.dataset.image_positions import group_of
+from hulldown.dataset.exports.split import SPLITS, assign_splits
+from hulldown.dataset.image_positions import position_group
 from hulldown.dataset.records import read_usable
 from hulldown.tests.editing import write_dataset
 
@@ -45,7 +45,7 @@ def image_of(number: int, labels: list[dict], **more) -> Image:
 @pytest.mark.parametrize("seed", range(5))
 def test_images_of_one_position_stay_together(dataset, seed):
     images = read_usable(dataset).images
-    split_of = share_out(images, seed=seed)
+    split_of = assign_splits(images, seed=seed)
     splits_of_position = {}
     for image in images:
         if "position" in image.record:
@@ -55,7 +55,7 @@ def test_images_of_one_position_stay_together(dataset, seed):
 
 def test_every_class_has_its_share_in_every_split(dataset):
     images = read_usable(dataset).images
-    split_of = share_out(images, fractions=(0.7, 0.2, 0.1))
+    split_of = assign_splits(images, fractions=(0.7, 0.2, 0.1))
     for category, total in ((1, 200), (2, 100), (None, 20)):
         first = {image.id: image.labels[0].category_id if image.labels else None for image in images}
         splits = [split_of[i] for i, found in first.items() if found == category]
@@ -66,7 +66,7 @@ def test_every_class_has_its_share_in_every_split(dataset):
 def shared_out(classes_of_images, **options):
     """Number of images in each split, and mean number of objects per image."""
     images = [image_of(i, [{"category_id": c} for c in found]) for i, found in enumerate(classes_of_images)]
-    split_of = share_out(images, **options)
+    split_of = assign_splits(images, **options)
     members = {split: [image for image in images if split_of[image.id] == split] for split in SPLITS}
     counts = {split: len(found) for split, found in members.items()}
     return counts, {split: np.mean([len(image.labels) for image in found]) for split, found in members.items()}
@@ -86,32 +86,32 @@ def test_a_small_dataset_of_many_classes_reaches_every_split():
 
 
 def test_without_images_there_are_no_splits():
-    assert share_out([]) == {}
+    assert assign_splits([]) == {}
 
 
 def test_the_split_depends_only_on_the_seed(dataset):
     images = read_usable(dataset).images
-    assert share_out(images) == share_out(images[::-1])
-    assert share_out(images, seed=1) != share_out(images)
+    assert assign_splits(images) == assign_splits(images[::-1])
+    assert assign_splits(images, seed=1) != assign_splits(images)
 
 
 def test_a_share_of_zero_gets_nothing(dataset):
     images = read_usable(dataset).images
-    assert set(share_out(images, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
+    assert set(assign_splits(images, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
 
 
 @pytest.mark.parametrize("fractions", [(0.7, 0.2), (0.7, 0.2, 0.2), (1.2, -0.1, -0.1)])
 def test_shares_that_do_not_add_up_are_refused(fractions):
     with pytest.raises((ValueError, TypeError), match=r"fractions"):
-        share_out([], fractions=fractions)
+        assign_splits([], fractions=fractions)
 
 
 @pytest.mark.parametrize("kind", [[], [[1, 2, 3]] * 3, "no pose", 7, {"x": 1}, [[0, 0, 0, "far"]] * 3, [None] * 4])
 def test_other_formats_of_poses_do_not_group_images(kind):
     boxed = [{"world_from_vehicle": kind}]
-    assert group_of(image_of(3, boxed, scenery="hills")) == "image 3"
+    assert position_group(image_of(3, boxed, scenery="hills")) == "image 3"
     boxed.append({"vehicle": "a", "world_from_vehicle": pose(2)})
-    assert group_of(image_of(3, boxed, scenery="hills")) == "hills a 2.000 0.000 0.000"
+    assert position_group(image_of(3, boxed, scenery="hills")) == "hills a 2.000 0.000 0.000"
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ from PIL import Image
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import HulldownError
-from hulldown.camera.weather.kinds import airlight
+from hulldown.camera.weather.kinds import airlight_radiance
 from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.meshes import Mesh, merge
+from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.planning.appearance.hdri_land import land_above_horizon
@@ -21,12 +21,12 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, refuse_missing
-from hulldown.reading.pieces.doubt import DoubtKind, warnings_of
+from hulldown.reading.pieces.doubt import DoubtKind, file_warnings
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import PieceRole
-from hulldown.reading.reader_process import ask_reader, exported_by, job_for
+from hulldown.reading.reader_process import ask_reader, finished_export, reader_job
 from hulldown.reading.surroundings import shows_land
-from hulldown.reading.vehicle.parts import unnamed
+from hulldown.reading.vehicle.parts import doubt_unnamed_parts
 from hulldown.reading.vehicle.seen_colors import color_doubts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 from hulldown.tests.planning_assets import small_assets, small_config
@@ -79,13 +79,13 @@ def read(tmp_path_factory):
     """The assets read from each file, by its name."""
     folder = tmp_path_factory.mktemp("strangers")
     tree = box([1, 1, 6], [100, 100, 3])
-    village, _ = merge([box([60, 60, 0.1], [0, 0, 0]), *HOUSES])
+    village, _ = merge_meshes([box([60, 60, 0.1], [0, 0, 0]), *HOUSES])
     sceneries = {
         "sheet": {"Terrain": hills(), "Grass": box([500, 500, 0], [0, 0, 6])},
         "pit": {"Terrain": hills(), "Terrain_low": box([120, 120, 1], [0, 0, -194]), "tree": tree},
         "track": {"Terrain": hills(), "Object_7": curb(200, 0.8)},
         "lawn": {"stadium_dirt": curb(35, 4), "stadium_grass": box([82, 82, 0], [0, 0, -0.02])},
-        "upright": {"Terrain": hills().at(hills().vertices[:, [0, 2, 1]] * [1, -1, 1])},
+        "upright": {"Terrain": hills().with_vertices(hills().vertices[:, [0, 2, 1]] * [1, -1, 1])},
         "village": {"Ground": village},
     }
     # Meshes by name, then arguments of `write_obj`.
@@ -124,9 +124,9 @@ def read(tmp_path_factory):
     for name, path in files.items():
         out = folder / "out" / name
         out.mkdir(parents=True)
-        jobs.append(job_for(path, out, kind="scenery" if name in sceneries else "vehicle"))
+        jobs.append(reader_job(path, out, kind="scenery" if name in sceneries else "vehicle"))
     ask_reader(jobs)
-    return {name: exported_by(job) for name, job in zip(files, jobs, strict=True)}
+    return {name: finished_export(job) for name, job in zip(files, jobs, strict=True)}
 
 
 def test_only_materials_that_an_mtl_names_glass_are_glass(read):
@@ -210,7 +210,7 @@ def test_an_hdri_with_a_one_colored_sun_is_a_doubt(tmp_path):
 
 def test_serious_doubts_come_first_in_one_warning_per_file(read):
     doubts = {name: read[name].report.doubts for name in ("max", "moved", "clear", "sheet", "pit")}
-    lines = warnings_of(doubts)
+    lines = file_warnings(doubts)
     assert [line.partition("\n")[0] for line in lines] == ["sheet", "moved", "clear", "max", "pit"]
     assert all(line.count("\n") <= 4 for line in lines)
     assert "missing: " in lines[1].splitlines()[1]
@@ -239,12 +239,12 @@ def test_land_in_an_hdri_is_hidden_or_reported_where_the_terrain_ends(tmp_path):
 def test_fog_is_gray_unless_the_light_has_a_color(light, kept):
     light = np.array(light)
     gray = light @ LUMINANCE * np.ones(3)
-    np.testing.assert_allclose(airlight("fog", light), gray + kept * (light - gray))
-    assert not airlight("fog", np.zeros(3)).any()
+    np.testing.assert_allclose(airlight_radiance("fog", light), gray + kept * (light - gray))
+    assert not airlight_radiance("fog", np.zeros(3)).any()
 
 
 def test_a_vehicle_of_odd_size_or_without_textures_is_refused_unless_allowed(tmp_path):
-    big = {name: part.at(1000 * part.vertices) for name, part in CAR.items()}
+    big = {name: part.with_vertices(1000 * part.vertices) for name, part in CAR.items()}
     write_obj(tmp_path / "cars/suv.obj", big, {"*": "tire"}, MOVED)
     write_obj(tmp_path / "land/land.obj", {"Terrain": hills()}, {"*": "body"}, "")
     pixels = np.full((32, 64, 4), (128, 128, 128, 128), dtype=np.uint8)
@@ -296,5 +296,7 @@ def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
 def test_a_group_can_turn_unless_its_name_excludes_it(group, asked):
     pieces = [piece("lower", size=(6, 3, 1), at=(0, 0, 0.5))]
     pieces += [piece(name, group, size=(1, 1, 1), at=(0, 0, 2)) for name in ("left", "right")]
-    doubts = unnamed(PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4)))
+    doubts = doubt_unnamed_parts(
+        PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4))
+    )
     assert sum(f"hang from {group!r}" in doubt.text for doubt in doubts) == asked

@@ -9,14 +9,21 @@ from selenium.webdriver.common.by import By
 
 from hulldown.base.errors import HulldownError
 from hulldown.cli import main
-from hulldown.dataset.reports.charts import svg
+from hulldown.dataset.reports.charts import chart_svg
 from hulldown.tests.test_study import config_of, pretend
 from hulldown.tests.training_pictures import make_dataset, make_datasets
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.study.results import Estimate, needed
+from hulldown.training.study.results import Estimate, photographs_needed
 from hulldown.training.study.study_comparison import ReportedCell, compared_runs
 from hulldown.training.study.study_folder import prepare_study, study_runs
-from hulldown.training.study.study_page import PAPER, PAPER_FIGURES, bars_of_arms, over_photographs, page, png
+from hulldown.training.study.study_page import (
+    PAPER,
+    PAPER_FIGURES,
+    bars_of_arms,
+    figure_png,
+    over_photographs,
+    study_page,
+)
 from hulldown.training.study.study_report import write_report
 
 ARMS = ("real", "mixed", "synthetic")
@@ -136,7 +143,7 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
         (out / "runs" / name / "weights.pt").unlink()
     report = compared_runs(out)
     assert sorted(report.missing) == gone
-    assert "synthetic-seed0</li>" in page(report, {})
+    assert "synthetic-seed0</li>" in study_page(report, {})
     with pytest.raises(HulldownError, match=r"study\.json: no such file; name a folder of `hulldown study run`"):
         compared_runs(tmp_path)
 
@@ -149,7 +156,7 @@ def test_validation_photographs_choose_each_threshold_of_a_study_with_one_seed(p
     # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
     assert all(run.threshold > 0.55 and run.fp == 0 for run in report.runs)
     assert "With one seed" in report.sureness
-    assert "best F1 on the validation photographs" in page(report, {})
+    assert "best F1 on the validation photographs" in study_page(report, {})
 
 
 def test_the_page_has_every_chart_and_fetches_nothing(study, browser):
@@ -177,7 +184,7 @@ def test_charts_of_the_papers_own_figures():
         figure = bars_of_arms(f"{100 * fraction:g} %", cells)
         bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
         assert [*arms["real"], *arms["mixed"]] == bars[6:12]
-    assert svg(figure) == svg(bars_of_arms(f"{100 * fraction:g} %", cells))
+    assert chart_svg(figure) == chart_svg(bars_of_arms(f"{100 * fraction:g} %", cells))
     f1 = {arm: [PAPER[fraction][arm][2] for fraction in sorted(PAPER)] for arm in ("real", "mixed")}
     cells = [
         ReportedCell(arm=arm, photographs=420 * fraction, f1=value, intervals={"f1": None}, of_seeds={"f1": [value]})
@@ -186,7 +193,7 @@ def test_charts_of_the_papers_own_figures():
     ]
     figure = over_photographs(cells, ["f1"])
     assert [line.get_ydata().tolist() for line in figure.axes[0].lines] == list(f1.values())
-    assert png(figure).startswith(b"\x89PNG")
+    assert figure_png(figure).startswith(b"\x89PNG")
 
 
 def test_worth_of_the_papers_synthetic_images():
@@ -195,7 +202,9 @@ def test_worth_of_the_papers_synthetic_images():
     curve = np.array([[0.32], [0.35], [0.70], [0.64], [0.76]])
     # Where the curve falls, it's taken as constant: 0.70 is reached with 105, 0.73 halfway to 420.
     wanted = {0.53: 42 * (105 / 42) ** (0.18 / 0.35), 0.70: 105, 0.73: 210 * 2**0.5, 0.80: np.inf, 0.16: 10.5, 0.0: 0}
-    assert needed(counts, np.tile(curve, len(wanted)), np.array([*wanted])) == pytest.approx([*wanted.values()])
+    assert photographs_needed(counts, np.tile(curve, len(wanted)), np.array([*wanted])) == pytest.approx(
+        [*wanted.values()]
+    )
 
 
 def test_an_interval_that_touches_0_shows_nothing():

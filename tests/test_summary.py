@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from hulldown.plan.row import decode_row
-from hulldown.plan.summary import Histogram, summarize
+from hulldown.plan.summary import Histogram, summarize_plan
 from hulldown.tests import plan_lines
 from hulldown.tests.plan_lines import VEHICLE, line
 
@@ -38,7 +38,7 @@ ROWS = [
 
 
 def test_counts():
-    found = summarize(iter(ROWS)).to_json()
+    found = summarize_plan(iter(ROWS)).to_json()
     assert found["images"] == 4
     assert found["positions"] == 2
     assert found["classes"] == {"tank": {"t72": 2}, "truck": {"ural": 1, "man": 1}}
@@ -63,7 +63,7 @@ def test_companions_and_distractors_are_counted():
         row(3, weather=FOG, air_contrast=0.25, exposure_ev=1.0),
         row(4, background=True, label="none"),
     ]
-    summary = summarize(rows)
+    summary = summarize_plan(rows)
     found = summary.to_json()
     assert found["distractors"] == {"car": 2}
     assert found["backgrounds"] == {"bales": 1, "": 1}
@@ -71,7 +71,7 @@ def test_companions_and_distractors_are_counted():
     assert found["labels"] == {"full": 3, "ignored": 1}
     assert found["companions_left_out"] == 2
     assert summary.open_sky == 1
-    assert summarize(rows, overcast=True).open_sky == 0
+    assert summarize_plan(rows, overcast=True).open_sky == 0
     histograms = found["histograms"]
     assert (histograms["air_contrast"]["lowest"], histograms["air_contrast"]["highest"]) == (0.25, 0.5)
     assert sum(histograms["air_contrast"]["counts"]) == 2
@@ -82,7 +82,7 @@ def test_companions_and_distractors_are_counted():
 
 
 def test_an_empty_plan():
-    summary = summarize([])
+    summary = summarize_plan([])
     assert summary.to_json()["histograms"]["slope_deg"]["lowest"] is None
     assert len(summary.tables()) == 3
 
@@ -97,13 +97,13 @@ def test_an_empty_plan():
 )
 def test_tables_show(rows, shown):
     console = Console(width=140, record=True, file=io.StringIO())
-    console.print(*summarize(rows).tables())
+    console.print(*summarize_plan(rows).tables())
     text = console.export_text()
     assert all(words in text for words in shown), text
 
 
 def test_a_histogram_counts_all_values():
     histogram = Histogram("x", np.array([0.0, 1.0, 2.0]), np.array([-5.0, 0.0, 0.5, 1.0, 2.0, 9.0]))
-    assert histogram.counts.tolist() == [3, 3]
+    assert histogram.bin_counts.tolist() == [3, 3]
     assert (histogram.extremes["lowest"], histogram.extremes["highest"]) == (-5.0, 9.0)
     assert histogram.bars() == "██"

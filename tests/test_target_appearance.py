@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from scipy import ndimage
 
-from hulldown.annotate.masks import encode, mask_box
+from hulldown.annotate.masks import encode_mask, mask_box
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.verification.target_appearance import target_appearance
 from hulldown.render.verify import verify_dataset
@@ -29,7 +29,7 @@ def scene(seed):
 def dataset(folder, pictures, masks, **fields):
     with CocoDataset.open(folder, categories=["tank"]) as target:
         for i, (picture, mask) in enumerate(zip(pictures, masks, strict=True)):
-            label = {"segmentation": encode(mask), "area": int(mask.sum()), "bbox": mask_box(mask).tolist()}
+            label = {"segmentation": encode_mask(mask), "area": int(mask.sum()), "bbox": mask_box(mask).tolist()}
             labels = [{"category": "tank", **label}]
             append(target, f"images/{i}.png", Image.fromarray(picture), labels, hashed=not fields, **fields)
     return list(verify_dataset(folder))

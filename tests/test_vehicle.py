@@ -5,7 +5,7 @@ import pytest
 
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply, rigid, rotation_about
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix, transform_points
 from hulldown.tests.shapes import vertices_at
 
 RNG = np.random.default_rng(0)
@@ -28,8 +28,8 @@ def twin(articulation: dict[str, float]) -> np.ndarray:
     """One part after the other, by matrix products."""
     poses = [np.eye(4)]
     for i, name in enumerate(SHAPE.part_names[1:], start=1):
-        turn = rotation_about(SHAPE.part_axis[i], articulation.get(name, 0.0))
-        poses.append(poses[SHAPE.part_parent[i]] @ rigid(turn, SHAPE.part_pivot[i] - turn @ SHAPE.part_pivot[i]))
+        turn = axis_rotation(SHAPE.part_axis[i], articulation.get(name, 0.0))
+        poses.append(poses[SHAPE.part_parent[i]] @ rigid_matrix(turn, SHAPE.part_pivot[i] - turn @ SHAPE.part_pivot[i]))
     return np.array(poses)
 
 
@@ -39,7 +39,7 @@ def twin(articulation: dict[str, float]) -> np.ndarray:
 def test_parts_turn_about_their_pivots_and_move_with_their_parents(articulation: dict[str, float]) -> None:
     expected = twin(articulation)
     np.testing.assert_allclose(SHAPE.vehicle_from_parts(articulation), expected, rtol=0, atol=1e-15 * 8)
-    vertices = np.concatenate([apply(expected[i], SHAPE.mesh.vertices[3 * i : 3 * i + 3]) for i in range(4)])
+    vertices = np.concatenate([transform_points(expected[i], SHAPE.mesh.vertices[3 * i : 3 * i + 3]) for i in range(4)])
     np.testing.assert_allclose(vertices_at(SHAPE, articulation), vertices, rtol=0, atol=1e-14)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.masks import decode, encode
+from hulldown.annotate.masks import decode_mask, encode_mask
 from hulldown.annotate.rectangles import mask_rectangle
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.cli import main
@@ -54,7 +54,7 @@ def dataset(tmp_path):
     with CocoDataset.open(tmp_path, categories=["tank", "truck"]) as dataset:
         dataset.reserve("p" * 64, images=3, annotations=3)
         for i in range(3):
-            label = recorded(VEHICLE, VEHICLE) | {"id": i + 1, "segmentation": encode(MASK), "area": 60}
+            label = recorded(VEHICLE, VEHICLE) | {"id": i + 1, "segmentation": encode_mask(MASK), "area": 60}
             append(dataset, f"images/{i}.png", Image.new("RGB", (32, 24), (i, 0, 0)), [label], id=i + 1)
     return tmp_path
 
@@ -151,7 +151,7 @@ def test_a_broken_picture_is_found(dataset):
 @pytest.mark.parametrize("largest", [32 * 24, 32 * 24 - 1])
 def test_pillows_size_limit_is_not_damage(dataset, monkeypatch, largest):
     monkeypatch.setattr(Image, "MAX_IMAGE_PIXELS", 32 * 24 // 3)
-    monkeypatch.setattr(check_pictures, "LARGEST", largest)
+    monkeypatch.setattr(check_pictures, "MAX_PICTURE_PIXELS", largest)
     assert list(verify_dataset(dataset)) == []
 
 
@@ -243,9 +243,9 @@ def test_masks_are_computed_anew_up_to_rays_on_edges(tmp_path, render, pixels, f
 
     def change(coco):
         label = coco["annotations"][1]
-        mask = decode(label["segmentation"], 16, 16)
+        mask = decode_mask(label["segmentation"], 16, 16)
         mask[tuple(np.argwhere(mask)[:pixels].T)] = False
-        label |= {"segmentation": encode(mask), "segmentation_amodal": encode(mask), "area": int(mask.sum())}
+        label |= {"segmentation": encode_mask(mask), "segmentation_amodal": encode_mask(mask), "area": int(mask.sum())}
         label["obb"] = mask_rectangle(label["segmentation"], 16, 16).tolist()
 
     edit(folder, change)

@@ -8,16 +8,16 @@ from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.annotate.visibility import visible_fraction
 from hulldown.benchmarks.visibility import error_bound
 from hulldown.camera.cameras import NEAR_M, Cameras
-from hulldown.camera.framing import turned as aimed_off
+from hulldown.camera.framing import pan_to_pixel as aimed_off
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.geometry.transforms import rigid, rotation_z
+from hulldown.geometry.transforms import rigid_matrix, rotation_z
 from hulldown.scene.posed_scene import Plane, Scene
-from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster, points_around
+from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster, bounding_points
 from hulldown.tests.planning_assets import vehicle
 from hulldown.tests.shapes import box, vehicle_of
 
@@ -52,7 +52,7 @@ def test_hidden_shares_are_counted_by_the_first_occluder_ground_obstacles_or_veh
     ridge = RayCaster(wall((-50, 50), (-50, 0.4)))
     side = scene_of(wall((-50, -0.5), (-50, 50)))
     # ... and its right third behind another crate.
-    other = PosedVehicle(CRATE.caster, rigid(np.eye(3), [10.0, 2.0, 0])[None], {})
+    other = PosedVehicle(CRATE.caster, rigid_matrix(np.eye(3), [10.0, 2.0, 0])[None], {})
     worlds = [Scene(ridge, side, [other]), Scene(ridge), Scene(obstacles=side), Scene(vehicles=[other])]
     views = [visible_fraction([CRATE], far, world=world, rays=10_000) for world in worlds]
     # Perspective at 2 km moves these edges by less than 1 %.
@@ -73,11 +73,11 @@ BARREL = Intrinsics.calibrated(960, 720, (720.0, 700.0, 456.0, 378.0), (-0.3, 0.
 
 
 @pytest.mark.parametrize("name", SCENES)
-@pytest.mark.parametrize(("lens", "turned"), [(VGA.resized(960, 720), {"turret": 1.0, "gun": 0.3}), (BARREL, {})])
+@pytest.mark.parametrize(("lens", "turned"), [(VGA.with_size(960, 720), {"turret": 1.0, "gun": 0.3}), (BARREL, {})])
 def test_visibility_is_the_share_of_pixels_that_show_the_vehicle(name: str, lens: Intrinsics, turned: dict) -> None:
     camera = aimed_off(Cameras(lens, camera_pose([0, 0, 1.0], 16.0, 0.0, 0.02)), [700.0, 560.0])
     world = Scene(RayCaster(SCENES[name]))
-    target = PosedVehicle(TANK, rigid(rotation_z(0.6), np.zeros(3))[None], turned)
+    target = PosedVehicle(TANK, rigid_matrix(rotation_z(0.6), np.zeros(3))[None], turned)
     box = VehicleBoxes(TANK.shape).box(target.world_from_vehicle[0], camera, turned)
     whole, left = (mask.sum() for mask in vehicle_masks(target, camera, xywh=box, world=world))
     seen = visible_fraction([target], camera.at_poses(camera.world_from_camera[None]), world=world, rays=20_000)
@@ -148,7 +148,7 @@ def test_few_points_stand_for_many(flat: bool) -> None:
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     ball *= [3.0, 1.0, 0.0 if flat else 0.01]
     hull = ball[extreme_points(ball)]
-    around = points_around(hull)
+    around = bounding_points(hull)
     assert len(around) <= (len(ball) if flat else 100)
     along = rng.normal(size=(500, 3))
     assert ((around @ along.T).max(axis=0) >= (ball @ along.T).max(axis=0)).all()
@@ -159,7 +159,7 @@ def test_results_do_not_depend_on_other_rows() -> None:
     rng = np.random.default_rng(0)
     poses = camera_pose([0, 0, 1], rng.uniform(5, 60, n), rng.uniform(0, 6, n), rng.uniform(0, 1.5, n))
     cameras = Cameras(VGA, poses)
-    vehicles = rigid(rotation_z(rng.uniform(0, 6, n)), np.zeros(3))
+    vehicles = rigid_matrix(rotation_z(rng.uniform(0, 6, n)), np.zeros(3))
     scene = scene_of(box([8, -4, 0], [9, 1, 3]), box([-9, -4, 0], [-8, 4, 1]))
     options = {"world": Scene(Plane(0.3), scene)}
     turned = [{"turret": angle} for angle in rng.uniform(-3, 3, n)]

@@ -13,7 +13,7 @@ from hulldown.camera.shell import camera_pose
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.overlap import Obstacles
-from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.search.stage import make_stage
@@ -37,8 +37,8 @@ def river():
 LAKE = with_water(VALLEYS, sheet((-80, -80), (80, 80), 0.3))
 # A plane modeled upright in the file's xz, and made level by its object.
 UPRIGHT = Mesh(sheet((-80, 15), (80, 80)).vertices[:, [0, 2, 1]], np.array([[0, 2, 1], [0, 3, 2]]), "upright")
-TURNED = rigid(rotation_about([1.0, 0, 0], np.pi / 2), [0.0, 95.0, 1.0])
-PONDS = [rigid(rotation_z(k), [16 * k - 64, -25, 1.5]) @ np.diag([6, 8, 1, 1]) for k in range(9)]
+TURNED = rigid_matrix(axis_rotation([1.0, 0, 0], np.pi / 2), [0.0, 95.0, 1.0])
+PONDS = [rigid_matrix(rotation_z(k), [16 * k - 64, -25, 1.5]) @ np.diag([6, 8, 1, 1]) for k in range(9)]
 WATERS = {
     "lakes at two heights": with_water(LAKE, sheet((-80, -80), (0, 80), 1.0)),
     "river, plane turned by its object, ponds as instances, box of water": with_water(
@@ -106,8 +106,8 @@ def test_a_camera_is_above_water_by_the_clearance_and_the_near_plane():
     room = CameraRoom(Terrain(-3.0), Obstacles(NOTHING), water=Terrain(sheet((-9, -9), (9, 9), 0.0)))
     places = np.array([[0, 0, 0.6], [0, 0, 0.4], [0, 0, -1.0], [20.0, 0, -1.0], [0, 0, 0.1]])
     wet, dry = Rejection.CAMERA_WATER, Rejection.NONE
-    assert room.rejections(places, ground_clearance=0.5).tolist() == [dry, wet, wet, dry, wet]
-    assert room.rejections(places).tolist() == [dry, dry, wet, dry, wet]
+    assert room.reject_places(places, ground_clearance=0.5).tolist() == [dry, wet, wet, dry, wet]
+    assert room.reject_places(places).tolist() == [dry, dry, wet, dry, wet]
 
 
 def test_water_hides_submerged_parts_like_an_opaque_surface():
@@ -122,7 +122,7 @@ def test_water_hides_submerged_parts_like_an_opaque_surface():
 def test_water_is_not_an_obstacle_with_clearance():
     shore = with_water(bare("shore"), sheet((0, -50), (50, 50), -0.01))
     (site,) = make_stage(config_for(shore, images=1), assets_of(shore)).sites
-    assert site.obstacles.touched(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
+    assert site.obstacles.touches_boxes(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
 
 
 def house(*, open_front=False, size=12.0):
@@ -152,7 +152,7 @@ def shaft():
 )
 def test_a_vehicle_under_a_roof_is_lit_unless_it_is_enclosed(mesh, lit):
     room = Obstacles(InstancedScene([mesh], [0], [np.eye(4)]))
-    assert room.open_above(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
+    assert room.sees_sky(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
 
 
 @pytest.mark.parametrize(("ground", "lit"), [(400.0, False), (150.0, True)])
@@ -160,17 +160,17 @@ def test_a_hollow_hill_is_dark_inside_and_a_dome_around_the_ground_is_not(ground
     """Their roof and walls are 150 m from the vehicle."""
     extent = np.array([[-ground, -ground], [ground, ground]])
     hill = Obstacles(InstancedScene([house(size=300.0)], [0], [np.eye(4)]), extent=extent)
-    assert hill.open_above(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
+    assert hill.sees_sky(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
 
 
 def test_a_house_of_many_objects_encloses():
     walls = house()
     parts = [Mesh(walls.vertices, walls.faces[2 * k : 2 * k + 2], "wall") for k in range(6)]
     room = Obstacles(InstancedScene(parts, list(range(6)), [np.eye(4)] * 6))
-    assert room.open_above(np.array([[0.0, 0.0, 2.5], [0.0, 0.0, 7.0]])).tolist() == [False, True]
+    assert room.sees_sky(np.array([[0.0, 0.0, 2.5], [0.0, 0.0, 7.0]])).tolist() == [False, True]
 
 
 def test_a_dome_around_everything_rejects_no_camera():
     """An unnamed sky dome enclosed every vehicle and every camera."""
     room = CameraRoom(Terrain(VALLEYS.ground), Obstacles(InstancedScene([house(size=900.0)], [0], [np.eye(4)])))
-    assert room.rejections(np.array([[0.0, 0, 20.0]]), obstacle_clearance=1.0).tolist() == [Rejection.NONE]
+    assert room.reject_places(np.array([[0.0, 0, 20.0]]), obstacle_clearance=1.0).tolist() == [Rejection.NONE]

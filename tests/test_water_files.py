@@ -11,7 +11,7 @@ from hulldown.assets.bundle import load_scenery
 from hulldown.assets.scenery import Scenery
 from hulldown.placement.terrain import Terrain
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported, export
+from hulldown.reading.reader_process import Exported, export_asset
 from hulldown.tests.blender_plans import run_python
 
 SCRIPT = "water_blends.py"
@@ -31,7 +31,7 @@ print("shown", json.dumps(sorted(shown)))
 
 
 def read(written: Path, name: str, **patterns: tuple[str, ...]) -> tuple[Exported, Scenery]:
-    exported = export(written / name, written, kind="scenery", options=replace(Options(), **patterns))
+    exported = export_asset(written / name, written, kind="scenery", options=replace(Options(), **patterns))
     return exported, load_scenery(exported.bundle)
 
 
@@ -52,7 +52,7 @@ def test_ground_by_shape_and_water_by_name_also_in_instances(written: Path) -> N
     assert scenery.ground_names == ("Plane.003",)
     assert any(doubt.text.startswith("taken as ground: 'Plane.003', by shape") for doubt in exported.report.doubts)
     assert water_of(scenery) == ["Teich", "Wasserfläche"]
-    water = scenery.water()
+    water = scenery.water_surface()
     assert water is not None
     z = Terrain(water).top_hits([[0.0, 40.0], [40.0, 40.0], [-40.0, -40.0], [79.0, 79.0]]).z
     assert np.allclose(z, [5.0, 6.0, -1.0, np.nan], equal_nan=True)
@@ -72,7 +72,7 @@ def test_water_by_material_excludes_leaves(written: Path, name: str) -> None:
 def test_faces_of_the_ground_with_a_water_material_are_water(written: Path) -> None:
     exported, scenery = read(written, "worn.blend")
     assert water_of(scenery) == ["Terrain"]
-    water, ground = scenery.water(), scenery.ground
+    water, ground = scenery.water_surface(), scenery.ground
     assert water is not None
     assert ground is not None
     xy = [[50.0, 50.0], [-50.0, 50.0], [50.0, -50.0]]
@@ -83,7 +83,7 @@ def test_faces_of_the_ground_with_a_water_material_are_water(written: Path) -> N
     assert "taken as water: the faces of 'Terrain' that wear water; if they are ground, set water = []" in doubts
     assert any(doubt.startswith("'North terrain' is ground and wears 'Falling water'") for doubt in doubts)
     _, dry = read(written, "worn.blend", water=())
-    assert dry.water() is None
+    assert dry.water_surface() is None
     assert np.isfinite(Terrain(dry.ground).top_hits(xy).z).all()
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
-from hulldown.camera.weather.extinction import rain_visibility_m, wetness
+from hulldown.camera.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
@@ -66,7 +66,7 @@ def test_draws_are_within_the_config():
     for one in of["rain"]:
         assert 2.0 <= one.rain_mm_h <= 50.0
         assert one.visibility_m == pytest.approx(float(rain_visibility_m(one.rain_mm_h)), abs=1e-8)
-        assert one.ground_cover == one.vehicle_cover == pytest.approx(float(wetness(one.rain_mm_h)), abs=1e-8)
+        assert one.ground_cover == one.vehicle_cover == pytest.approx(float(surface_wetness(one.rain_mm_h)), abs=1e-8)
     assert all(300.0 <= one.visibility_m <= 2000.0 and 0.3 <= one.ground_cover <= 1.0 for one in of["snow"])
     assert all(200.0 <= one.visibility_m <= 2000.0 and 0.1 <= one.vehicle_cover <= 0.8 for one in of["dust"])
     assert {one.rain_mm_h for kind in ("snow", "dust") for one in of[kind]} == {0.0}

@@ -9,19 +9,19 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.rays import RayCaster
-from hulldown.geometry.transforms import rigid, rotation_about, rotation_z
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z
 from hulldown.scene.posed_scene import Kind, Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.tests.shapes import box, vertices_at
 from hulldown.tests.test_visibility import TANK
 
-TILT = rotation_about(np.array([0.6, 0.0, 0.8]), 0.7)
+TILT = axis_rotation(np.array([0.6, 0.0, 0.8]), 0.7)
 VEHICLES = [
-    PosedVehicle(TANK, rigid(TILT, [0.0, 0.0, 1.0])[None], {"turret": 0.8, "gun": 0.2}),
-    PosedVehicle(TANK, rigid(rotation_z(1.0), [9.0, 4.0, 0.5])[None], {}),
+    PosedVehicle(TANK, rigid_matrix(TILT, [0.0, 0.0, 1.0])[None], {"turret": 0.8, "gun": 0.2}),
+    PosedVehicle(TANK, rigid_matrix(rotation_z(1.0), [9.0, 4.0, 0.5])[None], {}),
 ]
 GROUND = Mesh(np.array([[-20.0, -20, 0], [20, -20, 1], [20, 20, 0], [-20, 20, 2]]), np.array([[0, 1, 2], [0, 3, 2]]))
-STRETCHED = rigid(TILT, np.array([[-6.0, 3, 2], [4, -7, 1], [-5, -5, 1]]))
+STRETCHED = rigid_matrix(TILT, np.array([[-6.0, 3, 2], [4, -7, 1], [-5, -5, 1]]))
 STRETCHED[:, :3, :3] *= np.array([[1.0, 2.0, 0.5], [-1.0, 1.0, 3.0], [1.0, 1.0, 0.0]])[:, None]  # mirrored, flat
 WOOD = InstancedScene([box((-1, -1, -1), (1, 1, 1)), box((-0.5, -0.5, 0), (0.5, 0.5, 4))], [0, 1, 0], STRETCHED)
 WORLD = Scene(RayCaster(GROUND), WOOD, VEHICLES)
@@ -115,13 +115,13 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
     toward = np.array([0.0, 0.0, 1.0]) - position
     across = np.cross(toward, [0.0, 0.0, 1.0])
     axes = np.stack([across, np.cross(toward, across), toward])
-    camera = Cameras(intrinsics, rigid((axes / np.linalg.norm(axes, axis=1)[:, None]).T, np.array(position)))
+    camera = Cameras(intrinsics, rigid_matrix((axes / np.linalg.norm(axes, axis=1)[:, None]).T, np.array(position)))
     pixel = np.indices((intrinsics.height, intrinsics.width))[::-1].reshape(2, -1).T + 0.5
     along = camera.rays(pixel)[1]
     before = NEAR_M / (along @ camera.world_from_camera[:3, 2])
     rays = WORLD.nearest(camera.position + before[:, None] * along, along)
     for threads in (1, 3):
-        seen = WORLD.seen_by(camera, threads=threads)
+        seen = WORLD.trace_image(camera, threads=threads)
         same = (seen.kind == rays.kind) & (seen.instance == rays.instance) & (seen.face == rays.face)
         assert same.mean() > 0.9995  # rays that graze an edge differ in their last digit
         assert np.allclose(seen.distance[same], (before + rays.distance)[same], rtol=1e-6)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from hulldown.annotate.masks import encode
+from hulldown.annotate.masks import encode_mask
 from hulldown.tests.editing import write_dataset
 
 CLASSES = ("square", "disc")
@@ -38,7 +38,7 @@ def make_dataset(folder: Path, count: int, *, seed: int = 0, classes=CLASSES, ma
                 "bbox": [x, y, side, side],
                 "area": int(mask.sum()),
                 "iscrowd": 0,
-                "segmentation": encode(mask) if masks else [],
+                "segmentation": encode_mask(mask) if masks else [],
             }
             annotations.append(record)
         images.append(image)

@@ -14,8 +14,8 @@ import bpy
 
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.opening import open_blend
-from hulldown.reading.reader_process import job_for
-from hulldown.render.blender.scene import appended
+from hulldown.reading.reader_process import reader_job
+from hulldown.render.blender.scene import append_twin
 from hulldown.tests.blend_parts import collection, fresh, instance, mesh, place, save
 from hulldown.tests.shapes import CORNERS, QUADS
 
@@ -151,7 +151,7 @@ def make():
 def drawn(path):
     """What a tidy twin renders: pose, mesh, materials, and visibility of each object."""
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    bpy.context.scene.collection.children.link(appended(str(path))[0])
+    bpy.context.scene.collection.children.link(append_twin(str(path))[0])
     found = []
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         thing = each.object
@@ -175,7 +175,7 @@ if __name__ == "__main__":
     for name, fewest in (("all", 10**9), ("few", 1)):
         (folder / name).mkdir()
         duplicates.MIN_OBJECTS = fewest
-        told = job_for(path, folder / name, kind="scenery")
+        told = reader_job(path, folder / name, kind="scenery")
         job = folder / name / "job.json"
         job.write_text(json.dumps(asdict(told)))
         reader.main(str(job))

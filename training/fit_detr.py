@@ -17,15 +17,15 @@ from hulldown.training.detectors.detector import WEIGHTS_NAME
 from hulldown.training.detectors.detr import (
     DetrDetector,
     detr_contents,
-    normalized,
+    normalize_pictures,
     starting_module,
 )
 from hulldown.training.fitting import Trainee
 from hulldown.training.inputs.data import Example
-from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings
 
-with quiet():
+with silence_libraries():
     from rfdetr.training.callbacks.ema import RFDETREMACallback
     from rfdetr.training.trainer import build_trainer
     from rfdetr.utilities.tensors import collate_fn
@@ -33,11 +33,11 @@ with quiet():
 
 def collate_examples(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
     """Return the pictures of a batch, and their targets, as RF-DETR's own collation makes them."""
-    pictures, targets = collate_fn([_target(k, example) for k, example in enumerate(batch)])
+    pictures, targets = collate_fn([_detr_target(k, example) for k, example in enumerate(batch)])
     return pictures, list(targets)
 
 
-def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
+def _detr_target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
     """Return an example in RF-DETR's form: boxes as center and size, in shares of the picture."""
     height, width = example.picture.shape[1:]
     boxes = box_convert(example.xyxy, "xyxy", "cxcywh")
@@ -50,7 +50,7 @@ def _target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
         "orig_size": torch.tensor([height, width]),
         "size": torch.tensor([height, width]),
     }
-    return normalized(example.picture), target
+    return normalize_pictures(example.picture), target
 
 
 def detr_trainee(settings: Settings, classes: Sequence[str], device: torch.device, folder: Path) -> Trainee:

@@ -23,17 +23,17 @@ from pytorch_lightning.callbacks import ModelCheckpoint
 from torch.utils.data import DataLoader
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import open_regular, replacing
+from hulldown.base.files import atomic_writer, open_regular
 from hulldown.training.detectors.detector import DAMAGED, Detector, RunFigures, first_line, load_tensors
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.inputs.data import Batches, DrawnExamples, Example
-from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.predict import validation_figures
 from hulldown.training.run_folder import RunFolder
 
-with quiet():
+with silence_libraries():
     from rfdetr.training.callbacks.ema import RFDETREMACallback
 
 CURVE_POINTS = 10  # points of a run's curve; the last one is the result
@@ -65,7 +65,7 @@ class Training:
     progress: Callable[[str, int, int], None]  # called with (title, steps done, all)
 
 
-def fit(trainee: Trainee, training: Training) -> RunFigures:
+def fit_network(trainee: Trainee, training: Training) -> RunFigures:
     """Train a network, or continue from the checkpoint, and write its weights."""
     started, settings, checkpoint = time.monotonic(), training.settings, training.folder.checkpoint
     done = _steps_done(checkpoint, trainee.module) if checkpoint.exists() else None
@@ -84,7 +84,7 @@ def fit(trainee: Trainee, training: Training) -> RunFigures:
         devices=[training.device.index] if training.device.type == "cuda" and training.device.index else 1,
         accumulate_grad_batches=settings.accumulate,
         callbacks=[trainee.average, recorder, keeper],
-        logger=_loggers(settings.logger, training.folder.path),
+        logger=_run_loggers(settings.logger, training.folder.path),
         plugins=[AtomicCheckpointIO()],
         enable_progress_bar=False,
         enable_model_summary=False,
@@ -177,7 +177,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
     def save_checkpoint(self, checkpoint: dict[str, Any], path: Any, storage_options: Any = None) -> None:
         """Write a checkpoint."""
-        with replacing(Path(path)) as file:
+        with atomic_writer(Path(path)) as file:
             torch.save(checkpoint, file)
 
 
@@ -198,7 +198,7 @@ def _collate_or_error(collate: Callable[[Sequence[Example]], Any], batch: Sequen
     return errors[0] if errors else collate(examples)
 
 
-def _loggers(kind: str | None, folder: Path) -> list[pl_loggers.Logger]:
+def _run_loggers(kind: str | None, folder: Path) -> list[pl_loggers.Logger]:
     """Return the loggers of a run: tables, with a new one after a stop, and another kind, which continues."""
     key = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
     made: dict[str, Callable[[], pl_loggers.Logger]] = {

@@ -19,7 +19,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.dataset.foreign_labels import PICTURES, foreign_reader
 from hulldown.dataset.store.document import COCO_NAME, is_own
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.videos import VIDEOS, Video, frames_of, read_video
+from hulldown.training.videos import VIDEOS, Video, read_frames, read_video
 
 READER_THREADS = 2  # threads
 PICTURES_AHEAD = 16  # pictures that are read in advance
@@ -44,7 +44,7 @@ class Pictures:
 
     def read(self, indices: Sequence[int]) -> Iterator[Picture]:
         """Yield RGB pictures, (h, w, 3), at ascending indices."""
-        yield from frames_of(self.path, indices) if self.video else self._files(indices)
+        yield from read_frames(self.path, indices) if self.video else self._files(indices)
 
     def _files(self, indices: Sequence[int]) -> Iterator[Picture]:
         def read(k: int) -> Picture:
@@ -76,7 +76,7 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
         record = {"file_name": first.name, "width": video.width, "height": video.height}
         frames = [Image.of({"id": k + 1, "frame": k, **record}, ()) for k in range(video.frames)]
         return Pictures(first, first.parent, frames, {}, video)
-    files = sorted({file.absolute() for path in paths for file in _files_of(str(path))})
+    files = sorted({file.absolute() for path in paths for file in _list_files(str(path))})
     folder = Path(os.path.commonpath([file.parent for file in files]))
     images = []
     for number, file in enumerate(files, 1):
@@ -92,7 +92,7 @@ def _has_records(path: Path) -> bool:
     return path.is_dir() and foreign_reader(path) is not None
 
 
-def _files_of(path: str) -> list[Path]:
+def _list_files(path: str) -> list[Path]:
     if os.path.isdir(path):
         found = [file for file in Path(path).rglob("*") if file.suffix.lower() in PICTURES and file.is_file()]
     elif os.path.exists(path):

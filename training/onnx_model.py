@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import make_room, replace_file
-from hulldown.training.detectors.detector import weights_of
-from hulldown.training.inputs.extra import quiet, require_extra
+from hulldown.base.files import prepare_output_file, replace_file
+from hulldown.training.detectors.detector import find_weights
+from hulldown.training.inputs.extra import require_extra, silence_libraries
 from hulldown.training.predict import load_detector
 
 if TYPE_CHECKING:
@@ -53,13 +53,13 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     output = Path(output)
     if output.suffix.lower() != ".onnx":
         raise HulldownError("doesn't end in .onnx", path=output, remedy="name it model.onnx, for example")
-    make_room(output)
-    weights = weights_of(Path(run))
+    prepare_output_file(output)
+    weights = find_weights(Path(run))
     detector = load_detector(weights, "cpu")
     if isinstance(detector, TransformersDetector):
-        content, normalized = _transformers(detector), bool(detector.processor.do_normalize)
+        content, normalized = _export_transformers(detector), bool(detector.processor.do_normalize)
     else:
-        content, normalized = _detr(weights), True
+        content, normalized = _export_detr(weights), True
     model = onnx.load_from_string(content)
     about: dict[str, object] = {
         "classes": list(detector.classes), "input": NORMALIZED_INPUT if normalized else INPUT, "output": OUTPUT
@@ -71,7 +71,7 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     return about
 
 
-def _transformers(detector: TransformersDetector) -> bytes:
+def _export_transformers(detector: TransformersDetector) -> bytes:
     import torch
 
     width, height = detector.size
@@ -88,7 +88,7 @@ def _transformers(detector: TransformersDetector) -> bytes:
             return found.pred_boxes, found.logits
 
     content = io.BytesIO()
-    with quiet(), torch.no_grad():
+    with silence_libraries(), torch.no_grad():
         torch.onnx.export(
             Found(), (torch.zeros(1, 3, height, width),), content, dynamo=False,  # whose successor needs onnxscript
             input_names=["input"], output_names=["dets", "labels"],
@@ -96,8 +96,8 @@ def _transformers(detector: TransformersDetector) -> bytes:
     return content.getvalue()
 
 
-def _detr(weights: Path) -> bytes:
-    with tempfile.TemporaryDirectory() as folder, quiet():
+def _export_detr(weights: Path) -> bytes:
+    with tempfile.TemporaryDirectory() as folder, silence_libraries():
         from rfdetr import RFDETR
 
         RFDETR.from_checkpoint(str(weights), device="cpu").export(output_dir=folder, verbose=False)

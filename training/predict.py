@@ -18,15 +18,15 @@ from cyclopts import Parameter
 from PIL import Image
 
 from hulldown.annotate.drawing import Overlay, draw
-from hulldown.base.arguments import AnyPath, Count, Overlap, parsed
+from hulldown.base.arguments import AnyPath, Count, Overlap, make_parser
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import make_room, open_in_place, open_regular, replace_file, replacing
-from hulldown.base.outside import json_of
-from hulldown.base.terminal import reporting
-from hulldown.training.detectors.detector import Detector, chosen_device, weights_digest, weights_of
+from hulldown.base.files import atomic_writer, open_in_place, open_regular, prepare_output_file, replace_file
+from hulldown.base.outside import parse_json
+from hulldown.base.terminal import progress_bar
+from hulldown.training.detectors.detector import Detector, chosen_device, find_weights, weights_digest
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.predictions import INFO_SUFFIX, NewCategory, PredictionInfo, predictions_of
+from hulldown.training.evaluation.predictions import INFO_SUFFIX, NewCategory, PredictionInfo, read_checked_predictions
 from hulldown.training.input_pictures import Pictures, find_pictures
 from hulldown.training.inputs.extra import require_extra
 
@@ -44,7 +44,7 @@ def tile_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-TILE = parsed("WxH of at least 32, such as 640x480", tile_size, metavar="WxH")
+TILE = make_parser("WxH of at least 32, such as 640x480", tile_size, metavar="WxH")
 
 
 class Result(TypedDict):
@@ -73,7 +73,7 @@ class Predicted:
 def load_detector(path: Path | str, device: str = "auto") -> Detector:
     """Return the detector of a run folder, or of weights: a file of RF-DETR, or a folder of transformers."""
     require_extra()
-    path = weights_of(Path(path))
+    path = find_weights(Path(path))
     chosen = chosen_device(device)
     if path.is_dir():
         from hulldown.training.detectors.transformers_detector import load_transformers
@@ -137,22 +137,22 @@ def predict_detections(
     """
     require_extra()
     output = Path(output)
-    make_room(output)
+    prepare_output_file(output)
     found = find_pictures([pictures] if isinstance(pictures, str | os.PathLike) else list(pictures))
     detector = load_detector(Path(run), device)
     ids, unknown = _category_ids(detector.classes, found)
-    key = _key(Path(run), found, detector.classes, tile)
+    key = _results_key(Path(run), found, detector.classes, tile)
     if tile is not None:
         from hulldown.training.detectors.tiled import TiledDetector
 
         detector = TiledDetector(detector, tile, batch=batch)
     unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
-    done = _resumed(unfinished, key)
+    done = _read_unfinished(unfinished, key)
     already = len(done)
     left = [k for k, image in enumerate(found.images) if image.id not in done]
-    with reporting("predicting", progress) as advance, open_in_place(unfinished) as file:
-        for some in _detected(detector, found, ids, left, batch):
-            file.write(_lines(some))
+    with progress_bar("predicting", progress) as advance, open_in_place(unfinished) as file:
+        for some in _detect_batches(detector, found, ids, left, batch):
+            file.write(_result_lines(some))
             file.flush()
             done |= some
             advance(len(done), len(found.images))
@@ -167,7 +167,7 @@ def predict_detections(
     for path, value in ((output, results), (info_file, info)):
         replace_file(path, orjson.dumps(value) + b"\n")
     if drawn is not None:
-        _draw(found, done, names, Path(drawn), threshold)
+        _draw_detections(found, done, names, Path(drawn), threshold)
     unfinished.unlink()
     counts = Counter(names[one["category_id"]] for one in results if one["score"] >= threshold)
     return Predicted(len(found.images), len(results), already, unknown, dict(counts))
@@ -177,14 +177,14 @@ def validation_figures(detector: Detector, labels: Labels) -> dict[str, float]:
     """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined."""
     pictures = Pictures.of(labels)
     ids, _ = _category_ids(detector.classes, pictures)
-    batches = _detected(detector, pictures, ids, range(len(labels.images)), BATCH_PICTURES)
+    batches = _detect_batches(detector, pictures, ids, range(len(labels.images)), BATCH_PICTURES)
     results = [one for batch in batches for found in batch.values() for one in found]
-    predictions = predictions_of(results, labels, path=labels.path, name="validation")
+    predictions = read_checked_predictions(results, labels, path=labels.path, name="validation")
     summary = average_precision(labels, predictions)
     return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}
 
 
-def _detected(
+def _detect_batches(
     detector: Detector, pictures: Pictures, ids: Sequence[int], indices: Sequence[int], batch: int
 ) -> Iterator[dict[int, Found]]:
     """Yield the results of images by their ids, a batch at a time; `ids` are those of the detector's classes."""
@@ -218,7 +218,7 @@ def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int]
     return [by_name[name] if name in by_name else new[name] for name in classes], unknown
 
 
-def _draw(
+def _draw_detections(
     pictures: Pictures, found: Mapping[int, Found], names: Mapping[int, str], folder: Path, threshold: float
 ) -> None:
     """Write each picture with its detections into a folder, under the same name; a video as a video."""
@@ -232,18 +232,20 @@ def _draw(
     if (video := pictures.video) is not None:
         from supervision import VideoInfo, VideoSink
 
-        make_room(target := folder / pictures.path.with_suffix(".mp4").name)
+        prepare_output_file(target := folder / pictures.path.with_suffix(".mp4").name)
         with VideoSink(str(target), VideoInfo(video.width, video.height, video.fps, video.frames)) as sink:
             for _, picture in labeled():
                 sink.write_frame(np.asarray(picture)[..., ::-1])
         return
     for name, picture in labeled():
-        make_room(target := folder / (name if name.lower().endswith((".jpg", ".jpeg", ".png")) else f"{name}.png"))
-        with replacing(target) as file:
+        prepare_output_file(
+            target := folder / (name if name.lower().endswith((".jpg", ".jpeg", ".png")) else f"{name}.png")
+        )
+        with atomic_writer(target) as file:
             picture.save(file, format="PNG" if target.suffix.lower() == ".png" else "JPEG", quality=90)
 
 
-def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
+def _results_key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
     """Return a key of the results: weights, classes, images, and tiles."""
     digest = hashlib.sha256(weights_digest(run).encode())
     images = [[image.id, image.file_name, *image.size] for image in pictures.images]
@@ -251,19 +253,19 @@ def _key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int,
     return digest.hexdigest()
 
 
-def _resumed(path: Path, key: str) -> dict[int, Found]:
+def _read_unfinished(path: Path, key: str) -> dict[int, Found]:
     """Return an interrupted call's results by image, which are all that its file then has.
 
     A file with another key is ignored, and so is a truncated last line.
     """
     done: dict[int, Found] = {}
     with suppress(FileNotFoundError, ValueError), open_regular(path) as before:
-        for line in before if json_of(before.readline(), object) == key else ():
-            image, found = json_of(line, tuple[int, Found])
+        for line in before if parse_json(before.readline(), object) == key else ():
+            image, found = parse_json(line, tuple[int, Found])
             done[image] = found
-    replace_file(path, orjson.dumps(key) + b"\n" + _lines(done))
+    replace_file(path, orjson.dumps(key) + b"\n" + _result_lines(done))
     return done
 
 
-def _lines(found: Mapping[int, Found]) -> bytes:
+def _result_lines(found: Mapping[int, Found]) -> bytes:
     return b"".join(orjson.dumps(item) + b"\n" for item in found.items())

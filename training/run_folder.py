@@ -15,7 +15,7 @@ from msgspec import Struct
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import replace_file
 from hulldown.base.outside import read_json
-from hulldown.training.detectors.detector import RUN_NAME, Run, read_run, weights_of
+from hulldown.training.detectors.detector import RUN_NAME, Run, find_weights, read_run
 
 CONFIG_NAME, CHECKPOINT_NAME, LOCK_NAME = "config.json", "checkpoint.ckpt", ".hulldown.lock"
 
@@ -55,7 +55,7 @@ class RunFolder:
         if not (self.path / RUN_NAME).exists():
             return None
         run = read_run(self.path)
-        return run if run.status == "finished" and weights_of(self.path).exists() else None
+        return run if run.status == "finished" and find_weights(self.path).exists() else None
 
     def write(self, record: Run | RunConfig) -> None:
         """Replace run.json or config.json in one step."""
@@ -65,7 +65,7 @@ class RunFolder:
 
 
 @contextmanager
-def alone_in(folder: Path, *, marker: str, what: str) -> Iterator[None]:
+def lock_folder(folder: Path, *, marker: str, what: str) -> Iterator[None]:
     """Lock a folder that is new, empty, or has the file `marker`."""
     if folder.exists() and not (folder / marker).exists():
         held = [one.name for one in folder.iterdir()] if folder.is_dir() else [folder.name]
@@ -87,7 +87,7 @@ def finished_run(path: Path, config: RunConfig) -> Run | None:
         return None
     refuse = partial(ConfigError, path=folder.config, remedy="name a new folder")
     before = read_json(folder.config, RunConfig, refuse, what="the config of a run")
-    was, now = (dict(_flat(msgspec.to_builtins(value))) for value in (before, config))
+    was, now = (dict(_flatten_value(msgspec.to_builtins(value))) for value in (before, config))
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):
             raise ConfigError(
@@ -97,9 +97,9 @@ def finished_run(path: Path, config: RunConfig) -> Run | None:
     return folder.finished()
 
 
-def _flat(value: object, key: str = "") -> Iterator[tuple[str, object]]:
+def _flatten_value(value: object, key: str = "") -> Iterator[tuple[str, object]]:
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from _flat(inner, f"{key}.{name}" if key else name)
+            yield from _flatten_value(inner, f"{key}.{name}" if key else name)
     else:
         yield key, value

@@ -10,8 +10,8 @@ from PIL import Image
 
 from hulldown.annotate.drawing import Overlay, draw
 from hulldown.base.arguments import AnyPath, Count, PngFile
-from hulldown.base.terminal import tracked
-from hulldown.geometry.indices import spread
+from hulldown.base.terminal import track_items
+from hulldown.geometry.indices import even_sample
 from hulldown.pictures.own_files import make_room_for_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.training.inputs.extra import require_extra
@@ -56,16 +56,16 @@ def augmentation_sheet(
     make_room_for_picture(Path(output))
     augment = Augmenter(load_settings(None, {"augmentation": augmentation}).augmentation)
     classes, (source,) = read_sources({"dataset": dataset})
-    chosen = spread(len(source), rows)
+    chosen = even_sample(len(source), rows)
     pictures = []
-    for i in tracked("augmenting", chosen.tolist(), len(chosen)):
+    for i in track_items("augmenting", chosen.tolist(), len(chosen)):
         sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)
         seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(AUGMENTATIONS_PER_ROW)]
         changed = [augment(sample, own_seed) for own_seed in seeds]
-        pictures += [_drawn(one, classes) for one in (sample, *changed)]
+        pictures += [_draw_sample(one, classes) for one in (sample, *changed)]
     save_picture(contact_sheet(pictures, columns=AUGMENTATIONS_PER_ROW + 1, tile_width=TILE_WIDTH), Path(output))
 
 
-def _drawn(sample: Sample, classes: Sequence[str]) -> Image.Image:
+def _draw_sample(sample: Sample, classes: Sequence[str]) -> Image.Image:
     labels = zip(sample.xywh, sample.class_index.tolist(), strict=True)
     return draw(Image.fromarray(sample.picture), [Overlay(xywh, label + 1, classes[label]) for xywh, label in labels])

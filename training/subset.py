@@ -11,18 +11,18 @@ from typing import Annotated
 import orjson
 
 from hulldown.annotate.records import Image
-from hulldown.base.arguments import AnyPath, parsed
+from hulldown.base.arguments import AnyPath, make_parser
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
-from hulldown.base.terminal import reporting
+from hulldown.base.terminal import progress_bar
 from hulldown.dataset.exports.split import shuffle_key
-from hulldown.dataset.image_positions import positions
+from hulldown.dataset.image_positions import group_positions
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.placed_pictures import link_or_copy
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
-SHARES = parsed("shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,...")
+SHARES = make_parser("shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,...")
 
 
 def subset_name(fraction: float) -> str:
@@ -50,12 +50,12 @@ def nested_subsets(
 
     `fractions`: shares of the images, above 0 and at most 1.
     """
-    groups = positions(images)
+    groups = group_positions(images)
     for members in groups.values():
         members.sort(key=lambda image: image.file_name)
     order = sorted(groups.values(), key=lambda members: shuffle_key(members[0].file_name, seed))
     if stratified:
-        order = _spread(order)
+        order = _spread_classes(order)
     ids = [image.id for members in order for image in members]
     ends = list(accumulate(map(len, order)))
     # By decimal value: 0.05 of 420 is 21, although 0.05 isn't exact in binary.
@@ -109,13 +109,15 @@ def write_subsets(
     chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}
     done, total = 0, sum(sizes)
     head = {"info": {}, **found.head, "categories": [category.record for category in found.categories]}
-    with reporting("linking images") as advance, all_or_nothing(out) as unfinished:
+    with progress_bar("linking images") as advance, all_or_nothing(out) as unfinished:
         for name, ids in chosen.items():
             images = [image for image in found.images if image.id in ids]
             for image in images:
                 source, target = dataset / image.file_name, unfinished / name / image.file_name
                 target.parent.mkdir(parents=True, exist_ok=True)
-                with DatasetError.explaining("cannot be linked", path=source, remedy="check it with `hulldown verify`"):
+                with DatasetError.raise_for_system(
+                    "cannot be linked", path=source, remedy="check it with `hulldown verify`"
+                ):
                     link_or_copy(source, target)
                 done += 1
                 advance(done, total)
@@ -126,7 +128,7 @@ def write_subsets(
     return dict(zip(names, sizes, strict=True))
 
 
-def _spread(order: Sequence[list[Image]]) -> list[list[Image]]:
+def _spread_classes(order: Sequence[list[Image]]) -> list[list[Image]]:
     """Order groups so that classes are spread evenly: the i-th of n groups of a kind is at (i + 1/2) / n."""
     kinds: dict[tuple[int, ...], list[list[Image]]] = {}
     for members in order:

@@ -15,11 +15,11 @@ import numpy as np
 from cyclopts import Parameter
 from msgspec.structs import replace
 
-from hulldown.base.arguments import AnyPath, checked
+from hulldown.base.arguments import AnyPath, make_check
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
-from hulldown.base.terminal import progress_bars, watched
-from hulldown.base.terminal import say as show_line
+from hulldown.base.terminal import is_interactive, progress_bars
+from hulldown.base.terminal import print_message as show_line
 from hulldown.training.detectors.detector import (
     Run,
     RunFigures,
@@ -29,7 +29,7 @@ from hulldown.training.detectors.detector import (
 )
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.draws import Draws, make_draws, source_shares
-from hulldown.training.inputs.extra import quiet, require_extra
+from hulldown.training.inputs.extra import require_extra, silence_libraries
 from hulldown.training.inputs.settings import SettingOptions, Settings, load_settings
 from hulldown.training.inputs.sources import (
     LabeledPictures,
@@ -38,7 +38,7 @@ from hulldown.training.inputs.sources import (
     read_sources,
     shared_pictures,
 )
-from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, alone_in, finished_run
+from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, finished_run, lock_folder
 
 if TYPE_CHECKING:
     import torch
@@ -50,12 +50,14 @@ VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "transformers
             "opencv-python-headless", "numpy")  # fmt: skip
 
 
-def _named(text: str) -> tuple[str, str]:
+def _split_name(text: str) -> tuple[str, str]:
     name, _, folder = text.partition("=")
     return name, folder
 
 
-NamedFolder: TypeAlias = Annotated[str, checked("NAME=DIR, such as real=photographs", lambda text: all(_named(text)))]
+NamedFolder: TypeAlias = Annotated[
+    str, make_check("NAME=DIR, such as real=photographs", lambda text: all(_split_name(text)))
+]
 if TYPE_CHECKING:
     SettingsLike: TypeAlias = Settings | Mapping[str, object] | None
 else:
@@ -130,7 +132,7 @@ def train_detector(
     from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.inputs.data import DrawnExamples
 
-    if progress is None and watched():
+    if progress is None and is_interactive():
         with progress_bars() as bars:
             return train_detector(
                 data, output, settings=settings, valid=valid, draws=draws, workers=workers, device=device,
@@ -138,7 +140,7 @@ def train_detector(
             )  # fmt: skip
     progress = progress or (lambda what, done, total: None)
     out = Path(output)
-    data = data if isinstance(data, Mapping) else dict(_named(text) for text in data)
+    data = data if isinstance(data, Mapping) else dict(_split_name(text) for text in data)
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
     Augmenter(settings.augmentation)  # refuses a wrong one before anything is written
@@ -163,28 +165,28 @@ def train_detector(
     if (run := finished_run(out, run_config)) is not None:
         say(f"{out}: is finished already")
         return run
-    from hulldown.training.fitting import Training, fit
+    from hulldown.training.fitting import Training, fit_network
 
     if draws is None:
         draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
     if len(draws) != settings.budget:
         raise ValueError(f"draws: expected {settings.budget} draws, got {len(draws)}")
-    with quiet():
+    with silence_libraries():
         trainee = prepare_trainee(settings, classes, chosen, out)
-        with alone_in(out, marker=CONFIG_NAME, what="run"):
+        with lock_folder(out, marker=CONFIG_NAME, what="run"):
             folder = RunFolder(out)
             folder.write(run_config)
-            run = _description(settings, classes, data, sources, draws, chosen)
+            run = _describe_run(settings, classes, data, sources, draws, chosen)
             folder.write(run)
             text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it
             replace_file(out / AUGMENTATION_NAME, f"{text}\n".encode())
             size = (settings.resolution, settings.resolution)
             examples = DrawnExamples(sources, draws, size, settings.augmentation, masks=bool(settings.masks))
             training = Training(
-                settings, examples, folder, device=chosen, workers=_workers() if workers is None else workers,
+                settings, examples, folder, device=chosen, workers=_worker_count() if workers is None else workers,
                 checkpoint_every_s=checkpoint_every_s, valid=labels, progress=progress,
             )  # fmt: skip
-            run = replace(run, status="finished", figures=fit(trainee, training))
+            run = replace(run, status="finished", figures=fit_network(trainee, training))
             folder.write(run)
             folder.checkpoint.unlink(missing_ok=True)
     return run
@@ -201,12 +203,12 @@ def prepare_trainee(settings: Settings, classes: Sequence[str], device: torch.de
     return detr_trainee(settings, classes, device, folder)
 
 
-def _workers() -> int:
+def _worker_count() -> int:
     """Return one worker per core except the training one, at most 8."""
     return max(1, min(8, len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else 1))
 
 
-def _description(
+def _describe_run(
     settings: Settings, classes: tuple[str, ...], data: Mapping[str, str | os.PathLike[str]],
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> Run:  # fmt: skip

@@ -34,7 +34,7 @@ CONTAINERS = (
 # Names of codecs in files, in lower case.
 CODECS = {"avc1", "avc3", "h264", "x264", "hevc", "hev1", "hvc1", "av01", "vp80", "vp90", "vp09", "mp4v", "fmp4",
           "xvid", "dx50", "divx", "mpg4", "mjpg", "jpeg", "ffv1", "apcn", "apch", "apcs", "apco", "ap4h"}  # fmt: skip
-LARGEST = 1 << 27  # pixels of a frame
+MAX_FRAME_PIXELS = 1 << 27  # pixels of a frame
 _REMEDY = "convert it to MP4 (H.264)"
 
 
@@ -51,7 +51,7 @@ def read_video(path: Path) -> Video:
     """Decode a video to count its frames; a warning names those that are lost."""
     import cv2
 
-    with _opened(path) as video:
+    with _open_video(path) as video:
         width, height, stated = (
             int(video.get(key))
             for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_COUNT)
@@ -66,12 +66,12 @@ def read_video(path: Path) -> Video:
         return Video(width, height, frames, float(video.get(cv2.CAP_PROP_FPS)))
 
 
-def frames_of(path: Path, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+def read_frames(path: Path, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
     """Yield a video's RGB frames at ascending indices."""
     import cv2
 
     wanted = set(indices)
-    with _opened(path) as video:
+    with _open_video(path) as video:
         for k in range(max(wanted, default=-1) + 1):
             if not video.grab():
                 raise DatasetError(f"frame {k} cannot be decoded", path=path, remedy=_REMEDY)
@@ -80,12 +80,12 @@ def frames_of(path: Path, indices: Sequence[int]) -> Iterator[UInt8[np.ndarray, 
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
+def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
     import cv2
 
     quiet = vars(cv2).get("setLogLevel") or vars(cv2.utils)["logging"].setLogLevel  # moved in OpenCV 4.14
     quiet(0)
-    with DatasetError.explaining("cannot be read", path=path, remedy="name a video"), open_regular(path) as file:
+    with DatasetError.raise_for_system("cannot be read", path=path, remedy="name a video"), open_regular(path) as file:
         start = file.read(64)
         if not any(start.startswith(begins, at) for at, begins in CONTAINERS):
             raise DatasetError(f"isn't a video ({', '.join(VIDEOS)})", path=path, remedy=_REMEDY)
@@ -96,6 +96,8 @@ def _opened(path: Path) -> Iterator[cv2.VideoCapture]:
         codec = int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("ascii", "replace")
         if codec.lower() not in CODECS:
             raise DatasetError(f"has the codec {codec!r}, which isn't read", path=path, remedy=_REMEDY)
-        if video.get(cv2.CAP_PROP_FRAME_WIDTH) * video.get(cv2.CAP_PROP_FRAME_HEIGHT) > LARGEST:
-            raise DatasetError(f"has frames of more than {LARGEST >> 20} megapixels", path=path, remedy=_REMEDY)
+        if video.get(cv2.CAP_PROP_FRAME_WIDTH) * video.get(cv2.CAP_PROP_FRAME_HEIGHT) > MAX_FRAME_PIXELS:
+            raise DatasetError(
+                f"has frames of more than {MAX_FRAME_PIXELS >> 20} megapixels", path=path, remedy=_REMEDY
+            )
         yield video

@@ -14,8 +14,8 @@ from typing import Annotated, Any
 from cyclopts import App, Parameter
 from rich.table import Table
 
-from hulldown.base.terminal import say, warn
-from hulldown.verbs.output import DONE, show, show_json
+from hulldown.base.terminal import print_message, print_warning
+from hulldown.verbs.output import DONE, print_report, show_json
 
 GROUPS = {"study": "Measure the worth of synthetic images when photographs are few."}
 NO_OPTIONS = ("assets", "library", "progress", "say")  # parameters of functions that are for Python alone
@@ -59,31 +59,31 @@ class Verb:
 
         def run(*arguments: object, json: bool = False, **options: object) -> int:
             given = signature.bind(*arguments, **options)
-            answer = self.answer(function(*given.args, **given.kwargs), **_named(given, asked))
+            answer = self.answer(function(*given.args, **given.kwargs), **_named_arguments(given, asked))
             if json:
                 show_json(answer.result)
             else:
-                show(*answer.shown)
+                print_report(*answer.shown)
             for line in answer.said:
-                say(line)
+                print_message(line)
             for line in answer.warnings:
-                warn(line)
+                print_warning(line)
             return answer.code
 
         last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JSON)
-        options = [_option(one) for name, one in signature.parameters.items() if name not in NO_OPTIONS]
+        options = [_make_option(one) for name, one in signature.parameters.items() if name not in NO_OPTIONS]
         options.sort(key=lambda one: one.kind)  # an output that isn't positional follows the inputs
         run.__doc__, run.__annotations__ = function.__doc__, {}
         vars(run)["__signature__"] = inspect.Signature([*options, last], return_annotation=int)
         return run
 
 
-def _named(given: inspect.BoundArguments, names: Sequence[str]) -> dict[str, Any]:
+def _named_arguments(given: inspect.BoundArguments, names: Sequence[str]) -> dict[str, Any]:
     given.apply_defaults()
     return {name: given.arguments[name] for name in names}
 
 
-def _option(parameter: inspect.Parameter) -> inspect.Parameter:
+def _make_option(parameter: inspect.Parameter) -> inspect.Parameter:
     """Return a parameter as an option, or as a needed input, which can be given by its place; the output has -o."""
     if parameter.name == "output":
         parameter = parameter.replace(annotation=Annotated[parameter.annotation, Parameter(alias="-o")])

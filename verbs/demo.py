@@ -50,20 +50,20 @@ def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
     return DONE
 
 
-def _shown(code: int, output: AnyPath) -> Answer:
+def _demo_answer(code: int, output: AnyPath) -> Answer:
     written = (
         f"look at {Path(output) / 'contact_sheet.png'}; the dataset is {Path(output) / 'dataset/annotations.json'}"
     )
     return Answer(result=output, said=[] if code else [written], code=code)
 
 
-def _diagnosis(diagnosis: Diagnosis) -> Answer:
+def _show_diagnosis(diagnosis: Diagnosis) -> Answer:
     problems = [f"problem: {problem}" for problem in diagnosis.problems]
     shown = problems or ["all well: this machine can plan and render"]
     return Answer(result=diagnosis, shown=[diagnosis.table(), *shown], code=FOUND if problems else DONE)
 
 
 VERBS = {
-    "doctor": Verb("render.doctor:diagnose", _diagnosis),
-    "demo": Verb("verbs.demo:run_demo", _shown, resumes=True),
+    "doctor": Verb("render.doctor:diagnose_machine", _show_diagnosis),
+    "demo": Verb("verbs.demo:run_demo", _demo_answer, resumes=True),
 }

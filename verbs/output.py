@@ -15,7 +15,7 @@ import msgspec
 from rich.markup import escape
 from rich.table import Table
 
-from hulldown.base.terminal import Terminal, warn
+from hulldown.base.terminal import Terminal, print_warning
 
 STDOUT = Terminal(highlight=False)
 MAX_TABLE_CHARACTERS = 10_000  # characters of a table in a file or a pipe
@@ -31,7 +31,7 @@ def warnings_in_one_line() -> Iterator[None]:
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
             if category is UserWarning:
-                warn(str(message))
+                print_warning(str(message))
             else:
                 elsewhere(message, category, *where, **more)
 
@@ -44,7 +44,7 @@ def silence_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def show(*results: str | Table) -> None:
+def print_report(*results: str | Table) -> None:
     """Print lines and tables on stdout: lines unbroken in a narrow terminal, tables whole in a file or a pipe."""
     for result in results:
         if isinstance(result, str):
@@ -57,11 +57,11 @@ def show(*results: str | Table) -> None:
 
 def show_json(result: object) -> None:
     """Print a result on stdout as JSON."""
-    sys.stdout.write(json.dumps(result, indent=2, default=_plain) + "\n")
+    sys.stdout.write(json.dumps(result, indent=2, default=_plain_value) + "\n")
     sys.stdout.flush()
 
 
-def _plain(value: object) -> object:
+def _plain_value(value: object) -> object:
     if isinstance(value, msgspec.Struct):
         return msgspec.to_builtins(value)
     return dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else str(value)

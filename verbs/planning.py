@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from hulldown.planning.inputs.inspection import Inspection
 
 
-def _project(config: Path) -> Answer:
+def _show_project(config: Path) -> Answer:
     return Answer(result=config, said=[f"wrote {config}; next: hulldown inspect or plan it"])
 
 
-def _inspection(found: Inspection) -> Answer:
+def _show_inspection(found: Inspection) -> Answer:
     shown: list[str | Table] = []
     for report in found.reports:
         shown += [report.table(), *report.lines()]
@@ -33,7 +33,7 @@ def _inspection(found: Inspection) -> Answer:
     )
 
 
-def _plan(plan: Plan) -> Answer:
+def _show_plan(plan: Plan) -> Answer:
     summary, page = plan.summary, plan.path.with_suffix(".html")
     return Answer(
         result=summary.to_json(),
@@ -45,24 +45,24 @@ def _plan(plan: Plan) -> Answer:
     )
 
 
-def _differences(found: Sequence[str]) -> Answer:
+def _show_differences(found: Sequence[str]) -> Answer:
     return Answer(result=found, shown=found, said=[f"{len(found)} findings"], code=FOUND if found else DONE)
 
 
-def _sheet(picture: Path) -> Answer:
+def _show_sheet(picture: Path) -> Answer:
     return Answer(result=picture, said=[f"wrote {picture}"])
 
 
-def _passes(images: Mapping[str, int], output: AnyPath) -> Answer:
+def _show_passes(images: Mapping[str, int], output: AnyPath) -> Answer:
     said = f"wrote {', '.join(images)} of {max(images.values())} images into {output}"
     return Answer(result=images, said=[said])
 
 
 VERBS = {
-    "init": Verb("demo.project:create_project", _project, resumes=True),
-    "inspect": Verb("planning.inputs.inspection:inspect_files", _inspection),
-    "plan": Verb("planning.write:plan_dataset", _plan, resumes=True),
-    "check": Verb("planning.check:check_plan", _differences),
-    "preview": Verb("plan.pictures.preview:preview_sheet", _sheet),
-    "passes": Verb("plan.pictures.passes:write_passes", _passes, resumes=True),
+    "init": Verb("demo.project:create_project", _show_project, resumes=True),
+    "inspect": Verb("planning.inputs.inspection:inspect_files", _show_inspection),
+    "plan": Verb("planning.write:plan_dataset", _show_plan, resumes=True),
+    "check": Verb("planning.check:check_plan", _show_differences),
+    "preview": Verb("plan.pictures.preview:preview_sheet", _show_sheet),
+    "passes": Verb("plan.pictures.passes:write_passes", _show_passes, resumes=True),
 }

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hulldown.render.verify import Findings
 
 
-def _rendered(report: RenderReport, output: AnyPath) -> Answer:
+def _show_render(report: RenderReport, output: AnyPath) -> Answer:
     done = (
         f"{report.rendered} images rendered, {report.already} were there, {len(report.failed)} failed "
         f"in {report.seconds:.0f} s; next: hulldown verify {output}"
@@ -30,11 +30,11 @@ def _rendered(report: RenderReport, output: AnyPath) -> Answer:
     )
 
 
-def _cluster(_: None) -> Answer:
+def _show_cluster(_: None) -> Answer:
     return Answer(result=None)
 
 
-def _joined(joined: Joined, output: AnyPath) -> Answer:
+def _show_join(joined: Joined, output: AnyPath) -> Answer:
     missing = f"{joined.missing} planned images are not there yet, {joined.failed} of them given up"
     return Answer(
         result=joined,
@@ -43,7 +43,7 @@ def _joined(joined: Joined, output: AnyPath) -> Answer:
     )
 
 
-def _findings(found: Findings, dataset: AnyPath) -> Answer:
+def _show_findings(found: Findings, dataset: AnyPath) -> Answer:
     errors = sum(finding.severity == "error" for finding in found)
     masks = f", {len(found.masks.rows)} masks rendered" if found.masks else ""
     return Answer(
@@ -54,21 +54,21 @@ def _findings(found: Findings, dataset: AnyPath) -> Answer:
     )
 
 
-def _page(comparison: Comparison | None, output: AnyPath) -> Answer:
+def _show_page(comparison: Comparison | None, output: AnyPath) -> Answer:
     rows = comparison.rows() if comparison else []
     lines = [f"{distance}  {title} ({keys})" for title, distance, keys in rows]
     return Answer(result=comparison and comparison.distances(), shown=lines, said=[f"wrote {output}"])
 
 
-def _export(counts: Mapping[str, int], output: AnyPath) -> Answer:
+def _show_export(counts: Mapping[str, int], output: AnyPath) -> Answer:
     return Answer(result=counts, said=[f"wrote {output}: " + ", ".join(f"{n} {name}" for name, n in counts.items())])
 
 
 VERBS = {
-    "render": Verb("render.supervisor:render_remaining", _rendered, resumes=True),
-    "cluster": Verb("cluster.scheduler:run_cluster", _cluster),
-    "join": Verb("dataset.join:join_datasets", _joined, resumes=True),
-    "verify": Verb("render.verify:verify_dataset", _findings),
-    "report": Verb("dataset.reports.dataset_report:report_dataset", _page),
-    "export": Verb("dataset.exports.export:export_dataset", _export),
+    "render": Verb("render.supervisor:render_remaining", _show_render, resumes=True),
+    "cluster": Verb("cluster.scheduler:run_cluster", _show_cluster),
+    "join": Verb("dataset.join:join_datasets", _show_join, resumes=True),
+    "verify": Verb("render.verify:verify_dataset", _show_findings),
+    "report": Verb("dataset.reports.dataset_report:report_dataset", _show_page),
+    "export": Verb("dataset.exports.export:export_dataset", _show_export),
 }

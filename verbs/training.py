@@ -18,23 +18,23 @@ if TYPE_CHECKING:
     from hulldown.training.study.train_study import Done
 
 
-def _subsets(counts: Mapping[str, int], output: AnyPath) -> Answer:
+def _show_subsets(counts: Mapping[str, int], output: AnyPath) -> Answer:
     sizes = ", ".join(f"{n} images in {name}" for name, n in counts.items())
     return Answer(result=counts, said=[f"wrote {output}: {sizes}"])
 
 
-def _sheet(_: None, output: AnyPath) -> Answer:
+def _show_sheet(_: None, output: AnyPath) -> Answer:
     return Answer(result=output, said=[f"wrote {output}"])
 
 
-def _run(run: Run, output: AnyPath, valid: AnyPath | None) -> Answer:
+def _show_run(run: Run, output: AnyPath, valid: AnyPath | None) -> Answer:
     found = run.figures.valid
     figures = [f"on {valid}: AP {found['ap']:.3f}, AP50 {found['ap50']:.3f}"] if found else []
     written = f"wrote {output}; next: hulldown predict {output} DATASET -o predictions.json"
     return Answer(result=run, said=[*figures, written])
 
 
-def _predictions(
+def _show_predictions(
     done: Predicted, pictures: Sequence[AnyPath], output: AnyPath, drawn: AnyPath | None, threshold: float
 ) -> Answer:
     unknown = f"{pictures[0]} has no class {', '.join(done.unknown)}: detections of it count as false positives"
@@ -51,11 +51,11 @@ def _predictions(
     )
 
 
-def _model(about: Mapping[str, object], output: AnyPath) -> Answer:
+def _show_model(about: Mapping[str, object], output: AnyPath) -> Answer:
     return Answer(result=about, said=[f"wrote {output}; {about['input']}; {about['output']}"])
 
 
-def _evaluation(found: DetectorReport | DetectorReports, output: AnyPath) -> Answer:
+def _show_evaluation(found: DetectorReport | DetectorReports, output: AnyPath) -> Answer:
     return Answer(result=found, said=[*found.lines(), f"look at {Path(output) / 'report.html'}"])
 
 
@@ -63,7 +63,7 @@ def _study_config(config: Path) -> Answer:
     return Answer(result=config, said=[f"wrote {config}; next: hulldown study run {config} -o STUDY"])
 
 
-def _study(done: Done, output: AnyPath) -> Answer:
+def _show_study(done: Done, output: AnyPath) -> Answer:
     finished, left = len(done.finished) + len(done.already), len(done.failed) + len(done.elsewhere)
     runs = f"{finished} of {finished + left} runs are finished"
     return Answer(
@@ -79,13 +79,13 @@ def _study_report(found: StudyReport, study: AnyPath) -> Answer:
 
 
 VERBS = {
-    "subset": Verb("training.subset:write_subsets", _subsets),
-    "augment": Verb("training.sheet:augmentation_sheet", _sheet),
-    "train": Verb("training.train:train_detector", _run, resumes=True),
-    "predict": Verb("training.predict:predict_detections", _predictions, resumes=True),
-    "export_model": Verb("training.onnx_model:export_model", _model),
-    "evaluate": Verb("training.evaluation.evaluation_report:evaluate_detections", _evaluation),
+    "subset": Verb("training.subset:write_subsets", _show_subsets),
+    "augment": Verb("training.sheet:augmentation_sheet", _show_sheet),
+    "train": Verb("training.train:train_detector", _show_run, resumes=True),
+    "predict": Verb("training.predict:predict_detections", _show_predictions, resumes=True),
+    "export_model": Verb("training.onnx_model:export_model", _show_model),
+    "evaluate": Verb("training.evaluation.evaluation_report:evaluate_detections", _show_evaluation),
     "study init": Verb("training.study.config:write_study", _study_config),
-    "study run": Verb("training.study.train_study:train_study", _study, resumes=True),
+    "study run": Verb("training.study.train_study:train_study", _show_study, resumes=True),
     "study report": Verb("training.study.study_report:write_report", _study_report),
 }

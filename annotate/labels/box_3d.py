@@ -16,7 +16,7 @@ from hulldown.annotate.records import Category, Image, Label
 from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.portable import arctan2
-from hulldown.geometry.transforms import product
+from hulldown.geometry.transforms import matrix_product
 
 DECIMAL_DIGITS = 9  # to a nanometer, so that every processor gives the same
 VALUE_TOLERANCE = 1e-6
@@ -74,15 +74,17 @@ class BoxInCamera(LabelType):
         low, high = vehicle.bounds
         world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, vehicle.camera.world_from_camera
         camera_from_world = world_from_camera[:3, :3].T
-        rotation = product(camera_from_world, world_from_vehicle[:3, :3])
-        middle = product(world_from_vehicle[:3, :3], ((low + high) / 2.0)[:, None])[:, 0] + world_from_vehicle[:3, 3]
+        rotation = matrix_product(camera_from_world, world_from_vehicle[:3, :3])
+        middle = (
+            matrix_product(world_from_vehicle[:3, :3], ((low + high) / 2.0)[:, None])[:, 0] + world_from_vehicle[:3, 3]
+        )
         away = middle - world_from_camera[:3, 3]
-        center = product(camera_from_world, away[:, None])[:, 0]
-        ahead, left, _ = product(world_from_vehicle[:3, :3].T, -away[:, None])  # (1,) each
+        center = matrix_product(camera_from_world, away[:, None])[:, 0]
+        ahead, left, _ = matrix_product(world_from_vehicle[:3, :3].T, -away[:, None])  # (1,) each
         if (
             ahead[0] * ahead[0] + left[0] * left[0] <= (OVERHEAD_RADIANS * center[2]) ** 2
         ):  # no direction: rounding would decide
-            ahead, left, _ = product(world_from_vehicle[:3, :3].T, world_from_camera[:3, 1, None])
+            ahead, left, _ = matrix_product(world_from_vehicle[:3, :3].T, world_from_camera[:3, 1, None])
         distance = math.sqrt(center[0] * center[0] + center[1] * center[1] + center[2] * center[2])
         box = Box3D(
             *((np.round(values, DECIMAL_DIGITS) + 0.0).tolist() for values in (center, high - low, rotation))
@@ -120,6 +122,6 @@ class BoxInCamera(LabelType):
 
 def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
     """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane."""
-    from_center = product(np.array(box.rotation), (_CORNERS * box.size).T).T
+    from_center = matrix_product(np.array(box.rotation), (_CORNERS * box.size).T).T
     pixels, depth = intrinsics.project_points(np.array(box.center) + from_center)
     return np.where((depth >= NEAR_M)[:, None], np.clip(pixels, -PIXEL_LIMIT, PIXEL_LIMIT), np.nan)

@@ -17,7 +17,7 @@ from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import NEAR_M, Cameras
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
@@ -74,7 +74,7 @@ class Keypoints(LabelType):
 def keypoints_in_image(vehicle: PosedVehicle, camera: Cameras, world: Scene) -> Float[np.ndarray, "k 3"]:
     """Pixel and COCO's v of each keypoint of a vehicle: 2 if it's visible, 1 if it's hidden, 0 outside of the image."""
     shape, world_from_vehicle = vehicle.caster.shape, vehicle.world_from_vehicle[0]
-    points = apply(world_from_vehicle, shape.keypoints_at(vehicle.articulation))
+    points = transform_points(world_from_vehicle, shape.turned_keypoints(vehicle.articulation))
     pixels, depth = camera.project(points)
     size = (camera.lenses.width, camera.lenses.height)
     with np.errstate(invalid="ignore"):

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from msgspec import Meta
 
 from hulldown.annotate.label_type import LabelType, SeenVehicle
-from hulldown.annotate.masks import covers, decode, encode, extent
+from hulldown.annotate.masks import area_and_box, covers_mask, decode_mask, encode_mask
 from hulldown.annotate.record_fields import Side
 from hulldown.annotate.records import Category, Image, Label
 
@@ -20,21 +20,21 @@ MAX_MASK_OVERHANG_PX = 1.0  # pixels that a mask may reach beyond its box
 class VisibleMask(LabelType):
     """The mask of what is visible, and its area."""
 
-    # In one of the forms that `annotate.masks.decode` checks.
+    # In one of the forms that `annotate.masks.decode_mask` checks.
     segmentation: Annotated[object, Meta(description="[mask](boxes.md#masks) of what is visible in the image")] = None
     area: Annotated[Side | None, Meta(description="its number of pixels")] = None
 
     @classmethod
     def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
         """Return run lengths of the visible pixels, and their number."""
-        return {"segmentation": encode(vehicle.visible), "area": int(np.count_nonzero(vehicle.visible))}
+        return {"segmentation": encode_mask(vehicle.visible), "area": int(np.count_nonzero(vehicle.visible))}
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
         """Find a damaged mask, one outside of its box, and another number of pixels."""
         if not (mask := self.segmentation):
             return
         try:
-            pixels, box = extent(mask, *image.size)
+            pixels, box = area_and_box(mask, *image.size)
         except ValueError as error:
             yield str(error)
             return
@@ -44,7 +44,7 @@ class VisibleMask(LabelType):
 
     def tinted_pixels(self, width: int, height: int) -> Bool[np.ndarray, "h w"] | None:
         """Return the mask's pixels."""
-        return decode(self.segmentation, width, height) if self.segmentation else None
+        return decode_mask(self.segmentation, width, height) if self.segmentation else None
 
 
 class AmodalMask(LabelType):
@@ -57,20 +57,20 @@ class AmodalMask(LabelType):
     @classmethod
     def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
         """Return run lengths of the vehicle's pixels."""
-        return {"segmentation_amodal": encode(vehicle.whole)}
+        return {"segmentation_amodal": encode_mask(vehicle.whole)}
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
         """Find a damaged amodal mask, one outside of the box, and one that lacks visible pixels."""
         if (whole := self.segmentation_amodal) is None:
             return
         try:
-            _, box = extent(whole, *image.size)
+            _, box = area_and_box(whole, *image.size)
         except ValueError as error:
             yield f"segmentation_amodal: {error}"
             return
         yield from _outside(label, box, "its amodal mask")
         try:
-            if (visible := label.read(VisibleMask).segmentation) and not covers(whole, visible, *image.size):
+            if (visible := label.read(VisibleMask).segmentation) and not covers_mask(whole, visible, *image.size):
                 yield "its amodal mask lacks pixels of its mask"
         except ValueError:
             return  # the visible mask is damaged, which is found there
@@ -83,7 +83,7 @@ def area_of(label: Label) -> float:
 
 
 def _outside(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
-    """Find a mask, by its extent as of `annotate.masks.extent`, that reaches out of the label's box."""
+    """Find a mask, by its extent as of `annotate.masks.area_and_box`, that reaches out of the label's box."""
     if extent is None:
         return
     x, y, w, h = label.bbox

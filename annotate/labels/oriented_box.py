@@ -12,10 +12,10 @@ from msgspec import Meta
 
 from hulldown.annotate.label_type import LabelType, SeenVehicle
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import encode, runs
+from hulldown.annotate.masks import encode_mask, run_ends
 from hulldown.annotate.record_fields import Pixel, Side
 from hulldown.annotate.records import Category, Image, Label
-from hulldown.annotate.rectangles import fits, mask_rectangle, rectangle_corners
+from hulldown.annotate.rectangles import is_smallest_rectangle, mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 
 Rectangle = tuple[Pixel, Pixel, Side, Side, Pixel]  # center x, center y, width, height, and angle
@@ -33,7 +33,7 @@ class OrientedBox(LabelType):
     def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
         """Return the rectangle, rounded to 1e-6 pixels and 1e-9 radians; None for an empty mask."""
         height, width = vehicle.visible.shape
-        rectangle = mask_rectangle(encode(vehicle.visible), width, height)
+        rectangle = mask_rectangle(encode_mask(vehicle.visible), width, height)
         if rectangle is None:
             return {"obb": None}
         return {"obb": [*np.round(rectangle[:4], 6).tolist(), round(float(rectangle[4]), 9)]}
@@ -44,14 +44,14 @@ class OrientedBox(LabelType):
         if given is None or not isinstance(mask, Mapping):
             return
         try:
-            first, _ = runs(mask, *image.size)
+            first, _ = run_ends(mask, *image.size)
         except ValueError:
             return  # found by the mask's check
         if not len(first):
             return
         if not min(given[2:4]) > 0:
             yield f"obb {list(given)} has no area"
-        elif not fits(given, mask, *image.size):
+        elif not is_smallest_rectangle(given, mask, *image.size):
             yield f"obb {list(given)} isn't the smallest rectangle around its mask"
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.camera.weather.kinds import CONTRAST_THRESHOLD, extinction
+from hulldown.camera.weather.kinds import CONTRAST_THRESHOLD, air_extinction
 from hulldown.geometry.portable import exp, log
 
 MIN_LABEL_CONTRAST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day
@@ -48,12 +48,12 @@ def rain_visibility_m(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
     return np.asarray(-np.log(CONTRAST_THRESHOLD) / rain_extinction(rate_mm_h))
 
 
-def wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
+def surface_wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
     """Wetness of surfaces, 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice without a source.
 
     Examples
     --------
-    >>> [round(float(wetness(rate)), 2) for rate in (0.0, 1.0, 5.0, 20.0)]
+    >>> [round(float(surface_wetness(rate)), 2) for rate in (0.0, 1.0, 5.0, 20.0)]
     [0.0, 0.39, 0.92, 1.0]
     """
     return np.asarray(1.0 - exp(-np.asarray(rate_mm_h, dtype=np.float64) / WETTING_MM_H))
@@ -77,5 +77,5 @@ def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.nda
     [1.0, 0.02, 1.0]
     """
     visibility = np.asarray(visibility_m, dtype=np.float64)
-    depth = extinction(1.0) * np.asarray(distance_m, dtype=np.float64) / visibility
+    depth = air_extinction(1.0) * np.asarray(distance_m, dtype=np.float64) / visibility
     return exp(-np.clip(np.where(np.isnan(visibility), 0.0, depth), 0.0, _MAX_OPTICAL_DEPTH))

@@ -33,7 +33,7 @@ DAYLIGHT_K = 5000.0  # kelvin of the warmest light in which fog is gray
 FOG_KEEPS = (0.02, 0.05)  # CIE 1976 u'v' off daylight from which fog has some of the light's color, and all
 
 
-def extinction(visibility_m: float) -> float:
+def air_extinction(visibility_m: float) -> float:
     """Extinction in 1/m of air with this visibility in meters.
 
     References
@@ -42,7 +42,7 @@ def extinction(visibility_m: float) -> float:
 
     Examples
     --------
-    >>> round(extinction(1000.0), 6)
+    >>> round(air_extinction(1000.0), 6)
     0.003912
     """
     return -math.log(CONTRAST_THRESHOLD) / visibility_m
@@ -117,7 +117,7 @@ KINDS: Mapping[str, WeatherKind] = MappingProxyType(
             covers=("snow_cover", "vehicle_snow_cover"),
             surfaces="snow",
             overcast=True,
-            sizes=lambda weather: snow_sizes(extinction(weather.visibility_m)),
+            sizes=lambda weather: snow_sizes(air_extinction(weather.visibility_m)),
             share_of_sky=0.75,
             preview=(0.85, 0.87, 0.9),
             settles_above=True,
@@ -148,7 +148,7 @@ def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
 
     Most kinds are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a layer of
     fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the camera
-    down it is whole, so that targets lose contrast as `extinction` says.
+    down it is whole, so that targets lose contrast as `air_extinction` says.
     """
     top, reach = min(FOG_ABOVE * visibility_m, FOG_TOP), min(FOG_REACH * visibility_m, FOG_SIDE)
     tops, layers = [top], KINDS[kind].layers
@@ -156,10 +156,10 @@ def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
         parts = [part / layers for part in range(layers + 1)]
         areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
         tops = sorted(layers * top * (after - before) for before, after in itertools.pairwise(areas))
-    return [AirLayer(extinction(visibility_m) / len(tops), above, reach) for above in tops]
+    return [AirLayer(air_extinction(visibility_m) / len(tops), above, reach) for above in tops]
 
 
-def airlight(kind: str, sky: np.ndarray) -> np.ndarray:
+def airlight_radiance(kind: str, sky: np.ndarray) -> np.ndarray:
     """Radiance (3,) of endless air under a sky that lights the ground as brightly as an even one of radiance `sky`.
 
     References

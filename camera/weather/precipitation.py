@@ -77,7 +77,7 @@ class Streaks:
     gain: np.ndarray  # factor on the opacity, of discs that are drawn wider than they are
 
 
-def view_of(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
+def symmetric_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
     """Return the symmetric view around a camera's image, whose principal point may be off-center."""
     half = intrinsics.half_tangents
     pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
@@ -108,8 +108,8 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, se
     rng = np.random.default_rng([seed, OF_DROPS])
     speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
     behind = float(speed.max()) * view.exposure_s / 2.0 / min(view.half)  # streaks reach into the image from outside
-    reach = _reaches(sizes, speed, view, behind)
-    count = rng.poisson(sizes.number * _volume(view, reach, behind))
+    reach = _class_reaches(sizes, speed, view, behind)
+    count = rng.poisson(sizes.number * _pyramid_volume(view, reach, behind))
     of = np.repeat(np.arange(len(count)), count)
     u = rng.random((len(of), 4))
     near, far = (NEAREST + behind) ** 3, (reach[of] + behind) ** 3
@@ -121,12 +121,12 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, se
     return Drops(centers, sizes.edges[of] + u[:, 3] * np.diff(sizes.edges)[of], velocities)
 
 
-def _volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
+def _pyramid_volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
     """Volume of the view pyramid between the nearest and the farthest drop; its apex is `behind` the eye."""
     return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST + behind) ** 3, 0.0)
 
 
-def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
+def _class_reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
     """Return the distance up to which drops of each class are drawn, (k,)."""
     distances = np.geomspace(NEAREST, FARTHEST, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
@@ -139,12 +139,12 @@ def _reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.n
         reach = distances[np.maximum(seen - 1, 0)]
         met = np.where(distances <= reach[:, None], 4.0 * wide**2 * (way + 1.0), 0.0)  # area of quads, by distance
         crowd = sizes.number @ (met[:, 1:] @ np.diff(distances))
-        if sizes.number @ _volume(view, reach, behind) <= MOST_DROPS and crowd <= MOST_ON_A_RAY:
+        if sizes.number @ _pyramid_volume(view, reach, behind) <= MOST_DROPS and crowd <= MOST_ON_A_RAY:
             break
     return reach
 
 
-def streaks(drops: Drops, view: View) -> Streaks:
+def streak_quads(drops: Drops, view: View) -> Streaks:
     """Return the quads of drops.
 
     A drop hides each point of its streak while it passes, which is D / (D + length) of the time along the middle. The

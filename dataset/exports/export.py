@@ -14,28 +14,28 @@ from cyclopts import Parameter
 
 from hulldown.annotate import outlines
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import extent
+from hulldown.annotate.masks import area_and_box
 from hulldown.annotate.records import Image, Label
-from hulldown.base.arguments import AnyPath, AtLeastZero, parsed
+from hulldown.base.arguments import AnyPath, AtLeastZero, make_parser
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing, is_done
-from hulldown.base.terminal import reporting, say
+from hulldown.base.terminal import print_message, progress_bar
 from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, voc, yolo
 from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
-from hulldown.dataset.exports.split import SPLITS, share_out
+from hulldown.dataset.exports.split import SPLITS, assign_splits
 from hulldown.dataset.records import read_usable
-from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clipped, refuse_all
+from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clip_labels, refuse_all
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Splits, Path], None]] = {
-    "coco": coco_folders.write,
-    "yolo": yolo.write,
-    "rfdetr-yolo": partial(yolo.write, split_first=True),
-    "yolo-obb": partial(yolo.write, lines=yolo.corner_lines),
+    "coco": coco_folders.write_coco,
+    "yolo": yolo.write_yolo,
+    "rfdetr-yolo": partial(yolo.write_yolo, split_first=True),
+    "yolo-obb": partial(yolo.write_yolo, lines=yolo.corner_lines),
     "yolo-pose": yolo.write_pose,
-    "voc": voc.write,
-    "kitti": kitti.write,
-    "huggingface": huggingface.write,
+    "voc": voc.write_voc,
+    "kitti": kitti.write_kitti,
+    "huggingface": huggingface.write_huggingface,
 }
 WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface")
 POLYGONS_WITHIN_PX = 0.3
@@ -48,7 +48,7 @@ def _three_shares(text: str) -> tuple[float, float, float]:
     return train, valid, test
 
 
-SPLIT = parsed("three shares that add up to 1, such as 0.7,0.2,0.1", _three_shares, metavar="A,B,C")
+SPLIT = make_parser("three shares that add up to 1, such as 0.7,0.2,0.1", _three_shares, metavar="A,B,C")
 
 
 def export_dataset(
@@ -120,29 +120,29 @@ def export_dataset(
     folder, out = Path(dataset), Path(output)
     within = POLYGONS_WITHIN_PX if polygons is True else float(polygons)
     document = read_usable(folder)
-    images = clipped(document.images, folder=folder, clip=clip)
-    split_of = share_out(images, fractions=fractions)
+    images = clip_labels(document.images, folder=folder, clip=clip)
+    split_of = assign_splits(images, fractions=fractions)
     _check_masks(images, folder)
     pictures = sound_pictures(folder, images, [Path(each) for each in allow_links])
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
     for image, name, picture in zip(images, flat_names(images), pictures, strict=True):
-        kept = floors.kept(image.labels)
+        kept = floors.kept_labels(image.labels)
         if polygons is not False:
-            kept = [_outlined(label, image.size, within) for label in kept]
+            kept = [_outline_label(label, image.size, within) for label in kept]
         items[split_of[image.id]].append(Item(image.labeled(kept), name, picture))
     categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
     splits = Splits(folder, document.head, categories, items)
-    key = _key(layout, splits)
+    key = _export_key(layout, splits)
     if is_done(out, key):
-        say(f"{out}: is complete already")
+        print_message(f"{out}: is complete already")
         return counts
-    with reporting("linking images", progress) as advance, all_or_nothing(out, key) as unfinished:
+    with progress_bar("linking images", progress) as advance, all_or_nothing(out, key) as unfinished:
         LAYOUTS[layout](replace(splits, progress=advance), unfinished)
     return counts
 
 
-def _key(layout: str, splits: Splits) -> str:
+def _export_key(layout: str, splits: Splits) -> str:
     """Return a hash of everything that determines an export, besides the content of pictures without a hash."""
     key = hashlib.sha256(orjson.dumps([layout, splits.coco_head]))
     for split, of_split in splits.items.items():
@@ -159,14 +159,14 @@ def _check_masks(images: Sequence[Image], folder: Path) -> None:
         for label in image.labels:
             if mask := label.read(VisibleMask).segmentation:
                 try:
-                    extent(mask, *image.size)
+                    area_and_box(mask, *image.size)
                 except ValueError as error:
                     wrong.append(f"annotation {label.id}: {error}")
     refuse_all(wrong, "mask", folder)
 
 
-def _outlined(label: Label, size: tuple[int, int], within: float) -> Label:
+def _outline_label(label: Label, size: tuple[int, int], within: float) -> Label:
     """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
     if label.crowd or not (mask := label.read(VisibleMask).segmentation):
         return label
-    return label.changed(segmentation=outlines.polygons(mask, *size, within=within))
+    return label.changed(segmentation=outlines.mask_polygons(mask, *size, within=within))

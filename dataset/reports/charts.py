@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter, ScalarFormatter
 
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # color-blind readers can tell them apart
@@ -23,28 +23,28 @@ MOST_NAMES = 12
 MOST_PLACES = 2_000  # dots on a map; more would overlap
 
 
-def axes_of(title: str, width: float = 3.6, height: float = 2.2) -> tuple[Figure, Axes]:
+def make_axes(title: str, width: float = 3.6, height: float = 2.2) -> tuple[Figure, Axes]:
     """Axes of a chart, sized in inches at 100 pixels each."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
     axes.set_title(title)
-    tidy(axes)
+    tidy_axes(axes)
     return figure, axes
 
 
-def tidy(axes: Axes) -> None:
+def tidy_axes(axes: Axes) -> None:
     """Remove the top and right side and lighten the lines of a chart."""
     axes.tick_params(labelsize=8, colors=INK)
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(SOFT)
 
 
-def short(name: str) -> str:
+def shorten_name(name: str) -> str:
     """Shorten a name, and escape dollar signs, which would start mathematics."""
     return (name if len(name) <= MAX_NAME_CHARACTERS else f"{name[: MAX_NAME_CHARACTERS - 1]}…").replace("$", r"\$")
 
 
-def svg(figure: Figure) -> bytes:
+def chart_svg(figure: Figure) -> bytes:
     """Return a chart as SVG, with the same bytes each time."""
     file = io.BytesIO()
     for axes in figure.axes:
@@ -56,9 +56,9 @@ def svg(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> Figure:
+def draw_histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> Figure:
     """Histogram of the known numbers."""
-    figure, axes = axes_of(title)
+    figure, axes = make_axes(title)
     known = values[np.isfinite(values) & ((values > 0) | (not log))]
     axes.hist(known, bins=_bin_edges(axes, known, log=log), color=BLUE)
     return figure
@@ -68,7 +68,7 @@ def two_histograms(
     title: str, own: Float[np.ndarray, " n"], photographs: Float[np.ndarray, " m"], *, log: bool = False
 ) -> Figure:
     """Histograms of a dataset (filled) and of photographs (a line) in the same bins."""
-    figure, axes = axes_of(title)
+    figure, axes = make_axes(title)
     edges = _bin_edges(axes, np.concatenate([own, photographs]), log=log)
     weights = [np.full(len(values), 100.0 / len(values)) for values in (own, photographs)]
     axes.hist(own, edges, weights=weights[0], color=BLUE, alpha=0.55, label="this dataset")
@@ -90,9 +90,9 @@ def _bin_edges(axes: Axes, values: Float[np.ndarray, " n"], *, log: bool) -> lis
     return np.linspace(low, high if high > low else low + 1.0, HISTOGRAM_BINS + 1).tolist()
 
 
-def azimuths(values: Float[np.ndarray, " n"]) -> Figure:
+def draw_azimuths(values: Float[np.ndarray, " n"]) -> Figure:
     """Histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
-    figure, axes = axes_of("side seen")
+    figure, axes = make_axes("side seen")
     axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, HISTOGRAM_BINS + 1).tolist(), color=BLUE)
     axes.set_xticks([-180, -90, 0, 90, 180], ["rear", "right", "front", "left", "rear"])
     return figure
@@ -100,28 +100,28 @@ def azimuths(values: Float[np.ndarray, " n"]) -> Figure:
 
 def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Figure:
     """Positions of labels' centers, in shares of width and height."""
-    figure, axes = axes_of("label positions")
+    figure, axes = make_axes("label positions")
     counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
     axes.set(xticks=[], yticks=[])
     return figure
 
 
-def shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
+def draw_shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
     """Frequency of each name, most frequent on top."""
     counts = Counter(name for name in names.tolist() if name).most_common()
     if rest := counts[MOST_NAMES:]:
         counts[MOST_NAMES:] = [(f"{len(rest)} others", sum(n for _, n in rest))]
-    figure, axes = axes_of(title, 3.6, 0.7 + 0.24 * max(len(counts), 3))
+    figure, axes = make_axes(title, 3.6, 0.7 + 0.24 * max(len(counts), 3))
     axes.barh(range(len(counts)), [n for _, n in counts], color=BLUE, height=0.62)
-    axes.set_yticks(range(len(counts)), [short(name) for name, _ in counts])
+    axes.set_yticks(range(len(counts)), [shorten_name(name) for name, _ in counts])
     axes.invert_yaxis()
     return figure
 
 
-def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
+def draw_differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
     """Draw named differences with intervals, gray if an interval contains 0 or is unknown."""
-    figure, axes = axes_of(title.replace("$", r"\$"), 6.4, 0.9 + 0.22 * len(rows))
+    figure, axes = make_axes(title.replace("$", r"\$"), 6.4, 0.9 + 0.22 * len(rows))
     for k, (_, value, low, high) in enumerate(rows):
         color = GREEN if low > 0 else RED if high < 0 else SOFT
         axes.plot([low, high], [k, k], color=color, linewidth=1.2)
@@ -135,8 +135,8 @@ def differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, 
 
 def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> Figure:
     """Map of a scenery: each camera with a line to its target, in meters."""
-    figure, axes = axes_of(f"{short(name)} ({len(cameras):,} images)", 4.6, 4.2)
-    some = spread(len(cameras), MOST_PLACES)
+    figure, axes = make_axes(f"{shorten_name(name)} ({len(cameras):,} images)", 4.6, 4.2)
+    some = even_sample(len(cameras), MOST_PLACES)
     cameras, vehicles = cameras[some], vehicles[some]
     seen = np.isfinite(vehicles).all(axis=1)
     ends = np.stack([cameras[seen], vehicles[seen], np.full((seen.sum(), 2), np.nan)], axis=1).reshape(-1, 2)

@@ -15,12 +15,12 @@ from scipy.stats import ks_2samp
 
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
-from hulldown.base.terminal import reporting
+from hulldown.base.terminal import progress_bar
 from hulldown.dataset.photographs import Photographs
 from hulldown.dataset.reports.charts import two_histograms
 from hulldown.dataset.table import Dataset
 from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 
 MOST_PICTURES = 500  # most measured pictures, spread evenly
 MEASURED_SIDE_PX = 512  # pixels of the longer side at which pictures are measured
@@ -77,13 +77,13 @@ class Comparison:
 
 def compare_with_photographs(dataset: Dataset, photographs: Photographs, *, pixels: bool) -> Comparison:
     """Compare a dataset or a plan with photographs, feature by feature; pictures only with `pixels`."""
-    boxes = boxes_in(dataset)
+    boxes = dataset_boxes(dataset)
     for each in (photographs, boxes):
         if not len(each.image):
             raise DatasetError("has no boxes to compare", path=each.path, remedy="label some pictures")
     own, wanted = _box_values(boxes), _box_values(photographs)
     folder = photographs.path.parent
-    files = [path for name in photographs.file_names if (path := _inside(folder, name)) is not None]
+    files = [path for name in photographs.file_names if (path := _picture_inside(folder, name)) is not None]
     if pixels and not files:
         warnings.warn(f"{folder}: no pictures of the photographs; only boxes are compared", stacklevel=2)
     elif pixels:
@@ -92,7 +92,7 @@ def compare_with_photographs(dataset: Dataset, photographs: Photographs, *, pixe
     return Comparison(own, wanted)
 
 
-def boxes_in(dataset: Dataset) -> Photographs:
+def dataset_boxes(dataset: Dataset) -> Photographs:
     """Return the boxes of a dataset or a plan in the form of photographs, without crowds."""
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(~labels["crowd"])
@@ -125,16 +125,16 @@ def _box_values(photographs: Photographs) -> Values:
 
 
 def _light_values(picture: Callable[[int], Pictures.Image], count: int) -> Values:
-    chosen = spread(count, MOST_PICTURES).tolist()
+    chosen = even_sample(count, MOST_PICTURES).tolist()
     found = []
-    with reporting("comparing", None) as advance:
+    with progress_bar("comparing", None) as advance:
         for i in chosen:
             found.append(brightness_and_contrast(picture(i)))
             advance(len(found), len(chosen))
     return dict(zip(("brightness", "contrast"), np.array(found).T, strict=True))
 
 
-def _inside(folder: Path, name: str) -> Path | None:
+def _picture_inside(folder: Path, name: str) -> Path | None:
     """Return a picture of a COCO file; None if it's missing, or outside of the file's folder."""
     path = folder / name
     return path if name and path.is_file() and path.resolve().is_relative_to(folder.resolve()) else None

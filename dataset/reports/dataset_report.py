@@ -16,15 +16,15 @@ from PIL import ImageDraw
 from hulldown.annotate.drawing import IGNORED, color_of
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import make_room, replace_file
-from hulldown.base.terminal import reporting
-from hulldown.dataset.attributes import SCALES, SIZE, camera_poses, poses
+from hulldown.base.files import prepare_output_file, replace_file
+from hulldown.base.terminal import progress_bar
+from hulldown.dataset.attributes import SCALES, SIZE, camera_poses, pose_array
 from hulldown.dataset.photographs import read_photographs
-from hulldown.dataset.reports.charts import azimuths, histogram, place_map, places_in_pictures, shares
+from hulldown.dataset.reports.charts import draw_azimuths, draw_histogram, draw_shares, place_map, places_in_pictures
 from hulldown.dataset.reports.comparison import Comparison, compare_with_photographs
-from hulldown.dataset.reports.page import Tile, render
+from hulldown.dataset.reports.page import Tile, render_page
 from hulldown.dataset.table import CONDITIONS, Dataset
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 from hulldown.pictures.own_files import refuse_foreign
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.pictures.preview import Artist
@@ -76,35 +76,35 @@ def report_dataset(
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH_PX, labels=False))
     if not dataset.images:
         raise DatasetError("has no images yet", path=source, remedy="render some first")
-    make_room(out)
+    prepare_output_file(out)
     refuse_foreign(out, PAGE_MARK)
     comparison = None
     if photographs is not None:
         comparison = compare_with_photographs(dataset, read_photographs(Path(photographs)), pixels=source.is_dir())
-    chosen = spread(len(dataset), images)
+    chosen = even_sample(len(dataset), images)
     tiles = []
-    with reporting("thumbnails", None) as advance:
+    with progress_bar("thumbnails", None) as advance:
         for i in chosen.tolist():
-            tiles.append(_tile(dataset, i))
+            tiles.append(_image_tile(dataset, i))
             advance(len(tiles), len(chosen))
-    page = render(
+    page = render_page(
         "dataset/reports/report.html",
         {
             "dataset": dataset,
             "comparison": comparison,
             "tiles": tiles,
-            "facts": _facts(dataset),
+            "facts": _dataset_facts(dataset),
             "sizes": SIZES,
-            "classes": _classes(dataset),
-            "charts": _charts(dataset),
-            "maps": _maps(dataset),
+            "classes": _class_rows(dataset),
+            "charts": _label_charts(dataset),
+            "maps": _scenery_maps(dataset),
         },
     )
     replace_file(out, page.encode())
     return comparison
 
 
-def _facts(dataset: Dataset) -> list[str]:
+def _dataset_facts(dataset: Dataset) -> list[str]:
     """Numbers of images, labels, and positions."""
     images = dataset.of_images
     places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
@@ -118,7 +118,7 @@ def _facts(dataset: Dataset) -> list[str]:
     return [f"{name}: {count:,}" for name, count in counts.items()]
 
 
-def _classes(dataset: Dataset) -> list[list[str]]:
+def _class_rows(dataset: Dataset) -> list[list[str]]:
     """Return the row of each class: its name, images, labels, labels by size, and vehicles."""
     labels, rows = dataset.labels, []
     for name in dataset.categories.values():
@@ -131,31 +131,31 @@ def _classes(dataset: Dataset) -> list[list[str]]:
     return rows
 
 
-def _charts(dataset: Dataset) -> dict[str, Figure]:
+def _label_charts(dataset: Dataset) -> dict[str, Figure]:
     """Charts of the labels and of the images' conditions by title."""
     labels, images, charts = dataset.labels, dataset.of_images, {}
     for scale in (SIZE, *SCALES):
         if np.isfinite(values := labels[scale.name]).any():
             title = f"{scale.title}, {scale.unit}" if scale.unit else scale.title
-            charts[title] = histogram(title, values, log=scale.name in ("box_size", "distance"))
+            charts[title] = draw_histogram(title, values, log=scale.name in ("box_size", "distance"))
     if np.isfinite(labels["azimuth"]).any():
-        charts["side seen"] = azimuths(labels["azimuth"])
+        charts["side seen"] = draw_azimuths(labels["azimuth"])
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
         charts["label positions"] = places_in_pictures(centers / sizes)
-    charts |= {title: shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()}
+    charts |= {title: draw_shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()}
     if np.isfinite(images["strength"]).any():
-        charts["strength of light"] = histogram("strength of light", images["strength"])
+        charts["strength of light"] = draw_histogram("strength of light", images["strength"])
     return charts
 
 
-def _maps(dataset: Dataset) -> dict[str, Figure]:
+def _scenery_maps(dataset: Dataset) -> dict[str, Figure]:
     """Return a map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
     cameras = camera_poses(dataset.images)[:, :2, 3]
     firsts = (image.labels[0] if image.labels else None for image in dataset.images)
-    vehicles = poses([None if first is None else first.world_from_vehicle for first in firsts])[:, :2, 3]
+    vehicles = pose_array([None if first is None else first.world_from_vehicle for first in firsts])[:, :2, 3]
     known = np.isfinite(cameras).all(axis=1)
     return {
         f"map of {name}": place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles)))
@@ -164,19 +164,22 @@ def _maps(dataset: Dataset) -> dict[str, Figure]:
     }
 
 
-def _tile(dataset: Dataset, i: int) -> Tile:
+def _image_tile(dataset: Dataset, i: int) -> Tile:
     """Return an image's thumbnail with the facets of all its labels."""
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
-    values = {"class": _names(labels["category"][rows]) or ["none"], "vehicle": _names(labels["vehicle"][rows])}
-    values |= {title: _names(images[key][[i]]) for key, title in CONDITIONS.items()}
-    values["side seen"] = _names(labels["side"][rows])
-    lines = [", ".join(_about(dataset, row)) for row in rows.tolist()] or ["no labels"]
+    values = {
+        "class": _listed_names(labels["category"][rows]) or ["none"],
+        "vehicle": _listed_names(labels["vehicle"][rows]),
+    }
+    values |= {title: _listed_names(images[key][[i]]) for key, title in CONDITIONS.items()}
+    values["side seen"] = _listed_names(labels["side"][rows])
+    lines = [", ".join(_image_text(dataset, row)) for row in rows.tolist()] or ["no labels"]
     lines.append(", ".join(filter(None, (str(images[key][i]) for key in CONDITIONS))))
-    return Tile(_thumbnail(dataset, i), [dataset.images[i].file_name, *filter(None, lines)], values)
+    return Tile(_encode_thumbnail(dataset, i), [dataset.images[i].file_name, *filter(None, lines)], values)
 
 
-def _about(dataset: Dataset, row: int) -> list[str]:
+def _image_text(dataset: Dataset, row: int) -> list[str]:
     labels = dataset.labels
     caption = [str(labels["category"][row]), str(labels["vehicle"][row])]
     caption.append(f"{labels['width'][row]:.0f} x {labels['height'][row]:.0f} px")
@@ -187,7 +190,7 @@ def _about(dataset: Dataset, row: int) -> list[str]:
     return [each for each in caption if each]
 
 
-def _thumbnail(dataset: Dataset, i: int) -> bytes:
+def _encode_thumbnail(dataset: Dataset, i: int) -> bytes:
     """Return a small JPEG of an image with its boxes."""
     image, file = dataset.images[i], io.BytesIO()
     small = dataset.picture(i, labels=False).convert("RGB")
@@ -201,5 +204,5 @@ def _thumbnail(dataset: Dataset, i: int) -> bytes:
     return file.getvalue()
 
 
-def _names(values: np.ndarray) -> list[str]:
+def _listed_names(values: np.ndarray) -> list[str]:
     return sorted({value for value in values.tolist() if value})

@@ -15,7 +15,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from matplotlib.figure import Figure
 
-from hulldown.dataset.reports.charts import svg
+from hulldown.dataset.reports.charts import chart_svg
 
 LAYOUT = "dataset/reports/page.html"
 
@@ -29,25 +29,26 @@ class Tile:
     values: Mapping[str, list[str]]  # the thumbnail's values by facet; all thumbnails have the same facets
 
 
-def render(template: str, data: Mapping[str, object]) -> str:
+def render_page(template: str, data: Mapping[str, object]) -> str:
     """Return a page."""
-    return _environment().get_template(template).render(data, layout=LAYOUT)
+    return _page_environment().get_template(template).render(data, layout=LAYOUT)
 
 
-def number(value: float | int | None, *, sign: str = "", digits: int = 3) -> str:
+def format_number(value: float | int | None, *, sign: str = "", digits: int = 3) -> str:
     """Format a count, or a figure with some decimals; `sign` is ``"+"`` for differences."""
     if value is None or np.isnan(value):
         return "–"
     return f"{value:,}" if isinstance(value, int) else f"{value:{sign},.{digits}f}"
 
 
-def ranged(value: float | int | None, ends: Sequence[float | None] | None, *, sign: str = "") -> str:
+def format_interval(value: float | int | None, ends: Sequence[float | None] | None, *, sign: str = "") -> str:
     """Format a figure with its interval, if it has one; `sign` is ``"+"`` for differences."""
     if ends is None or value is None:
-        return number(value, sign=sign)
+        return format_number(value, sign=sign)
     if None in ends:
-        return f"{number(value, sign=sign)} (too few positions to tell)"
-    return f"{number(value, sign=sign)} ({number(ends[0], sign=sign)} to {number(ends[1], sign=sign)})"
+        return f"{format_number(value, sign=sign)} (too few positions to tell)"
+    low, high = (format_number(end, sign=sign) for end in ends)
+    return f"{format_number(value, sign=sign)} ({low} to {high})"
 
 
 def facet_counts(tiles: Sequence[Tile]) -> dict[str, dict[str, int]]:
@@ -59,14 +60,14 @@ def facet_counts(tiles: Sequence[Tile]) -> dict[str, dict[str, int]]:
 def data_uri(picture: bytes | Figure) -> str:
     """Return a JPEG, a PNG, or a chart as a data URI."""
     if isinstance(picture, Figure):
-        kind, content = "svg+xml", svg(picture)
+        kind, content = "svg+xml", chart_svg(picture)
     else:
         kind, content = "png" if picture.startswith(b"\x89PNG") else "jpeg", picture
     return f"data:image/{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 @cache
-def _environment() -> Environment:
+def _page_environment() -> Environment:
     environment = Environment(
         loader=PackageLoader("hulldown", ""),
         autoescape=True,
@@ -74,5 +75,10 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"number": number, "ranged": ranged, "facet_counts": facet_counts, "uri": data_uri}
+    environment.filters |= {
+        "number": format_number,
+        "ranged": format_interval,
+        "facet_counts": facet_counts,
+        "uri": data_uri,
+    }
     return environment

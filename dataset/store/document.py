@@ -18,13 +18,13 @@ import msgspec
 import orjson
 
 from hulldown.annotate.coco_types import Coco, Record
-from hulldown.base.code import version_of
+from hulldown.base.code import package_version
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, converted, json_of, json_parts, json_records, read_file
+from hulldown.base.outside import DATA, convert_value, json_parts, json_records, parse_json, read_file
 from hulldown.dataset.foreign_labels import foreign_reader, refuse_nameless
-from hulldown.dataset.store.entries import place_of
-from hulldown.dataset.store.journal import last_merged, read_journal, replaced
-from hulldown.dataset.store.reservations import Reservation, reservations_of
+from hulldown.dataset.store.entries import normal_name
+from hulldown.dataset.store.journal import last_merged, read_journal, replace_journal
+from hulldown.dataset.store.reservations import Reservation, read_reservations
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
@@ -58,7 +58,7 @@ class Records:
         self.ids.add(record["id"])
         self.highest = max(self.highest, record["id"])
 
-    def ordered(self, offsets: Iterable[int]) -> Iterator[bytes]:
+    def in_order(self, offsets: Iterable[int]) -> Iterator[bytes]:
         """Return records, those above the lowest offset by id, so the order of finished images doesn't matter."""
         lowest = min(offsets, default=math.inf)
         return (record for _, record in sorted(self.rows, key=lambda row: max(row[0], lowest)))
@@ -90,7 +90,7 @@ class Document:
         following = max((record["id"] for record in self.categories), default=0)
         return [{**record, "id": i} for i, record in enumerate(new.values(), start=max(following, 0) + 1)]
 
-    def apply(self, line: Record) -> None:
+    def apply_line(self, line: Record) -> None:
         """Apply a line of the journal."""
         for category in line.get("categories", ()):
             name, number = category["name"], category["id"]
@@ -100,9 +100,9 @@ class Document:
                 raise ValueError(f"category {name!r} with id {number}")
             self.categories.append(category)
         if "run" in line:
-            self.add_reservation(converted(line["run"], Reservation))
+            self.add_reservation(convert_value(line["run"], Reservation))
         image = line.get("image")
-        if image is None or place_of(image["file_name"]) in self.file_names:
+        if image is None or normal_name(image["file_name"]) in self.file_names:
             return
         if not all(isinstance(record["id"], int) for record in (image, *line["annotations"])):
             raise TypeError(f"ids of {image['file_name']!r}")
@@ -111,7 +111,7 @@ class Document:
 
     def add(self, image: Record, annotations: Iterable[Record]) -> None:
         """Add an image and its annotations."""
-        self.file_names.add(place_of(str(image.get("file_name"))))
+        self.file_names.add(normal_name(str(image.get("file_name"))))
         self.images.add(image)
         for annotation in annotations:
             self.annotations.add(annotation)
@@ -125,16 +125,16 @@ class Document:
 
     def to_dict(self) -> Coco:
         """Return the whole as one COCO dictionary, in the order it is written."""
-        head, *records = self._parts()
+        head, *records = self._other_parts()
         images, annotations = ([orjson.loads(record) for record in of_kind] for of_kind in records)
         return cast(Coco, {**head, "images": images, "annotations": annotations})
 
     def write(self, path: Path) -> None:
         """Replace the file at `path` in one step, one record a line."""
-        with replaced(path) as file:
-            write_coco(file, *self._parts())
+        with replace_journal(path) as file:
+            write_coco(file, *self._other_parts())
 
-    def _parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
+    def _other_parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
         """Return all but the records, images, and annotations, in the order they're written."""
         head, reservations = self.head, self.reservations.values()
         if reservations and isinstance(info := head.get("info", {}), dict):
@@ -142,8 +142,8 @@ class Document:
             head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": reserved}}
         return (
             {**head, "categories": self.categories},
-            self.images.ordered(reservation.image_offset for reservation in reservations),
-            self.annotations.ordered(reservation.annotation_offset for reservation in reservations),
+            self.images.in_order(reservation.image_offset for reservation in reservations),
+            self.annotations.in_order(reservation.annotation_offset for reservation in reservations),
         )
 
 
@@ -175,14 +175,14 @@ def read_document(folder: Path) -> Document:
             if not line.keys() <= LINE_KEYS:
                 raise KeyError(f"keys {sorted(line)}")
             if "run" in line:
-                document.apply(line)
+                document.apply_line(line)
             elif "merged" not in line and (number > merged or not exists):
                 # A later line of the same name replaces: the image was deleted by hand and made again.
-                key = place_of(line["image"]["file_name"]) if "image" in line else number
+                key = normal_name(line["image"]["file_name"]) if "image" in line else number
                 since.pop(key, None)
                 since[key] = number, line
         for number, later in since.values():  # noqa: B007  the error names it
-            document.apply(later)
+            document.apply_line(later)
     except (KeyError, TypeError, ValueError) as error:
         raise DatasetError(
             f"line {number} does not fit this journal and its {ANNOTATIONS_NAME}",
@@ -199,7 +199,7 @@ def read_document(folder: Path) -> Document:
 @cache
 def rendered_info() -> dict[str, str]:
     """COCO's `info` of rendered datasets, without a date, so that the same plan gives the same file."""
-    version = version_of("hulldown")
+    version = package_version("hulldown")
     by = f"hulldown {version}" if version else "hulldown"  # run from its folder
     return {"description": "Vehicles rendered by hulldown, with boxes and masks from planned poses", "version": by}
 
@@ -239,13 +239,13 @@ def read_coco(folder: Path | str) -> Coco:
 def _read_annotations(path: Path) -> Document:
     """Read a COCO file, record by record, which takes less than half the memory of a parser of the whole."""
     document = Document()
-    content = read_file(path, partial(_unusable, path), most=DATA)
+    content = read_file(path, partial(_unusable_error, path), most=DATA)
     try:
         parts = json_parts(content)
         categories, images, annotations = (
-            _records(parts.pop(key, NO_RECORDS), key, kind, path) for key, kind in KINDS.items()
+            _parse_records(parts.pop(key, NO_RECORDS), key, kind, path) for key, kind in KINDS.items()
         )
-        document.head = {key: json_of(memoryview(part), object) for key, part in parts.items()}
+        document.head = {key: parse_json(memoryview(part), object) for key, part in parts.items()}
         document.categories += categories
         for image in images:
             document.add(_with_slashes(image), ())
@@ -253,14 +253,14 @@ def _read_annotations(path: Path) -> Document:
             document.annotations.add(annotation)
         orjson.dumps([document.head, document.categories])
     except TypeError as error:
-        raise _unusable(path, f"a record cannot be written again ({error})") from None
+        raise _unusable_error(path, f"a record cannot be written again ({error})") from None
     except ValueError as error:
-        raise _unusable(path, f"isn't a COCO object ({error})") from error
+        raise _unusable_error(path, f"isn't a COCO object ({error})") from error
     try:
-        for reservation in reservations_of(document.head):
+        for reservation in read_reservations(document.head):
             document.add_reservation(reservation)
     except ValueError as error:
-        raise _unusable(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
+        raise _unusable_error(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
     return document
 
 
@@ -270,13 +270,13 @@ def _with_slashes(image: Record) -> Record:
     return {**image, "file_name": name.replace("\\", "/")} if isinstance(name, str) and "\\" in name else image
 
 
-def _records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[Record]:
+def _parse_records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[Record]:
     """Parse a list of records, one at a time."""
     for record in json_records(content, key):
         if type(number := record.get("id")) is not int:
-            raise _unusable(path, f"{kind} id {number!r} is not a whole number")
+            raise _unusable_error(path, f"{kind} id {number!r} is not a whole number")
         yield record
 
 
-def _unusable(path: Path, what: str) -> DatasetError:
+def _unusable_error(path: Path, what: str) -> DatasetError:
     return DatasetError(what, path=path, remedy="repair it, or restore it from a backup, or choose an empty folder")

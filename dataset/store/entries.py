@@ -20,12 +20,12 @@ RESERVED = (
 )
 
 
-def place_of(file_name: str) -> str:
+def normal_name(file_name: str) -> str:
     """Return the normal form of a name: ``images/./1.png`` and ``images//1.png`` are the same file.
 
     Examples
     --------
-    >>> place_of("images/./1.png"), place_of("images//1.png")
+    >>> normal_name("images/./1.png"), normal_name("images//1.png")
     ('images/1.png', 'images/1.png')
     """
     return posixpath.normpath(file_name)
@@ -49,7 +49,7 @@ def plain_json(value: Any, name: str) -> Any:
 def check_image(record: Record) -> None:
     """Refuse an image whose file name leaves the dataset or whose size isn't positive."""
     name = record.get("file_name")
-    first = place_of(name).casefold().split("/")[0] if stays_inside(name) else "."
+    first = normal_name(name).casefold().split("/")[0] if stays_inside(name) else "."
     if first == "." or first in RESERVED:
         raise ValueError(f"image: file_name: expected a path inside the dataset that is free, got {name!r:.120}")
     for key in ("width", "height"):

@@ -14,8 +14,8 @@ import orjson
 
 from hulldown.annotate.coco_types import Record
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import open_in_place, open_regular, replacing, sync_folder
-from hulldown.base.outside import json_of
+from hulldown.base.files import atomic_writer, open_in_place, open_regular, sync_folder
+from hulldown.base.outside import parse_json
 
 MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
@@ -29,7 +29,9 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with DatasetError.explaining("cannot be written to", path=path, remedy="put the file itself there, writable"):
+        with DatasetError.raise_for_system(
+            "cannot be written to", path=path, remedy="put the file itself there, writable"
+        ):
             self._file = open_in_place(path)
         self.length = _whole_lines(path)
         if self.length < path.stat().st_size:
@@ -49,7 +51,7 @@ class Journal:
         if self._file.closed:
             raise ValueError(f"{self.path}: expected an open journal, got a closed one")
         problem, remedy = "the finished image could not be recorded", "free some space and run the same command again"
-        with DatasetError.explaining(problem, path=self.path, remedy=remedy):
+        with DatasetError.raise_for_system(problem, path=self.path, remedy=remedy):
             try:
                 written = 0
                 while written < len(line):
@@ -78,52 +80,52 @@ def read_journal(path: Path) -> Iterator[Record]:
     """
     if not path.exists():
         return
-    with _opened(path) as file:
+    with _open_journal(path) as file:
         for number, line in enumerate(file, start=1):
             if not line.endswith(b"\n"):
                 return
             try:
-                yield json_of(line, dict[str, object])
+                yield parse_json(line, dict[str, object])
             except ValueError as error:
-                raise _damaged(path, number, str(error)) from error
+                raise _damage_error(path, number, str(error)) from error
 
 
 def last_merged(path: Path) -> int:
     """Return the number of a journal's last `MERGED` line; 0 if there is none."""
     if not path.exists():
         return 0
-    with _opened(path) as file:
+    with _open_journal(path) as file:
         return max((number for number, line in enumerate(file, start=1) if line == MERGED), default=0)
 
 
 @contextmanager
-def replaced(path: Path) -> Iterator[BinaryIO]:
+def replace_journal(path: Path) -> Iterator[BinaryIO]:
     """Open a temporary file that replaces the one at `path` in one step when it's complete."""
     remedy = "free some space and run the same command again, which goes on from here"
-    with DatasetError.explaining("cannot be written", path=path, remedy=remedy), replacing(path) as file:
+    with DatasetError.raise_for_system("cannot be written", path=path, remedy=remedy), atomic_writer(path) as file:
         yield file
 
 
-def is_cut_off(path: Path) -> bool:
+def lacks_newline(path: Path) -> bool:
     """Return whether a journal's last line has no newline; false if there is no journal."""
     return path.exists() and _whole_lines(path) < path.stat().st_size
 
 
-def _opened(path: Path) -> BinaryIO:
-    with DatasetError.explaining("cannot be read", path=path, remedy="put the file itself there"):
+def _open_journal(path: Path) -> BinaryIO:
+    with DatasetError.raise_for_system("cannot be read", path=path, remedy="put the file itself there"):
         return open_regular(path)
 
 
 def _whole_lines(path: Path) -> int:
     """Return the number of bytes up to the last newline, which is included."""
-    with _opened(path) as file:
+    with _open_journal(path) as file:
         if not os.fstat(file.fileno()).st_size:
             return 0
         with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             return content.rfind(b"\n") + 1
 
 
-def _damaged(path: Path, number: int, what: str) -> DatasetError:
+def _damage_error(path: Path, number: int, what: str) -> DatasetError:
     return DatasetError(
         f"line {number} is damaged ({what})",
         path=path,

@@ -20,7 +20,7 @@ class LinkError(DatasetError):
 PLACING_SUFFIX = ".joining"  # of a picture before it's renamed
 
 
-def confined(folder: Path, name: str) -> Path:
+def path_inside(folder: Path, name: str) -> Path:
     """Return `folder / name` if it's in the folder."""
     path = folder / name
     real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
@@ -33,10 +33,10 @@ def confined(folder: Path, name: str) -> Path:
     return path
 
 
-def publish(picture: Path, folder: Path, name: str) -> None:
+def publish_picture(picture: Path, folder: Path, name: str) -> None:
     """Move a finished picture to its name in the dataset, in one step and never outside the folder."""
-    final = confined(folder, name)
-    with writing(folder, name):
+    final = path_inside(folder, name)
+    with picture_writing(folder, name):
         final.parent.mkdir(parents=True, exist_ok=True)
         with picture.open("rb") as file:
             os.fsync(file.fileno())
@@ -44,11 +44,11 @@ def publish(picture: Path, folder: Path, name: str) -> None:
         sync_folder(final.parent)
 
 
-def place(picture: Path, folder: Path, name: str) -> None:
-    """Link or copy a picture from elsewhere into the dataset, in one step as `publish`."""
-    final = confined(folder, name)
+def place_picture(picture: Path, folder: Path, name: str) -> None:
+    """Link or copy a picture from elsewhere into the dataset, in one step as `publish_picture`."""
+    final = path_inside(folder, name)
     temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
-    with writing(folder, name):
+    with picture_writing(folder, name):
         if final.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if final.exists() and final.samefile(picture):
@@ -56,7 +56,7 @@ def place(picture: Path, folder: Path, name: str) -> None:
         final.parent.mkdir(parents=True, exist_ok=True)
         temporary.unlink(missing_ok=True)
         link_or_copy(picture, temporary)
-    publish(temporary, folder, name)
+    publish_picture(temporary, folder, name)
 
 
 def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
@@ -90,7 +90,7 @@ def link_or_copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def writing(folder: Path, name: str) -> AbstractContextManager[None]:
+def picture_writing(folder: Path, name: str) -> AbstractContextManager[None]:
     """Return a block that writes a picture: its OSErrors become `DatasetError`."""
     remedy = "make room and run the same command again, which goes on from here"
-    return DatasetError.explaining(f"{name} cannot be written", path=folder, remedy=remedy)
+    return DatasetError.raise_for_system(f"{name} cannot be written", path=folder, remedy=remedy)

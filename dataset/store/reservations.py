@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 import msgspec
 
 from hulldown.annotate.coco_types import Record
-from hulldown.base.outside import converted, sha256_of
+from hulldown.base.outside import convert_value, file_sha256
 
 _Count: TypeAlias = Annotated[int, msgspec.Meta(ge=0)]
 
@@ -38,7 +38,7 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Return whether an image's id is reserved here."""
         return self.image_offset < image_id <= self.image_offset + self.images
 
-    def owns(self, image_id: int, file_name: str) -> bool:
+    def owns_image(self, image_id: int, file_name: str) -> bool:
         """Return whether an image is the plan's: its id and name are both reserved here."""
         return self.has_image(image_id) and PurePosixPath(file_name).name.startswith(self.prefix)
 
@@ -49,15 +49,15 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 def plan_key(plan: Path) -> str:
     """Return a plan's key: the SHA-256 of its file."""
-    return sha256_of(plan)
+    return file_sha256(plan)
 
 
-def reservations_of(coco: Record) -> list[Reservation]:
+def read_reservations(coco: Record) -> list[Reservation]:
     """Return the reservations for plans in a COCO dictionary; ValueError if they were damaged."""
     info = coco.get("info")
-    return converted(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Reservation])
+    return convert_value(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Reservation])
 
 
 def find_reservation(coco: Record, key: str) -> Reservation | None:
     """Return the reservation for a plan in a COCO dictionary; None if there is none."""
-    return next((reservation for reservation in reservations_of(coco) if reservation.key == key), None)
+    return next((reservation for reservation in read_reservations(coco) if reservation.key == key), None)

@@ -17,13 +17,13 @@ from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, siz
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.records import Finding
-from hulldown.dataset.store.entries import place_of
+from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.placed_pictures import own_picture
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.dataset.verification.target_appearance import check_appearances, is_rendered
 
 CHECKER_THREADS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
-LARGEST = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
+MAX_PICTURE_PIXELS = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
 
 
 def check_pictures(
@@ -38,7 +38,7 @@ def check_pictures(
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
-            results = pool.map(lambda image: _check(folder, image, sound.get(image["id"]), fast=fast), chunk)
+            results = pool.map(lambda image: _check_picture(folder, image, sound.get(image["id"]), fast=fast), chunk)
             for done, (image, (findings, found, hashed)) in enumerate(
                 zip(chunk, results, strict=True), start=start + 1
             ):
@@ -53,7 +53,7 @@ def check_pictures(
         first, second = str(images[i].get("file_name")), str(images[j].get("file_name"))
         if i > j and digests[i] != digests[j]:
             yield Finding("warning", first, f"shows the same as {second}: keep both in one split, or delete one")
-    known = {place_of(str(image.get("file_name"))) for image in images}
+    known = {normal_name(str(image.get("file_name"))) for image in images}
     if (folder / "images").is_dir():
         present = {path.relative_to(folder).as_posix() for path in (folder / "images").rglob("*") if path.is_file()}
         if strays := sorted(present - known):
@@ -61,7 +61,7 @@ def check_pictures(
             yield Finding("warning", strays[0], f"belongs to no record{more}")
 
 
-def _check(
+def _check_picture(
     folder: Path, record: Record, image: Image | None, *, fast: bool
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
     """Return a picture's problems, the hash of its bytes, and a photograph's perceptual hash.
@@ -75,7 +75,7 @@ def _check(
         path = own_picture(folder, name)
         if fast:
             return [], None, None
-        picture = read_picture(path, largest=LARGEST if record.get(PICTURE_KEY) else None)
+        picture = read_picture(path, largest=MAX_PICTURE_PIXELS if record.get(PICTURE_KEY) else None)
     except DatasetError as error:
         return [Finding("error", name, error.problem)], None, None
     findings = []

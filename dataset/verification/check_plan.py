@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from hulldown.annotate.coco_types import Coco, Record
-from hulldown.annotate.masks import decode
+from hulldown.annotate.masks import decode_mask
 from hulldown.base.errors import HulldownError
 from hulldown.dataset.records import Finding
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
@@ -47,7 +47,7 @@ def check_planned(coco: Coco, plan: Plan, assets: Callable[[], Library] | None) 
             missing, example = missing + 1, example or name
             first += len(row.labeled)
             continue
-        yield from _differences(name, image, {"file_name": name, **image_record(row)})
+        yield from _list_differences(name, image, {"file_name": name, **image_record(row)})
         for number, label in enumerate(records(row), start=first):
             yield from _label_differences(name, boxes.pop(number, None), {"image_id": i, **label}, names)
         first += len(row.labeled)
@@ -74,7 +74,7 @@ def _label_differences(name: str, box: Record | None, wanted: Record, names: Map
     recorded = {**box, "category": names.get(label) if isinstance(label, int) else None}
     if all(_is_nearly_same_mask(recorded.get(key), wanted.get(key)) for key in MASKS):
         wanted = {key: value for key, value in wanted.items() if key not in OF_MASKS}
-    yield from _differences(name, recorded, wanted, what=f"{wanted['category']} {wanted['vehicle']!r}: ")
+    yield from _list_differences(name, recorded, wanted, what=f"{wanted['category']} {wanted['vehicle']!r}: ")
 
 
 def _is_nearly_same_mask(recorded: object, wanted: object) -> bool:
@@ -82,13 +82,13 @@ def _is_nearly_same_mask(recorded: object, wanted: object) -> bool:
         return recorded == wanted
     height, width = wanted["size"]
     try:
-        differ = decode(recorded, width, height) != decode(wanted, width, height)
+        differ = decode_mask(recorded, width, height) != decode_mask(wanted, width, height)
     except ValueError:
         return False
     return bool(np.count_nonzero(differ) <= MAX_MASK_DIFFERENCE_PX)
 
 
-def _differences(name: str, recorded: Record, wanted: Record, *, what: str = "") -> Iterator[Finding]:
+def _list_differences(name: str, recorded: Record, wanted: Record, *, what: str = "") -> Iterator[Finding]:
     for key, value in wanted.items():
         if recorded.get(key) != value:
             values = (repr(each)[:MAX_VALUE_LENGTH] for each in (recorded.get(key), value))

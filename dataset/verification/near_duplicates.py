@@ -31,7 +31,7 @@ def near_duplicates(
     first: Sequence[Bool[np.ndarray, "256"] | None], second: Sequence[Bool[np.ndarray, "256"] | None]
 ) -> Int[np.ndarray, "n 2"]:
     """Return index pairs of near duplicates, (n, 2)."""
-    (rows, ones), (columns, others) = _signs(first), _signs(second)
+    (rows, ones), (columns, others) = _hash_signs(first), _hash_signs(second)
     found = [np.zeros((0, 2), dtype=np.int64)]
     for start in range(0, len(ones), 1024):  # blocks, so that a large dataset doesn't need a large matrix
         differing = (HASH_SIDE * HASH_SIDE - ones[start : start + 1024] @ others.T) / 2.0
@@ -40,7 +40,7 @@ def near_duplicates(
     return np.stack([rows[pairs[:, 0]], columns[pairs[:, 1]]], axis=1)
 
 
-def _signs(
+def _hash_signs(
     hashes: Sequence[Bool[np.ndarray, "256"] | None],
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
     """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""

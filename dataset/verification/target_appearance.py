@@ -15,7 +15,7 @@ from jaxtyping import Bool, UInt8
 
 from hulldown.annotate.coco_types import Record
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import decode
+from hulldown.annotate.masks import decode_mask
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Image
 from hulldown.dataset.records import Finding
@@ -24,7 +24,7 @@ from hulldown.geometry.color import LUMINANCE
 MIN_CONTRAST = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
 CLEAR_CONTRAST = 8.0  # of 255: with less, it's hard to make out; sound renders had 20.9 and more
 MIN_BRIGHTEST, MAX_DARKEST = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
-AROUND = 0.25  # width of the surroundings, of a mask's longer side
+SURROUNDINGS_WIDTH = 0.25  # width of the surroundings, of a mask's longer side
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,14 +49,14 @@ def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Itera
     masked = []
     for label in image.labels:
         with contextlib.suppress(ValueError):  # found elsewhere
-            masked.append((label, decode(label.read(VisibleMask).segmentation, width, height)))
+            masked.append((label, decode_mask(label.read(VisibleMask).segmentation, width, height)))
     covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
     for label, mask in masked:
         if not label.crowd and (seen := target_appearance(pixels, mask, covering > mask)) is not None:
-            yield from _problems(f"{image.file_name}: annotation {label.id}", seen)
+            yield from _appearance_problems(f"{image.file_name}: annotation {label.id}", seen)
 
 
-def _problems(where: str, seen: TargetAppearance) -> Iterator[Finding]:
+def _appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding]:
     if seen.brightest < MIN_BRIGHTEST:
         yield Finding("error", where, f"its pixels are black: {seen.brightest:.1f} of 255", seen.brightest)
     elif seen.darkest > MAX_DARKEST:
@@ -76,7 +76,7 @@ def target_appearance(
     if not mask.any():
         return None
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    margin = max(3, int(AROUND * max(np.ptp(columns), np.ptp(rows))))
+    margin = max(3, int(SURROUNDINGS_WIDTH * max(np.ptp(columns), np.ptp(rows))))
     near = tuple(slice(max(along[0] - margin, 0), along[-1] + margin + 1) for along in (rows, columns))
     colors, around = picture[near].astype(np.float32), ~(mask | others)[near]
     inside = colors[mask[near]]

@@ -9,7 +9,7 @@ from pathlib import Path
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, json_with_repeats, read_file
-from hulldown.base.terminal import reporting
+from hulldown.base.terminal import progress_bar
 from hulldown.dataset.records import (
     Finding,
     check_cameras,
@@ -21,7 +21,7 @@ from hulldown.dataset.records import (
     unusable_records,
 )
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
-from hulldown.dataset.store.journal import is_cut_off
+from hulldown.dataset.store.journal import lacks_newline
 from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_plan import check_planned
 from hulldown.plan.library import Library
@@ -48,10 +48,10 @@ def find_problems(
     if plan is not None:
         findings += check_planned(coco, read_plan(plan), None if fast else assets)
     findings += _check_keys(folder)
-    if is_cut_off(folder / JOURNAL_NAME):
+    if lacks_newline(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
         findings.append(Finding("warning", JOURNAL_NAME, problem))
-    with reporting("checking", progress) as advance:
+    with progress_bar("checking", progress) as advance:
         findings += check_pictures(folder, coco, sound, fast=fast, progress=advance)
     return findings
 

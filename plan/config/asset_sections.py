@@ -12,14 +12,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from hulldown.geometry.arrays import are_numbers
-from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, ranged
+from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, range_check
 from hulldown.reading.pieces.options import TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
 OWN = "own"  # color of a material in its file
 
 
-def _forward(value: Any) -> str | float | Pair | None:
+def _check_forward(value: Any) -> str | float | Pair | None:
     """Check an axis, an angle in degrees, or a vector that isn't vertical."""
     if value is None or (isinstance(value, str) and value in ("+x", "-x", "+y", "-y")):
         return value
@@ -30,7 +30,7 @@ def _forward(value: Any) -> str | float | Pair | None:
     raise ValueError("expected '+x', '-x', '+y', '-y', degrees from -360 to 360, or a vector [x, y]")
 
 
-def _pivot(value: Any) -> str | tuple[float, ...] | None:
+def _check_pivot(value: Any) -> str | tuple[float, ...] | None:
     """Check the name of an object, or a point in the file's coordinates."""
     if value is None or (isinstance(value, str) and value):
         return value
@@ -39,20 +39,20 @@ def _pivot(value: Any) -> str | tuple[float, ...] | None:
     raise ValueError("expected the name of an object, or [x, y, z] in the file's axes and units")
 
 
-Forward = Annotated[str | float | Pair | None, BeforeValidator(_forward)]
-PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_pivot)]
+Forward = Annotated[str | float | Pair | None, BeforeValidator(_check_forward)]
+PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_check_pivot)]
 Positive = Annotated[float, Field(gt=0)]
 _Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(strict=False)]
 
 
-def _color(value: object) -> str:
+def _check_color(value: object) -> str:
     if isinstance(value, str) and (value == OWN or re.fullmatch("#[0-9a-fA-F]{6}", value)):
         return value.lower()
     raise ValueError("expected a color such as '#4b5320', or 'own' for the file's")
 
 
-def _several(value: object) -> object:
+def _list_value(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
@@ -61,11 +61,11 @@ class PaintEntry(Section):
 
     materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
     """patterns of materials to paint; the first table that matches applies"""
-    colors: Annotated[tuple[Annotated[str, BeforeValidator(_color)], ...], Field(strict=False, min_length=1)]
+    colors: Annotated[tuple[Annotated[str, BeforeValidator(_check_color)], ...], Field(strict=False, min_length=1)]
     """sRGB colors such as "#4b5320", of which one is drawn, or "own", the file's"""
 
 
-Paint = Annotated[tuple[PaintEntry, ...], BeforeValidator(_several), Field(strict=False)]
+Paint = Annotated[tuple[PaintEntry, ...], BeforeValidator(_list_value), Field(strict=False)]
 
 
 class FileEntry(Section):
@@ -110,11 +110,11 @@ class ModelEntry(FileEntry):
     origins or shape"""
     gun_pivot: PivotPoint = Field(default=None, examples=[[1.0, 0.0, 2.0]])
     """point that the gun rises about, in the same form"""
-    turret_limits_deg: Annotated[Pair | None, ranged(-360.0, 360.0, optional=True)] = Field(
+    turret_limits_deg: Annotated[Pair | None, range_check(-360.0, 360.0, optional=True)] = Field(
         default=None, examples=[[-180, 180]]
     )
     """turret's turn from its direction in the file, left positive; default: [-180, 180]"""
-    gun_limits_deg: Annotated[Pair | None, ranged(-90.0, 90.0, optional=True)] = Field(
+    gun_limits_deg: Annotated[Pair | None, range_check(-90.0, 90.0, optional=True)] = Field(
         default=None, examples=[[-5, 20]]
     )
     """gun's rise from its direction in the file, up positive; default: [-5, 20]"""
@@ -127,7 +127,7 @@ class ModelEntry(FileEntry):
     sceneries: Patterns = ()
     """patterns of its sceneries; empty: all"""
 
-    def is_for(self, scenery: str) -> bool:
+    def matches_vehicle(self, scenery: str) -> bool:
         """Return whether it may be placed on the scenery of this name."""
         return not self.sceneries or any(fnmatchcase(scenery, pattern) for pattern in self.sceneries)
 

@@ -27,8 +27,8 @@ ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
     {"vehicle": VehicleEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
 )
 _SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
-_WIDTH = 120
-_LONGEST = 60  # of a line with a comment beside it
+_LINE_WIDTH = 120
+_MAX_COMMENTED_WIDTH = 60  # of a line with a comment beside it
 # One of two alternatives must be given, so the first one gets a value.
 _GIVEN = MappingProxyType({"budget.images_per_class": 140})
 _BY_PROFILE = frozenset(f"render.{key}" for key in PROFILES["paper"])  # a profile gives their defaults
@@ -52,7 +52,7 @@ def section_keys(section: type[Section]) -> list[Key]:
     """Return a section's keys, without its subsections, in the order of the schema."""
     declared = section.model_json_schema()["properties"]
     return [
-        _key(name, field, declared[name])
+        _key_row(name, field, declared[name])
         for name, field in section.model_fields.items()
         if not (isinstance(field.annotation, type) and issubclass(field.annotation, Section))
     ]
@@ -74,19 +74,19 @@ def toml_value(value: object) -> str:
     return tomlkit.item(value).as_string()
 
 
-def _key(name: str, field: FieldInfo, declared: JsonSchemaValue) -> Key:
+def _key_row(name: str, field: FieldInfo, declared: JsonSchemaValue) -> Key:
     default = None if field.is_required() or field.default is None else field.default
     return Key(
         name=name,
         default=None if default is None or (name == "name" and default == "") else toml_value(default),
         example=toml_value(field.examples[0]) if field.examples else None,
         required=field.is_required(),
-        allowed=_allowed(declared),
+        allowed=_allowed_values(declared),
         meaning=" ".join((field.description or "").split()),
     )
 
 
-def _allowed(declared: JsonSchemaValue) -> str:
+def _allowed_values(declared: JsonSchemaValue) -> str:
     """Return the range or the choices of a key, given its JSON schema; empty for a key of several types."""
     (kind, *others) = [kind for kind in declared.get("anyOf", [declared]) if kind != {"type": "null"}]
     if others:
@@ -97,16 +97,16 @@ def _allowed(declared: JsonSchemaValue) -> str:
         return ", ".join(map(toml_value, kind["enum"]))
     bounds: dict[str, float] = {sign: kind[bound] for bound, sign in _SIGNS.items() if bound in kind}
     if bounds.keys() == {">=", "<="}:
-        return _interval(bounds[">="], bounds["<="])
-    return ", ".join(f"{sign} {_number(bound)}" for sign, bound in bounds.items())
+        return _format_interval(bounds[">="], bounds["<="])
+    return ", ".join(f"{sign} {_format_number(bound)}" for sign, bound in bounds.items())
 
 
-def _interval(low: float, high: float) -> str:
+def _format_interval(low: float, high: float) -> str:
     between = " to " if low < 0 else "\N{EN DASH}"
-    return f"{_number(low)}{between}{_number(high)}"
+    return f"{_format_number(low)}{between}{_format_number(high)}"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     return f"{value:,.10g}" if abs(value) < 1e15 else f"2^{math.log2(value):g}"
 
 
@@ -164,14 +164,14 @@ def _key_lines(keys: Sequence[Key], section: str, given: dict[str, object]) -> s
 
 def _align_comments(pairs: Sequence[tuple[str, Key]]) -> str:
     """Align the comments of lines; a long comment continues on the next lines, and a long line has it above."""
-    column = max((len(text) for text, _ in pairs if len(text) <= _LONGEST), default=0)
+    column = max((len(text) for text, _ in pairs if len(text) <= _MAX_COMMENTED_WIDTH), default=0)
     lines = []
     for text, key in pairs:
         choices = f" ({key.allowed})" if key.allowed.startswith('"') else ""
         if len(text) > column:
-            lines += [f"# {line}\n" for line in textwrap.wrap(key.meaning + choices, _WIDTH - 2)] + [f"{text}\n"]
+            lines += [f"# {line}\n" for line in textwrap.wrap(key.meaning + choices, _LINE_WIDTH - 2)] + [f"{text}\n"]
             continue
-        first, *more = textwrap.wrap(key.meaning + choices, _WIDTH - column - 4)
+        first, *more = textwrap.wrap(key.meaning + choices, _LINE_WIDTH - column - 4)
         lines += [f"{text:<{column}}  # {first}\n", *(f"{'':<{column}}  # {line}\n" for line in more)]
     return "".join(lines)
 

@@ -12,19 +12,19 @@ from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
 from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.arrays import are_numbers
-from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, ranged
+from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
 
 LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 MOST_IMAGES = 1_000_000_000  # of a class
-LARGEST = 65536  # pixels of a side
+MAX_SIDE_PX = 65536  # pixels of a side
 PROFILES: Mapping[str, Mapping[str, object]] = {
     "paper": {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12},
     "fast": {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
     "train": {"samples": 8, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
 }
 
-Shares = Annotated[Pair, ranged(0.0, 1.0)]
-Visibilities = Annotated[Pair, ranged(1.0, 1e6)]
+Shares = Annotated[Pair, range_check(0.0, 1.0)]
+Visibilities = Annotated[Pair, range_check(1.0, 1e6)]
 Lines = Annotated[tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)]
 
 
@@ -56,11 +56,11 @@ class PlacementSection(Section):
     """also places that no light of the sky reaches: halls and caves"""
     vehicle_clearance: AtLeastZero = 2.0
     """meters between vehicles, at least"""
-    vehicles_per_image: Annotated[tuple[int, int], ranged(1.0, 64.0, int)] = (1, 1)
+    vehicles_per_image: Annotated[tuple[int, int], range_check(1.0, 64.0, int)] = (1, 1)
     """the target and companions; budgets count targets only"""
     companion_distance: Lengths = (8.0, 40.0)
     """meters from the target to a companion"""
-    distractors_per_image: Annotated[tuple[int, int], ranged(0.0, 64.0, int)] = (0, 3)
+    distractors_per_image: Annotated[tuple[int, int], range_check(0.0, 64.0, int)] = (0, 3)
     """distractors in an image, if the scenery has any"""
     distractor_distance: Lengths = (0.0, 40.0)
     """meters from the target to a distractor, uniform by area"""
@@ -92,7 +92,7 @@ class Distortion(Section):
 class CameraSection(Section):
     """Where cameras are placed and what they must see (paper, section 2.1.6)."""
 
-    fov_x_deg: Annotated[Pair, ranged(0.1, 179.0)] = (40.0, 60.0)
+    fov_x_deg: Annotated[Pair, range_check(0.1, 179.0)] = (40.0, 60.0)
     """horizontal field of view, degrees"""
     intrinsics: CameraMatrix | None = Field(
         default=None, examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}], exclude_if=is_absent
@@ -103,17 +103,17 @@ class CameraSection(Section):
         default=None, examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}], exclude_if=is_absent
     )
     """its lens distortion (OpenCV's Brown-Conrady); needs intrinsics"""
-    roll_deg: Annotated[Pair, ranged(-180.0, 180.0)] = Field(default=(0.0, 0.0), exclude_if=is_absent)
+    roll_deg: Annotated[Pair, range_check(-180.0, 180.0)] = Field(default=(0.0, 0.0), exclude_if=is_absent)
     """turn about the optical axis, degrees; positive lowers the right side"""
     size_measure: Literal["paper", "height", "width", "diagonal", "area"] = "paper"
     """what target_fraction measures: "paper", the vehicle's smallest dimension; else the projected box"""
-    target_fraction: Annotated[Pair, ranged(1e-4, 10.0)] = (0.1, 0.3)
+    target_fraction: Annotated[Pair, range_check(1e-4, 10.0)] = (0.1, 0.3)
     """share of the image that the target fills"""
-    distance_factor: Annotated[Pair, ranged(1e-3, 1e3)] = (0.7, 4.0)
+    distance_factor: Annotated[Pair, range_check(1e-3, 1e3)] = (0.7, 4.0)
     """factor on equation 6's distance; with size_measure = "paper" only"""
     distance_m: Lengths = (2.0, 5000.0)
     """bounds on meters from target to camera"""
-    elevation_deg: Annotated[Pair, ranged(-90.0, 90.0)] = (3.0, 35.0)
+    elevation_deg: Annotated[Pair, range_check(-90.0, 90.0)] = (3.0, 35.0)
     """camera's angle above the target's horizon, degrees"""
     elevation_sampling: Literal["angle", "sphere"] = "angle"
     """"angle": uniform in degrees; "sphere": uniform on the shell's area"""
@@ -191,7 +191,7 @@ class BudgetSection(Section):
         return self
 
 
-def _exposure(value: Any) -> str | float:
+def _check_exposure(value: Any) -> str | float:
     """Check "auto" or a number of EV."""
     if value == "auto":
         return "auto"
@@ -200,7 +200,7 @@ def _exposure(value: Any) -> str | float:
     raise ValueError(f"expected 'auto' or EV from {-FARTHEST_EV:g} to {FARTHEST_EV:g}")
 
 
-Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_exposure)]
+Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_check_exposure)]
 
 
 class HdriChoice(Section):
@@ -210,7 +210,7 @@ class HdriChoice(Section):
     weight: AtLeastZero = 1.0
 
 
-def _choice(value: object) -> object:
+def _check_choice(value: object) -> object:
     if not isinstance(value, (str, dict, HdriChoice)):
         raise ValueError("expected a name or { name = ..., weight = ... }")
     return {"name": value} if isinstance(value, str) else value
@@ -219,19 +219,19 @@ def _choice(value: object) -> object:
 class LightSection(Section):
     """HDRIs, their rotation, strength, and visible part, and the exposure of the camera."""
 
-    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_choice)], ...], Field(strict=False)] = ()
+    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_check_choice)], ...], Field(strict=False)] = ()
     """patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often"""
-    yaw_deg: Annotated[Pair, ranged(-360.0, 360.0)] = (0.0, 360.0)
+    yaw_deg: Annotated[Pair, range_check(-360.0, 360.0)] = (0.0, 360.0)
     """turn of the HDRI, degrees"""
-    strength: Annotated[Pair, ranged(0.0, 1e9)] = (0.7, 1.3)
+    strength: Annotated[Pair, range_check(0.0, 1e9)] = (0.7, 1.3)
     """factor on the HDRI's brightness; exposure = "auto" compensates for it"""
     backdrop: Literal["auto", "hdri", "sky"] = "auto"
     """what the camera sees of the HDRI: "hdri", all; "sky", above its horizon; "auto", "sky" if it shows land"""
     exposure: Exposure = "auto"
     """"auto": a gray card on open land comes out mid-gray; or EV for all images"""
-    exposure_error_ev: Annotated[Pair, ranged(-10.0, 10.0)] = (-1.0, 1.0)
+    exposure_error_ev: Annotated[Pair, range_check(-10.0, 10.0)] = (-1.0, 1.0)
     """error of the exposure, EV"""
-    white_balance_error_k: Annotated[Pair, ranged(COOLEST, WARMEST)] = (0.0, 0.0)
+    white_balance_error_k: Annotated[Pair, range_check(COOLEST, WARMEST)] = (0.0, 0.0)
     """white balance minus 6500 K; more is warmer"""
     overcast: Patterns = ()
     """patterns of HDRIs for rain and snow; empty: as for other weather"""
@@ -253,7 +253,7 @@ class WeatherSection(Section):
     """share with blown dust"""
     visibility_m: Visibilities = (300.0, 3000.0)
     """visibility in fog, meters; 3000 is haze"""
-    rain_mm_h: Annotated[Pair, ranged(0.1, 300.0)] = (2.0, 50.0)
+    rain_mm_h: Annotated[Pair, range_check(0.1, 300.0)] = (2.0, 50.0)
     """rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"""
     snow_visibility_m: Visibilities = (300.0, 2000.0)
     """visibility in falling snow, meters"""
@@ -267,7 +267,7 @@ class WeatherSection(Section):
     """share of the ground under dust"""
     vehicle_dust_cover: Shares = (0.1, 0.8)
     """share of a vehicle's lower parts under dust"""
-    wind_m_s: Annotated[Pair, ranged(0.0, 60.0)] = (0.0, 8.0)
+    wind_m_s: Annotated[Pair, range_check(0.0, 60.0)] = (0.0, 8.0)
     """wind in rain, snow, and dust, from any direction, m/s"""
     exposure_s: float = Field(default=0.004, gt=0, le=10)
     """shutter time, seconds: the length of streaks"""
@@ -287,9 +287,9 @@ class RenderSection(Section):
 
     profile: Literal["paper", "fast", "train"] = "paper"
     """sets the last four keys; "fast" is for a look, "train" for many images in little time"""
-    width: int = Field(default=1920, ge=1, le=LARGEST)
+    width: int = Field(default=1920, ge=1, le=MAX_SIDE_PX)
     """pixels"""
-    height: int = Field(default=1080, ge=1, le=LARGEST)
+    height: int = Field(default=1080, ge=1, le=MAX_SIDE_PX)
     """pixels"""
     samples: int = Field(default=128, ge=1, le=1_000_000)
     """rays per pixel"""

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import Field, PrivateAttr, model_validator
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.toml_files import read_toml, validated
+from hulldown.base.toml_files import read_toml, validate_model
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.plan.config.asset_sections import AssetsSection, PaintEntry
 from hulldown.plan.config.scene_sections import (
@@ -145,7 +145,7 @@ class Config(Section):
         ConfigError
             Naming file, key, value and what is allowed.
         """
-        config = validated(cls, sections, path, removed=REMOVED_KEYS)
+        config = validate_model(cls, sections, path, removed=REMOVED_KEYS)
         config._path = path
         return config
 
@@ -183,7 +183,7 @@ class Config(Section):
         """Return the calibrated camera, or cameras with these fields of view (n,)."""
         return self.calibrated or Intrinsics(self.render.width, self.render.height, np.radians(fov_x_deg))
 
-    def paint_of(self, vehicle: str) -> tuple[PaintEntry, ...]:
+    def vehicle_paint(self, vehicle: str) -> tuple[PaintEntry, ...]:
         """Return the paint of the vehicle or distractor of this name; empty for an unknown name."""
         entries = (*self.assets.vehicles, *self.assets.distractors)
         return next((entry.paint for entry in entries if entry.name == vehicle), ())

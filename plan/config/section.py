@@ -23,7 +23,7 @@ class Section(BaseModel):
     )
 
 
-def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
+def range_check(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
     """Check [low, high]. A single number is a range of one value; None is allowed if `optional`."""
     noun = "a whole number" if kind is int else "a number"
     allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
@@ -41,7 +41,7 @@ def ranged(lowest: float, highest: float, kind: type = float, *, optional: bool 
     return BeforeValidator(check, json_schema_input_type=Annotated[kind, Field(ge=lowest, le=highest)])
 
 
-Lengths = Annotated[Pair, ranged(0.0, 1e6)]
+Lengths = Annotated[Pair, range_check(0.0, 1e6)]
 
 
 def is_absent(value: object) -> bool:

@@ -21,14 +21,14 @@ from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import ConfigError, HulldownError
-from hulldown.base.files import make_room, replace_file
+from hulldown.base.files import prepare_output_file, replace_file
 from hulldown.base.outside import read_json
-from hulldown.base.terminal import tracked
-from hulldown.geometry.indices import spread
+from hulldown.base.terminal import track_items
+from hulldown.geometry.indices import even_sample
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.lines import PlanFile
 from hulldown.plan.pictures.preview import Artist
-from hulldown.plan.row import Row, encode
+from hulldown.plan.row import Row, encode_line
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.posed_scene import Kind, SceneHits
 
@@ -128,24 +128,24 @@ def part_table(artist: Artist) -> list[NumberedPart]:
     return [NumberedPart(i, name, part) for i, (name, part) in enumerate(parts, start=1)]
 
 
-def pixels_of(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
+def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
     """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
-    hits = artist.scene(row).seen_by(camera, threads=os.cpu_count() or 1)
+    hits = artist.scene(row).trace_image(camera, threads=os.cpu_count() or 1)
     through = camera.lenses.pixel_directions(camera.lenses.pixel_centers)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
-    instance, table = _instances(row, hits, sceneries[row.scenery])
+    instance, table = _instance_numbers(row, hits, sceneries[row.scenery])
     return Pixels(
         along_axis.astype(np.float32).reshape(shape),
         hits.distance.astype(np.float32).reshape(shape),
         hits.normal.astype(np.float32).reshape(*shape, 3),
         instance.reshape(shape),
-        _parts(row, artist, hits).reshape(shape),
+        _part_numbers(row, artist, hits).reshape(shape),
         table,
     )
 
 
-def _instances(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
+def _instance_numbers(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
     """Return the number of each pixel's instance, and all vehicles and visible surfaces."""
     table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
     instance = np.where(hits.kind == Kind.VEHICLE, hits.instance + 1, 0)
@@ -163,14 +163,14 @@ def _instances(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt16[np.n
     return instance.astype(np.uint16), table
 
 
-def _parts(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
+def _part_numbers(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
     """Return the number in `part_table` of the part at each pixel."""
     ids = {part.vehicle: part.id for part in part_table(artist)[::-1]}
     first = np.array([ids[vehicle.vehicle] for vehicle in row.vehicles] or [0])
     return np.where(hits.part >= 0, first.take(hits.instance, mode="clip") + hits.part, 0).astype(np.uint16)
 
 
-def panoptic(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
+def panoptic_segments(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
     """Return an image's segments: a picture with their numbers as colors, and a list.
 
     The ids of `STUFF` follow those of `class_ids`.
@@ -245,65 +245,65 @@ def write_passes(
     asked = dict(zip(PASSES, (depth, normal, instance, part, category), strict=True))
     passes = [name for name in PASSES if asked[name]] or PASSES
     artist = Artist(plan, assets)
-    chosen = spread(len(plan), len(plan) if count is None else count).tolist()
+    chosen = even_sample(len(plan), len(plan) if count is None else count).tolist()
     names = [*plan.header.categories, *STUFF]
     things = len(plan.header.categories)
     categories = [PanopticClass(i, name, int(i <= things)) for i, name in enumerate(names, start=1)]
     document = Panoptic([], [], categories)
-    for index in tracked("casting rays", chosen, len(chosen)):
+    for index in track_items("casting rays", chosen, len(chosen)):
         row = plan[index]
-        segments = _written(row, artist, assets, output, passes)
+        segments = _write_passes(row, artist, assets, output, passes)
         document.images.append(PanopticImage(row.image_id, row.file_name, row.width, row.height))
-        document.annotations.append(PanopticLabel(row.image_id, f"{_stem(row)}.png", segments))
+        document.annotations.append(PanopticLabel(row.image_id, f"{_image_stem(row)}.png", segments))
     if "part" in passes:
-        _write(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
+        _write_file(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
     if "category" in passes:
-        _write(output / "panoptic.json", msgspec.json.encode(document))
+        _write_file(output / "panoptic.json", msgspec.json.encode(document))
     return dict.fromkeys(passes, len(chosen))
 
 
-def _written(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
+def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
     """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
-    stem, digest = _stem(row), hashlib.sha256(encode(row)).hexdigest()
+    stem, digest = _image_stem(row), hashlib.sha256(encode_line(row)).hexdigest()
     path, complete = output / "tables" / f"{stem}.json", set[str]()
     with suppress(HulldownError):  # written anew
         table = read_json(path, Written, partial(HulldownError, path=path), what="a table of ours")
         complete = set(table.passes) if table.row_sha256 == digest else complete
     if complete >= set(passes):
         return table.segments_info
-    pixels = pixels_of(row, artist, assets.sceneries)
-    colors, segments = panoptic(pixels, artist.class_ids)
+    pixels = trace_pixels(row, artist, assets.sceneries)
+    colors, segments = panoptic_segments(pixels, artist.class_ids)
     files = {
-        "depth": ("depth", ".npz", lambda: _arrays(axis=pixels.axis, ray=pixels.ray)),
-        "normal": ("normal", ".npz", lambda: _arrays(world=pixels.normal)),
-        "instance": ("instance", ".png", lambda: _png(pixels.instance)),
-        "part": ("part", ".png", lambda: _png(pixels.part)),
-        "category": ("panoptic", ".png", lambda: _png(colors)),
+        "depth": ("depth", ".npz", lambda: _pass_arrays(axis=pixels.axis, ray=pixels.ray)),
+        "normal": ("normal", ".npz", lambda: _pass_arrays(world=pixels.normal)),
+        "instance": ("instance", ".png", lambda: _encode_png(pixels.instance)),
+        "part": ("part", ".png", lambda: _encode_png(pixels.part)),
+        "category": ("panoptic", ".png", lambda: _encode_png(colors)),
     }
     for name in passes:
         folder, suffix, content = files[name]
-        _write(output / folder / f"{stem}{suffix}", content())
-    _write(path, msgspec.json.encode(Written(digest, sorted({*passes, *complete}), pixels.table, segments)))
+        _write_file(output / folder / f"{stem}{suffix}", content())
+    _write_file(path, msgspec.json.encode(Written(digest, sorted({*passes, *complete}), pixels.table, segments)))
     return segments
 
 
-def _stem(row: Row) -> str:
+def _image_stem(row: Row) -> str:
     """Return an image's name without folder and suffix."""
     return str(Path(row.file_name).relative_to("images").with_suffix(""))
 
 
-def _arrays(**arrays: np.ndarray) -> bytes:
+def _pass_arrays(**arrays: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     return buffer.getvalue()
 
 
-def _png(pixels: np.ndarray) -> bytes:
+def _encode_png(pixels: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     Image.fromarray(pixels).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
 
 
-def _write(path: Path, content: bytes) -> None:
-    make_room(path)
+def _write_file(path: Path, content: bytes) -> None:
+    prepare_output_file(path)
     replace_file(path, content)

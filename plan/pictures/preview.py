@@ -13,18 +13,18 @@ from hulldown.annotate.drawing import Overlay, draw
 from hulldown.assets.library import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.errors import ConfigError
-from hulldown.base.terminal import tracked
+from hulldown.base.terminal import track_items
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import CARD_ALBEDO, card_radiance
 from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 from hulldown.pictures.own_files import make_room_for_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.lines import PlanFile
-from hulldown.plan.pictures.shading import look, paint_of, previewed, sun_of
+from hulldown.plan.pictures.shading import coated_color, preview_paint, shade_pixels, sun_direction
 from hulldown.plan.row import Row
 from hulldown.plan.row_scenes import RowScenes
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
@@ -64,24 +64,26 @@ def preview_sheet(
     path = rows.path.with_name(f"{rows.path.name}.preview.png") if output is None else Path(output)
     make_room_for_picture(path)
     artist = Artist(rows, assets or load_planned_library(rows, cache=cache, limits=limits).assets)
-    chosen = spread(len(rows), count).tolist()
-    shaded = tracked("shading", chosen, len(chosen))
-    save_picture(artist.sheet(shaded, columns=4, tile_width=TILE_WIDTH), path)
+    chosen = even_sample(len(rows), count).tolist()
+    shaded = track_items("shading", chosen, len(chosen))
+    save_picture(artist.draw_sheet(shaded, columns=4, tile_width=TILE_WIDTH), path)
     return path
 
 
-def caption(row: Row) -> str:
+def image_caption(row: Row) -> str:
     """Return the caption of an image: number, target, scenery, distance, and weather."""
     target = row.target
     distance = np.linalg.norm(row.world_from_camera[:3, 3] - target.world_from_vehicle[:3, 3])
-    color = next((f", {coat.color}" for coat in target.paint if coat.color and not row.empty), "")
+    color = next((f", {coat.color}" for coat in target.paint if coat.color and not row.hides_target), "")
     return (
-        f"{row.image_id}: {'nothing' if row.empty else target.vehicle}{color} in {row.scenery}, {distance:.0f} m, "
-        f"{'' if row.empty else f'{100 * target.visible_fraction:.0f} % visible, '}{row.hdri}{_weather(row.weather)}"
+        f"{row.image_id}: {'nothing' if row.hides_target else target.vehicle}{color} "
+        f"in {row.scenery}, {distance:.0f} m, "
+        f"{'' if row.hides_target else f'{100 * target.visible_fraction:.0f} % visible, '}"
+        f"{row.hdri}{_weather_words(row.weather)}"
     )
 
 
-def _weather(weather: Weather | None) -> str:
+def _weather_words(weather: Weather | None) -> str:
     if weather is None:
         return ""
     rate = f"{weather.rain_mm_h:.0f} mm/h, " if weather.kind == "rain" else ""
@@ -97,13 +99,13 @@ class Artist:
         self._scenes = RowScenes(self.shapes, assets.sceneries, fallback_z=Config.of_plan(plan).ground.fallback_z)
         self.class_ids = {name: i + 1 for i, name in enumerate(plan.header.categories)}
 
-    def sheet(self, indices: Iterable[int], *, columns: int, tile_width: int) -> Image.Image:
+    def draw_sheet(self, indices: Iterable[int], *, columns: int, tile_width: int) -> Image.Image:
         """Return a contact sheet with `columns` images in a row."""
         pictures, captions = [], []
         for index in indices:
             row = self._plan[index]
             pictures.append(self.picture(row, width=tile_width))
-            captions.append(caption(row))
+            captions.append(image_caption(row))
         return contact_sheet(pictures, columns=columns, tile_width=tile_width, captions=captions)
 
     def picture(self, row: Row, *, width: int = TILE_WIDTH, labels: bool = True) -> Image.Image:
@@ -144,21 +146,21 @@ class Artist:
 
     def shade(self, row: Row, width: int, height: int) -> Float[np.ndarray, "h w 3"]:
         """Return colors from 0 to 1, without boxes."""
-        camera = Cameras(row.intrinsics.resized(width, height), row.world_from_camera)
-        colors = look(
+        camera = Cameras(row.intrinsics.with_size(width, height), row.world_from_camera)
+        colors = shade_pixels(
             self.scene(row),
             camera,
             paints=[
-                previewed(paint_of(v.vehicle, distractor=v.vehicle in self._assets.distractors), v.paint)
+                coated_color(preview_paint(v.vehicle, distractor=v.vehicle in self._assets.distractors), v.paint)
                 for v in row.vehicles
             ],
-            sun=sun_of(row.hdri, row.hdri_yaw_deg),
-            strength=self._brightness(row),
+            sun=sun_direction(row.hdri, row.hdri_yaw_deg),
+            strength=self._card_brightness(row),
             weather=row.weather,
         )
         return colors.reshape(height, width, 3)
 
-    def _brightness(self, row: Row) -> float:
+    def _card_brightness(self, row: Row) -> float:
         """Brightness of a gray card on open land relative to mid-gray."""
         irradiance = np.array(self._assets.sky(row.hdri).irradiance)
         return float(card_radiance(irradiance, row.strength) @ LUMINANCE) / CARD_ALBEDO * 2.0**row.exposure_ev

@@ -23,7 +23,7 @@ _SUN_ELEVATION = math.radians(40.0)
 _TILES_M = 5.0  # width of the ground's faint checkers, which show sizes
 
 
-def look(
+def shade_pixels(
     world: Scene,
     camera: Cameras,
     *,
@@ -39,7 +39,7 @@ def look(
     along = camera.rays(camera.lenses.pixel_centers)[1]
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
-    hits = world.seen_by(camera)
+    hits = world.trace_image(camera)
     hit = np.flatnonzero(hits.hit)
     distance = hits.distance[hit, None]
     points = camera.position + distance * along[hit]
@@ -53,9 +53,9 @@ def look(
     if weather is not None and KINDS[weather.kind].overcast:
         direct *= 0.0  # clouds hide the sun
     light = _AMBIENT_SHARE * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT_SHARE) * 1.3 * direct
-    albedo = _albedo(hits.kind[hit], hits.instance[hit], points, paints)
+    albedo = _surface_albedo(hits.kind[hit], hits.instance[hit], points, paints)
     if weather is not None:
-        albedo = _covered(albedo, normal[:, 2], hits.kind[hit] == Kind.VEHICLE, weather)
+        albedo = _cover_surfaces(albedo, normal[:, 2], hits.kind[hit] == Kind.VEHICLE, weather)
     color[hit] = albedo * light[:, None]
     color *= strength
     if weather is not None:
@@ -65,7 +65,7 @@ def look(
     return np.clip(color, 0.0, 1.0) ** (1.0 / 1.6)
 
 
-def _covered(
+def _cover_surfaces(
     albedo: Float[np.ndarray, "n 3"], up: Float[np.ndarray, " n"], vehicle: Bool[np.ndarray, " n"], weather: Weather
 ) -> Float[np.ndarray, "n 3"]:
     """Return albedo under water, snow, or dust; `up` is z of the normals."""
@@ -78,7 +78,7 @@ def _covered(
     return albedo + cover * (np.array(kind.preview) - albedo)
 
 
-def _albedo(
+def _surface_albedo(
     kind: UInt8[np.ndarray, " n"],
     instance: Int[np.ndarray, " n"],
     points: Float[np.ndarray, "n 3"],
@@ -93,26 +93,26 @@ def _albedo(
     return albedo
 
 
-def sun_of(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
+def sun_direction(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
     """Return a direction for the sun that differs between HDRIs and turns with them; it isn't the HDRI's sun."""
-    azimuth = 2.0 * math.pi * _hash(hdri) + math.radians(yaw_deg)
+    azimuth = 2.0 * math.pi * _name_hash(hdri) + math.radians(yaw_deg)
     flat = math.cos(_SUN_ELEVATION)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(_SUN_ELEVATION)])
 
 
-def paint_of(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
+def preview_paint(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
     """Return a fixed color for a vehicle: from olive to sand, or from slate to plum for a distractor."""
-    share = _hash(vehicle)
+    share = _name_hash(vehicle)
     if distractor:
         return (1.0 - share) * np.array([0.24, 0.34, 0.52]) + share * np.array([0.52, 0.30, 0.46])
     return (1.0 - share) * np.array([0.30, 0.36, 0.17]) + share * np.array([0.66, 0.52, 0.30])
 
 
-def previewed(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
+def coated_color(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
     """Return the linear color of a vehicle in a preview: that of its first coat, or its own."""
     color = coats[0].color if coats else None
     return own if color is None else np.array(linear_color(color))
 
 
-def _hash(name: str) -> float:
+def _name_hash(name: str) -> float:
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big") / 2**32

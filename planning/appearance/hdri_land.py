@@ -9,7 +9,7 @@ import numpy as np
 
 from hulldown.assets.library import Assets
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
 from hulldown.plan.row import Row
@@ -24,7 +24,7 @@ MIN_LAND_SHARE = 0.01  # share of an image above which the land counts as visibl
 def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
     fallback_z = Config.of_plan(plan).ground.fallback_z
-    chosen = spread(len(plan), LOOKED_AT).tolist()
+    chosen = even_sample(len(plan), LOOKED_AT).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
     for index in chosen:
         row = plan[index]
@@ -34,7 +34,7 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     for scenery, of_scenery in rows.items():
         world = Scene.of(assets.sceneries[scenery], fallback_z=fallback_z)
         for row in of_scenery:
-            camera = Cameras(row.intrinsics.resized(COLUMNS, ROWS), row.world_from_camera)
+            camera = Cameras(row.intrinsics.with_size(COLUMNS, ROWS), row.world_from_camera)
             along = camera.rays(camera.lenses.pixel_centers)[1]
             down = along[along[:, 2] < BELOW]
             missed = ~world.nearest(np.tile(camera.position, (len(down), 1)), down).hit

@@ -10,11 +10,11 @@ from jaxtyping import Float, Int
 
 from hulldown.assets.library import Assets
 from hulldown.base.errors import ConfigError
-from hulldown.camera.response import FARTHEST_EV, card_radiance, metered
+from hulldown.camera.response import FARTHEST_EV, card_radiance, metered_exposures_ev
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.plan.config.scene_sections import LightSection
-from hulldown.plan.row import rounded
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
+from hulldown.plan.row import round_field
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
@@ -62,12 +62,12 @@ def draw_lights(
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     overcast = np.array([weather is not None and KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)
-    hdris = [assets.hdris[i] for i in choose(weights[overcast], u[:, 0]).tolist()]
+    hdris = [assets.hdris[i] for i in choose_weighted(weights[overcast], u[:, 0]).tolist()]
     skies = {name: assets.sky(name) for name in set(hdris)}
-    strength = rounded("strength", between(*light.strength, u[:, 2]))
+    strength = round_field("strength", scale_uniform(*light.strength, u[:, 2]))
     if light.exposure == "auto":
         irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
-        ev = metered(card_radiance(irradiance, strength[:, None]))
+        ev = metered_exposures_ev(card_radiance(irradiance, strength[:, None]))
     else:
         ev = np.full(len(image), light.exposure)
     cut = {
@@ -75,13 +75,13 @@ def draw_lights(
         for name, sky in skies.items()
     }
     numbers = {
-        "hdri_yaw_deg": np.degrees(np.radians(between(*light.yaw_deg, u[:, 1]))),
+        "hdri_yaw_deg": np.degrees(np.radians(scale_uniform(*light.yaw_deg, u[:, 1]))),
         "strength": strength,
-        "exposure_ev": np.clip(ev + between(*light.exposure_error_ev, errors[:, 0]), -FARTHEST_EV, FARTHEST_EV),
-        "white_balance_k": between(*light.white_balance_error_k, errors[:, 1]),
+        "exposure_ev": np.clip(ev + scale_uniform(*light.exposure_error_ev, errors[:, 0]), -FARTHEST_EV, FARTHEST_EV),
+        "white_balance_k": scale_uniform(*light.white_balance_error_k, errors[:, 1]),
     }
     return {
         "hdri": hdris,
         "horizon_deg": [float(skies[name].horizon_deg) if cut[name] else None for name in hdris],
-        **{key: rounded(key, values).tolist() for key, values in numbers.items()},
+        **{key: round_field(key, values).tolist() for key, values in numbers.items()},
     }

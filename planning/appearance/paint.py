@@ -32,9 +32,9 @@ def draw_coats(
     sizes = np.array([len(entry.colors) for entry in paint])
     drawn = draws.uniform(Purpose.PAINT, position, place, count=kinds).reshape(n, kinds)
     choices = np.minimum((drawn * sizes).astype(np.int64), sizes - 1).tolist()
-    return [[_coat(entry, choice) for entry, choice in zip(paint, row, strict=True)] for row in choices]
+    return [[_choose_coat(entry, choice) for entry, choice in zip(paint, row, strict=True)] for row in choices]
 
 
-def _coat(entry: PaintEntry, choice: int) -> Coat:
+def _choose_coat(entry: PaintEntry, choice: int) -> Coat:
     color = entry.colors[choice]
     return Coat(list(entry.materials), None if color == OWN else color)

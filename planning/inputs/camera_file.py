@@ -12,9 +12,9 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.outside import read_text, typed, yaml_of
+from hulldown.base.outside import parse_value, parse_yaml, read_text
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.plan.config.scene_sections import LARGEST, CameraMatrix, Distortion
+from hulldown.plan.config.scene_sections import MAX_SIDE_PX, CameraMatrix, Distortion
 
 # Names in files of OpenCV's samples and of ROS, in lower case without underscores.
 _MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "mtx")
@@ -37,7 +37,7 @@ def read_camera(path: Path) -> dict[str, object]:
     OpenCV's pixel coordinates start at the center of the first pixel, a config's at its corner, so cx and cy grow by
     half a pixel.
     """
-    table = _table(path)
+    table = _read_table(path)
     for inner in ("camera_info", "cam0"):
         if isinstance(found := table.get(inner), Mapping):
             table = found
@@ -49,7 +49,7 @@ def read_camera(path: Path) -> dict[str, object]:
             raise ConfigError(f"has no {what}", path=path, remedy=f"add it as {names[0]!r}")
         try:
             given = value if isinstance(value, Mapping) else {"data": value}
-            found = typed(given, _Numbers, strict=False)  # "1e-5" is a text in YAML
+            found = parse_value(given, _Numbers, strict=False)  # "1e-5" is a text in YAML
             return np.ravel(np.array(found.data, dtype=np.float64))
         except ValueError:
             raise ConfigError(f"its {what} isn't made of numbers within 1e9", path=path, remedy=_REMEDY) from None
@@ -64,7 +64,7 @@ def read_camera(path: Path) -> dict[str, object]:
     if len(matrix) != 9 or matrix[[1, 3, 6, 7]].any() or any(len(side) != 1 or side % 1 for side in size):
         raise ConfigError("its camera matrix isn't [fx, 0, cx, 0, fy, cy, 0, 0, 1]", path=path, remedy=_REMEDY)
     width, height = (int(side[0]) for side in size)
-    if not (1 <= width <= LARGEST and 1 <= height <= LARGEST):
+    if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX):
         raise ConfigError(f"isn't a camera: {width} x {height} pixels", path=path, remedy="calibrate it again")
     fx, fy, cx, cy = (float(value) for value in matrix[[0, 4, 2, 5]] + np.array([0.0, 0.0, 0.5, 0.5]))
     coefficients = np.pad(lens[:5], (0, max(0, 5 - len(lens)))).tolist()
@@ -82,11 +82,11 @@ def read_camera(path: Path) -> dict[str, object]:
     return values
 
 
-def _table(path: Path) -> Mapping[str, object]:
+def _read_table(path: Path) -> Mapping[str, object]:
     text = read_text(path, partial(ConfigError, path=path, remedy=_REMEDY))
     try:
         # OpenCV's first line isn't valid YAML.
-        table = yaml_of(text.partition("\n")[2] if text.startswith("%YAML:") else text)
+        table = parse_yaml(text.partition("\n")[2] if text.startswith("%YAML:") else text)
     except ValueError as error:
         raise ConfigError(f"is neither YAML nor JSON ({error})", path=path, remedy=_REMEDY) from None
     if not isinstance(table, Mapping):

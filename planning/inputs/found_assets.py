@@ -13,10 +13,10 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hulldown.base.errors import AssetError
-from hulldown.base.outside import typed
-from hulldown.base.terminal import tracked
+from hulldown.base.outside import parse_value
+from hulldown.base.terminal import track_items
 from hulldown.plan.config.config_keys import config_text
-from hulldown.reading.cache import cached, entry_name, new_folder, seal, unseal
+from hulldown.reading.cache import cached_export, entry_name, new_folder, seal_entry, unseal_entry
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport
@@ -92,14 +92,14 @@ def read_found(
             return [FoundFile(path, "", (f"is called as {same.name} is, which is used",))]
         try:
             if path.suffix.lower() in HDRI_SUFFIXES:
-                return [_hdri(folder, path, cache, shared)]
-            return _models(folder, path, cache, shared)
+                return [_found_hdri(folder, path, cache, shared)]
+            return _found_models(folder, path, cache, shared)
         except AssetError as error:
             return [FoundFile(path, "", (error.problem + (f"; {error.remedy}" if error.remedy else ""),))]
 
     with ThreadPoolExecutor(at_once) as pool:
         reading = [pool.submit(read, path) for path in files]
-        for _ in tracked("reading files", as_completed(reading), len(files)):
+        for _ in track_items("reading files", as_completed(reading), len(files)):
             pass
     read_files = [found for each in reading for found in each.result()]
     if not any(file.kind for file in read_files):
@@ -108,7 +108,7 @@ def read_found(
     return read_files
 
 
-def _hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFile:
+def _found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFile:
     sky = read_hdris([folder / path], cache, limits=limits)[0]
     if sky.misfits:
         return FoundFile(path, "", (f"shows no open land: {sky.misfits[0]}",))
@@ -117,19 +117,19 @@ def _hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFil
     return FoundFile(path, "hdri", sky.notes, doubts=sky.repairs)
 
 
-def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
+def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
     """Return a file's vehicles, as it's read by the keys that it needs, or its scenery."""
     folder_kind = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
     kind = "vehicle" if folder_kind == "distractor" else folder_kind
 
     def read(options: Options = DEFAULTS) -> FileReport:
-        return cached(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
+        return cached_export(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
 
     def found(report: FileReport, keys: Mapping[str, object], *, name: str = "", why: Sequence[str] = ()) -> FoundFile:
         guessed: dict[str, object] = {doubt.key: doubt.taken for doubt in report.doubts if doubt.key}
         if guessed:
-            read(typed({**keys, **guessed}, Options))  # for the plan
-        notes = (*why, *report.lines(), *_ground(report))
+            read(parse_value({**keys, **guessed}, Options))  # for the plan
+        notes = (*why, *report.lines(), *_ground_comment(report))
         keys = {**keys, **guessed, **({"name": name} if name else {})}
         material = report.materials[0].name if report.materials else ""
         return FoundFile(path, folder_kind or report.kind, notes, keys, report.doubts, material)
@@ -143,11 +143,11 @@ def _models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[F
     for number, (thing, name) in enumerate(zip(whole.things, names, strict=True), start=1):
         keys: dict[str, object] = {key: value for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
         unique = str(number) if name and names.count(name) > 1 else name
-        each.append(found(read(typed(keys, Options)), keys, name=unique, why=why))
+        each.append(found(read(parse_value(keys, Options)), keys, name=unique, why=why))
     return each
 
 
-def _ground(report: FileReport) -> list[str]:
+def _ground_comment(report: FileReport) -> list[str]:
     names = [row.name for row in report.rows if row.use == "ground"]
     more = f" and {len(names) - MAX_GROUND_NAMES} more" if len(names) > MAX_GROUND_NAMES else ""
     return [f"ground: {', '.join(names[:MAX_GROUND_NAMES])}{more}"] if names else []
@@ -180,7 +180,7 @@ def found_config(
         name = "_".join((*path.parent.parts, path.stem)) if stems[path.stem] > 1 else path.stem
         name += f"_{file.keys['name']}" if "name" in file.keys else ""
         named = {"name": name} if name != path.stem else {}
-        category = {"category": _category(folder, path)} if file.kind == "vehicle" else {}
+        category = {"category": _guess_category(folder, path)} if file.kind == "vehicle" else {}
         keys = {k: list(v) if isinstance(v, tuple) else v for k, v in file.keys.items() if k != "name"}
         return {**entry, **named, **category, **keys}
 
@@ -197,12 +197,12 @@ def found_config(
         hdris=list(patterns.values()),
         values=values,
         notes=notes,
-        proposals={name: _paint(file.material) for name, file in models_by_name.items() if file.material},
+        proposals={name: _propose_paint(file.material) for name, file in models_by_name.items() if file.material},
         remarks=[*missing, *(f"not used: {listed[file.path]}: {file.notes[0]}" for file in unused)],
     )
 
 
-def _paint(material: str) -> dict[str, object]:
+def _propose_paint(material: str) -> dict[str, object]:
     return {"paint": [{"materials": [material], "colors": ["own", EXAMPLE_COLOR]}]}
 
 
@@ -212,19 +212,19 @@ def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: P
     for file in found:
         doubts.setdefault(str((folder / file.path).resolve()), []).extend(file.doubts)
     with new_folder(cache) as made:
-        seal(Path(made), _entry(config, cache), doubts)
+        seal_entry(Path(made), _write_entry(config, cache), doubts)
 
 
 def stated_doubts(config: Path, cache: Path) -> dict[str, list[Doubt]]:
     """Return the doubts, by resolved path, that `keep_doubts` kept for a config; none for other configs."""
-    return unseal(_entry(config, cache), dict[str, list[Doubt]]) or {}
+    return unseal_entry(_write_entry(config, cache), dict[str, list[Doubt]]) or {}
 
 
-def _entry(config: Path, cache: Path) -> Path:
+def _write_entry(config: Path, cache: Path) -> Path:
     return cache / entry_name("doubts", str(config.resolve()))
 
 
-def _category(folder: Path, path: Path) -> str:
+def _guess_category(folder: Path, path: Path) -> str:
     """Return the outermost folder that may name a vehicle's class."""
     names = (*path.parent.parts, folder.resolve().name)
     return next((name for name in names if name and name.lower() not in NO_CATEGORY), "vehicle")

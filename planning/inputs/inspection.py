@@ -22,10 +22,10 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.inspect import Inspected, draw, pages, sky_report, write_pictures
+from hulldown.reading.inspect import Inspected, draw_asset, page_paths, sky_report, write_pictures
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport, refuse_missing
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
-from hulldown.reading.reader_process import Exported, export
+from hulldown.reading.reader_process import Exported, export_asset
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,7 +64,7 @@ def inspect_files(
         Time and memory for reading an asset.
     """
     paths, output = [Path(file) for file in files], None if output is None else Path(output)
-    for page in pages(output, sum(map(drawn_assets, paths))) if output else ():
+    for page in page_paths(output, sum(map(drawn_assets, paths))) if output else ():
         make_room_for_picture(page)
     limits.check_confinement()
     inspected: list[Inspected] = []
@@ -109,7 +109,7 @@ def inspect_file(
         for name, file in library.models.items():
             listed.append((replace(file, report=_with_limits(file.report, models[name])), models[name]))
         listed += [(file, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
-        return [_inspected(file, asset, pictures=pictures) for file, asset in listed]
+        return [_inspect_entry(file, asset, pictures=pictures) for file, asset in listed]
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)
         if path.suffix.lower() in HDRI_SUFFIXES:
@@ -117,15 +117,15 @@ def inspect_file(
             return [Inspected(path.stem, sky_report(path, hdri))]
         if progress:
             progress(str(path))
-        exported = export(path, folder, kind=kind, limits=limits)
+        exported = export_asset(path, folder, kind=kind, limits=limits)
         if strict:
             refuse_missing([exported.report], strict=True)
         load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
-        return [_inspected(exported, replace(load(exported.bundle), name=path.stem), pictures=pictures)]
+        return [_inspect_entry(exported, replace(load(exported.bundle), name=path.stem), pictures=pictures)]
 
 
-def _inspected(file: Exported, asset: VehicleShape | Scenery, *, pictures: bool) -> Inspected:
-    return Inspected(asset.name, file.report, draw(asset, file.picture) if pictures else None)
+def _inspect_entry(file: Exported, asset: VehicleShape | Scenery, *, pictures: bool) -> Inspected:
+    return Inspected(asset.name, file.report, draw_asset(asset, file.picture) if pictures else None)
 
 
 def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:

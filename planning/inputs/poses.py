@@ -30,39 +30,39 @@ def read_poses(path: Path) -> GivenPoses:
     header = text.partition("\n")[0]
     table = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in header else ",", strict=True)
     try:
-        columns = _columns(next(table, []), path)
-        lines = [_line(cells, columns, table.line_num, path) for cells in table if any(map(str.strip, cells))]
+        columns = _parse_columns(next(table, []), path)
+        lines = [_parse_line(cells, columns, table.line_num, path) for cells in table if any(map(str.strip, cells))]
     except csv.Error as error:
-        raise refused(path, table.line_num, f"is no CSV ({error})", "check its quotes") from None
+        raise line_error(path, table.line_num, f"is no CSV ({error})", "check its quotes") from None
     if not lines:
         raise ConfigError("has no poses", path=path, remedy="add a line for each image under the names of the columns")
     _check_sequences(lines, path)
     return GivenPoses(path=path.name, lines=lines)
 
 
-def _columns(cells: list[str], path: Path) -> list[str]:
+def _parse_columns(cells: list[str], path: Path) -> list[str]:
     columns, known = [cell.strip() for cell in cells], f"columns are {', '.join((*NAMES, *NUMBERS))}"
     for k, name in enumerate(columns):
         if name not in NAMES and name not in NUMBERS:
-            raise refused(path, 1, f"has the unknown column {name!r:.60}", known)
+            raise line_error(path, 1, f"has the unknown column {name!r:.60}", known)
         if name in columns[:k]:
-            raise refused(path, 1, f"has the column {name} twice", "remove one")
+            raise line_error(path, 1, f"has the column {name} twice", "remove one")
     if not columns:
         raise ConfigError("is empty", path=path, remedy=f"begin with a line of column names; {known}")
     return columns
 
 
-def _line(cells: list[str], columns: list[str], number: int, path: Path) -> PoseLine:
+def _parse_line(cells: list[str], columns: list[str], number: int, path: Path) -> PoseLine:
     if len(cells) != len(columns):
-        raise refused(path, number, f"has {len(cells)} cells", f"the first line names {len(columns)} columns")
+        raise line_error(path, number, f"has {len(cells)} cells", f"the first line names {len(columns)} columns")
     given = {name: cell.strip() for name, cell in zip(columns, cells, strict=True) if cell.strip()}
-    values = {name: _number(given[name], name, number, path) for name in NUMBERS if name in given}
-    for name, needed in _needed(given):
+    values = {name: _parse_number(given[name], name, number, path) for name in NUMBERS if name in given}
+    for name, needed in _needed_columns(given):
         if needed not in given:
-            raise refused(path, number, f"has {name} but no {needed}", f"give {needed}, or leave {name} empty")
-    camera, look_at = _vector(values, CAMERA), _vector(values, LOOK_AT)
+            raise line_error(path, number, f"has {name} but no {needed}", f"give {needed}, or leave {name} empty")
+    camera, look_at = _join_vector(values, CAMERA), _join_vector(values, LOOK_AT)
     if camera is not None and camera == look_at:
-        raise refused(path, number, "column look_at_x: the camera looks at its own place", "change one of both")
+        raise line_error(path, number, "column look_at_x: the camera looks at its own place", "change one of both")
     x, y, z, yaw_deg = map(values.get, NUMBERS[:4])
     scenery, vehicle, sequence = map(given.get, NAMES)
     return PoseLine(
@@ -71,7 +71,7 @@ def _line(cells: list[str], columns: list[str], number: int, path: Path) -> Pose
     )  # fmt: skip
 
 
-def _needed(given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def _needed_columns(given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """Yield each given column with another one that it needs."""
     groups = {**dict.fromkeys(("x", "y"), ("x", "y")), "z": ("x", "y"), "sequence": CAMERA}
     groups |= {**dict.fromkeys(CAMERA, (*CAMERA, "x", "y")), **dict.fromkeys(LOOK_AT, LOOK_AT)}
@@ -80,18 +80,20 @@ def _needed(given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
             yield name, needed
 
 
-def _number(cell: str, name: str, number: int, path: Path) -> float:
+def _parse_number(cell: str, name: str, number: int, path: Path) -> float:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
     if not abs(value) <= MAX_COORDINATE_M:
         unit = "degrees" if name == "yaw_deg" else "meters"
-        raise refused(path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing")
+        raise line_error(
+            path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing"
+        )
     return value
 
 
-def _vector(values: Mapping[str, float], names: tuple[str, ...]) -> Vector | None:
+def _join_vector(values: Mapping[str, float], names: tuple[str, ...]) -> Vector | None:
     if names[0] not in values:
         return None
     x, y, z = (values[name] for name in names)
@@ -106,14 +108,14 @@ def _check_sequences(lines: list[PoseLine], path: Path) -> None:
             ended.add(before.sequence)
             if line.sequence is not None and line.sequence in ended:
                 what = f"column sequence: {line.sequence!r:.60} goes on after other lines"
-                raise refused(path, line.line, what, "keep a sequence's lines together, or name it otherwise")
+                raise line_error(path, line.line, what, "keep a sequence's lines together, or name it otherwise")
         elif line.sequence is not None:
             for name in SHARED:
                 if getattr(line, name) != getattr(before, name):
                     what = f"column {name}: differs from line {before.line} of sequence {line.sequence!r:.60}"
-                    raise refused(path, line.line, what, "in a sequence only the camera moves")
+                    raise line_error(path, line.line, what, "in a sequence only the camera moves")
 
 
-def refused(path: Path, number: int, what: str, remedy: str) -> ConfigError:
+def line_error(path: Path, number: int, what: str, remedy: str) -> ConfigError:
     """Return the error of an invalid line of the file."""
     return ConfigError(f"line {number}: {what}", path=path, remedy=remedy)

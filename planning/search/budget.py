@@ -20,10 +20,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import ConfigError
-from hulldown.geometry.indices import numbered
+from hulldown.geometry.indices import group_and_rank
 from hulldown.plan.config.scene_sections import BudgetSection
 from hulldown.plan.given_poses import GivenPoses
-from hulldown.planning.inputs.poses import refused
+from hulldown.planning.inputs.poses import line_error
 from hulldown.planning.search.stage import Site
 
 SHARE_ROUNDING = 1e-9  # of shares of a class's images
@@ -105,21 +105,21 @@ def make_budget(
     class_starts = np.cumsum([0, *(len(members[c]) for c in classes)])
     counts = np.array(images, dtype=np.int64)
     backgrounds = round(sum(images) * section.background_share / (1.0 - section.background_share))
-    positions = _positions(counts, class_starts, backgrounds, section.images_per_position)
+    positions = _plan_positions(counts, class_starts, backgrounds, section.images_per_position)
     return Budget(tuple(v for c in classes for v in members[c]), class_starts, counts, positions)
 
 
-def _positions(
+def _plan_positions(
     images: Int[np.ndarray, " v"], class_starts: Int[np.ndarray, " c_plus_1"], backgrounds: int, most: int
 ) -> Positions:
     """Return positions with up to `most` images each: those of vehicles by turns, and backgrounds between them."""
     counts, starts = np.append(images, backgrounds), np.append(class_starts, len(images) + 1)  # backgrounds come last
-    vehicle, ordinal = numbered(-(-counts // most))
+    vehicle, ordinal = group_and_rank(-(-counts // most))
     of_class = np.searchsorted(starts, vehicle, side="right") - 1
     # Each vehicle's positions are spread evenly over its class's turns.
     by_turn = np.lexsort((vehicle, (ordinal + 0.5) / -(-counts // most)[vehicle], of_class))
     turn = np.empty(len(vehicle), dtype=np.int64)
-    turn[by_turn] = numbered(np.bincount(of_class, minlength=len(starts)))[1]
+    turn[by_turn] = group_and_rank(np.bincount(of_class, minlength=len(starts)))[1]
     empty, n = vehicle == len(images), len(vehicle)
     background = np.diff(np.arange(n + 1) * np.count_nonzero(empty) // n) > 0
     order = np.empty(n, dtype=np.int64)
@@ -185,9 +185,9 @@ def given_of(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, "
         origin = origins.get(line.scenery or sites[0].name)
         if origin is None:
             what = f"column scenery: {line.scenery!r:.60} is none"
-            raise refused(path, line.line, what, f"they are {list(origins)}")
+            raise line_error(path, line.line, what, f"they are {list(origins)}")
         if line.scenery is None and len(sites) > 1 and (line.x is not None or line.look_at is not None):
-            raise refused(path, line.line, "gives coordinates but no scenery", f"name one of {list(origins)}")
+            raise line_error(path, line.line, "gives coordinates but no scenery", f"name one of {list(origins)}")
         given.xyz[i] = np.array([line.x, line.y, line.z], dtype=np.float64) - origin  # None becomes nan
         given.yaw[i] = np.nan if line.yaw_deg is None else np.radians(line.yaw_deg)
         for table, point in ((given.camera, line.camera), (given.look_at, line.look_at)):
@@ -220,7 +220,7 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
             v = index[line.vehicle]
         else:
             what = f"column vehicle: {line.vehicle!r:.60} is none"
-            raise refused(Path(poses.path), line.line, what, f"they are {list(index)}")
+            raise line_error(Path(poses.path), line.line, what, f"they are {list(index)}")
         vehicle[k], ordinal[k] = v, before[v]
         before[v] += 1
         images[v] += shots[k] if line.scenery is None else 0

@@ -11,15 +11,15 @@ from jaxtyping import Float, Int
 
 from hulldown.annotate.boxes import Boxes
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import turned
+from hulldown.camera.framing import pan_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
-from hulldown.geometry.columns import put
-from hulldown.geometry.indices import joined
-from hulldown.geometry.transforms import apply, compose
+from hulldown.geometry.columns import put_rows
+from hulldown.geometry.indices import matching_pairs
+from hulldown.geometry.transforms import compose_affine, transform_points
 from hulldown.plan.config.scene_sections import RenderSection
-from hulldown.plan.row import rounded
+from hulldown.plan.row import round_field
 from hulldown.planning.search.stage import Fleet, Model
 from hulldown.scene.posed_vehicle import PosedVehicle
 
@@ -40,7 +40,7 @@ class Instances:
     center: Float[np.ndarray, "k 3"]
 
     @classmethod
-    def of(
+    def from_poses(
         cls,
         fleet: Fleet,
         names: Sequence[str],
@@ -53,7 +53,7 @@ class Instances:
         for i, (which, of_parts) in enumerate(zip(model.tolist(), articulation, strict=True)):
             shape = fleet.models[which].shape
             angles[i, : len(shape.part_names)] = shape.angles([of_parts])[0]
-        center = boxes_at(fleet, model, angles).mean(axis=1)
+        center = articulated_boxes(fleet, model, angles).mean(axis=1)
         return cls(fleet, np.arange(len(model)), model, world_from_vehicle, angles, center)
 
     def __len__(self) -> int:
@@ -61,16 +61,16 @@ class Instances:
 
     def take(self, index: Int[np.ndarray, " n"]) -> Instances:
         """Return some of the instances, possibly repeated, in rows 0, 1, ..."""
-        return replace(self.at(index), row=np.arange(len(index)))
+        return replace(self.keep(index), row=np.arange(len(index)))
 
-    def at(self, index: Int[np.ndarray, " n"]) -> Instances:
+    def keep(self, index: Int[np.ndarray, " n"]) -> Instances:
         """Return some of the instances in their rows."""
         columns = (self.row, self.model, self.world_from_vehicle, self.angles, self.center)
         return Instances(self.fleet, *(column[index] for column in columns))
 
-    def beside(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
+    def repeat_rows(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
         """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""
-        row, index = joined(owner, self.row)
+        row, index = matching_pairs(owner, self.row)
         return replace(self.take(index), row=row), index
 
     def by_model(self) -> Iterator[tuple[Model, Int[np.ndarray, " n"]]]:
@@ -87,7 +87,7 @@ class Instances:
                 by_part[i] = dict(zip(names[1:], angles, strict=True))
         return by_part
 
-    def posed(self) -> list[PosedVehicle]:
+    def posed_vehicles(self) -> list[PosedVehicle]:
         """Return the instances as targets for rays, a `PosedVehicle` for each model."""
         return [
             PosedVehicle(model.caster, self.world_from_vehicle[i], self.model_angles(model, i), self.row[i])
@@ -101,7 +101,7 @@ class Instances:
     @property
     def centers(self) -> Float[np.ndarray, "k 3"]:
         """Centers of the boxes with parts turned, in the world; distance and elevation are measured from them."""
-        return apply(self.world_from_vehicle, self.center[:, None])[:, 0]
+        return transform_points(self.world_from_vehicle, self.center[:, None])[:, 0]
 
     def world_from_parts(self) -> Float[np.ndarray, "k b 4 4"]:
         """Return the poses of the fleet's boxes of parts, which are given at rest."""
@@ -109,15 +109,15 @@ class Instances:
         for model, i in self.by_model():
             turned = model.shape.vehicle_from_parts(self.model_angles(model, i))
             boxes[i] = turned[:, self.fleet.box_part[self.fleet.index[model.shape.name]]]
-        return compose(self.world_from_vehicle[:, None], boxes)
+        return compose_affine(self.world_from_vehicle[:, None], boxes)
 
-    def corners(self) -> Float[np.ndarray, "k c 3"]:
+    def box_corners(self) -> Float[np.ndarray, "k c 3"]:
         """Return the corners of the posed boxes of all parts; their hull contains every vertex."""
-        corners = apply(self.world_from_parts(), self.fleet.corners[self.model])
+        corners = transform_points(self.world_from_parts(), self.fleet.corners[self.model])
         return corners.reshape(len(self), 8 * corners.shape[1], 3)
 
 
-def boxes_at(
+def articulated_boxes(
     fleet: Fleet, model: Int[np.ndarray, " k"], angles: Float[np.ndarray, "k p"]
 ) -> Float[np.ndarray, "k 2 3"]:
     """Return lowest and highest corner of vehicles in their own frames, with parts turned, rounded as in a plan."""
@@ -125,18 +125,18 @@ def boxes_at(
     for i in np.unique(model).tolist():
         rows, one = np.flatnonzero(model == i), fleet.models[i]
         own = np.broadcast_to(np.eye(4), (len(rows), 4, 4))
-        points = hull_of(one, own, angles[rows, : len(one.shape.part_names)])
+        points = posed_hull(one, own, angles[rows, : len(one.shape.part_names)])
         bounds[rows] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
-    return rounded("bounds", bounds)
+    return round_field("bounds", bounds)
 
 
-def hull_of(
+def posed_hull(
     model: Model, world_from_vehicle: Float[np.ndarray, "n 4 4"], angles: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n h 3"]:
     """Return the posed vertices of the convex hulls of what can be seen of all parts, which determine the box."""
-    poses = compose(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))
-    hulls = zip(model.caster.parts, model.hulls, strict=True)
-    return np.concatenate([apply(poses[:, part.index], hull) for part, hull in hulls], axis=1)
+    poses = compose_affine(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))
+    hulls = zip(model.caster.parts, model.part_hulls, strict=True)
+    return np.concatenate([transform_points(poses[:, part.index], hull) for part, hull in hulls], axis=1)
 
 
 def drawn_angles(
@@ -148,7 +148,7 @@ def drawn_angles(
         rows, shape = np.flatnonzero(model == i), fleet.models[i].shape
         (low, high), p = shape.part_limits.T, len(shape.part_names)
         turned = np.clip(low + uniform[rows, :p] * (high - low), low, high)
-        angles[rows, 1:p] = rounded("articulation", turned[:, 1:])
+        angles[rows, 1:p] = round_field("articulation", turned[:, 1:])
     return angles
 
 
@@ -181,7 +181,7 @@ def vehicle_boxes(instances: Instances, cameras: Cameras) -> Boxes:
     boxes = no_boxes(len(instances))
     for model, i in instances.by_model():
         angles = instances.model_angles(model, i)
-        put(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], cameras.take(i), angles))
+        put_rows(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], cameras.take(i), angles))
     return boxes
 
 
@@ -208,13 +208,13 @@ def size_cameras(
     def solved(cameras: Cameras) -> Float[np.ndarray, " n"]:
         return solve_distance(cameras, hull, center=centers, pixels=pixels, measure=measure)
 
-    distance = solved(turned(level, lenses.center, roll))
+    distance = solved(pan_to_pixel(level, lenses.center, roll))
     for _ in range(SIZING_ROUNDS):
         # Rows without a distance are kept, so that every row keeps its own random numbers.
         poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
         cameras = frame(level.at_poses(poses))
         distance = np.where(np.isnan(distance), np.nan, solved(cameras))
-    if lenses.distorted:
+    if lenses.is_distorted:
         # The image of an edge is a curve, which may extend beyond its end points.
         def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
             moved = cameras.take(rows)

@@ -18,16 +18,16 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import place_boxes, turned
+from hulldown.camera.framing import pan_to_pixel, place_boxes
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 from hulldown.dataset.photographs import Photographs
 from hulldown.geometry.portable import exp, hypot, log, sin_cos
-from hulldown.geometry.transforms import BOX_CORNERS, rotate
+from hulldown.geometry.transforms import BOX_CORNERS, rotate_vectors
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.plan.config.schema import Config
-from hulldown.planning.search.instance_table import Instances, hull_of, size_cameras
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose
+from hulldown.planning.search.instance_table import Instances, posed_hull, size_cameras
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose_weighted
 from hulldown.planning.search.stage import Fleet
 
 MIN_CLASS_BOXES = 20  # with fewer boxes of a class, those of all classes are used
@@ -66,19 +66,19 @@ class TargetBoxes:
         return self.box >= 0
 
     @property
-    def cut_across(self) -> Bool[np.ndarray, " n"]:
+    def horizontal_cut(self) -> Bool[np.ndarray, " n"]:
         """Whether the frame cuts the box off on its left or right."""
         return self.cut[:, 0] | self.cut[:, 2]
 
     @property
-    def cut_down(self) -> Bool[np.ndarray, " n"]:
+    def vertical_cut(self) -> Bool[np.ndarray, " n"]:
         """Whether the frame cuts the box off at its top or bottom."""
         return self.cut[:, 1] | self.cut[:, 3]
 
     def least_kept(self, most_truncated: float) -> Float[np.ndarray, "n 2"]:
         """Least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
         share = np.minimum((1.0 - TRUNCATION_MARGIN * most_truncated) / self.kept, 1.0)
-        return np.stack([np.where(self.cut_across, share, 0.0), np.where(self.cut_across, 0.0, share)], axis=1)
+        return np.stack([np.where(self.horizontal_cut, share, 0.0), np.where(self.horizontal_cut, 0.0, share)], axis=1)
 
 
 class Likeness:
@@ -131,7 +131,7 @@ class Likeness:
         for index in np.unique(model).tolist():
             weights = self._own.get(fleet.models[index].category or "", self._weights)
             rows = np.flatnonzero(model == index)
-            box[rows] = self._by_height[choose(weights[self._by_height], rank[rows])]
+            box[rows] = self._by_height[choose_weighted(weights[self._by_height], rank[rows])]
         return box
 
     def companion_counts(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -228,7 +228,7 @@ def match_cameras(
     possible = np.flatnonzero((distance > least / MAX_DISTANCE_ERROR) & (distance < most * MAX_DISTANCE_ERROR))
     for model, of_model in targets.take(possible).by_model():
         of_model = possible[of_model]
-        hull = hull_of(model, targets.world_from_vehicle[of_model], targets.model_angles(model, of_model))
+        hull = posed_hull(model, targets.world_from_vehicle[of_model], targets.model_angles(model, of_model))
         for wide in (False, True):
             chosen = boxes.wide[of_model] == wide
             i = of_model[chosen]
@@ -270,7 +270,7 @@ def choose_directions(
     elevation = draw_elevation(n * CAMERA_DIRECTIONS, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
     elevation = np.repeat(elevation.reshape(n, CAMERA_DIRECTIONS)[:, :1], CAMERA_DIRECTIONS, axis=1)
     axes = shell_axes(azimuth, elevation)[1]
-    local = targets.corners() - targets.centers[:, None]
+    local = targets.box_corners() - targets.centers[:, None]
     # Explicit sums, which have the same bits on every processor.
     x, y, depth = (
         local[:, None, :, 0] * axes[..., None, 0, axis]
@@ -283,7 +283,7 @@ def choose_directions(
     distance = measured * lenses.focal[..., 1:] / boxes.pixels[:, None]
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(boxes.aspect)[:, None]
-    across, down = boxes.cut_across[:, None], boxes.cut_down[:, None]
+    across, down = boxes.horizontal_cut[:, None], boxes.vertical_cut[:, None]
     # Where the frame cuts off the width, a target is longer than its box, and taller where it cuts off the height: as
     # much as `truncated_fraction` allows.
     longer = np.maximum(log(boxes.kept / (1.0 - TRUNCATION_MARGIN * limits.truncated_fraction[1])), 0.0)[:, None]
@@ -298,7 +298,7 @@ def choose_fitting(
 ) -> Int[np.ndarray, " n"]:
     """Choose a direction for each row by the misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
     exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, MIN_ASPECT_TOLERANCE)) ** 2
-    return choose(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)
+    return choose_weighted(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)
 
 
 def companion_poses(
@@ -330,8 +330,10 @@ def companion_poses(
 
     # Relative to the target's center, with the target where its box is.
     level = camera_pose(np.zeros((len(has), 3)), distance, azimuth[has], elevation[has])
-    turn = turned(Cameras(lenses, level), photographs.center[of_target] * lenses.size).world_from_camera[:, :3, :3]
-    ray = rotate(turn, lenses.pixel_directions((photographs.center[box] * lenses.size)[:, None]))[:, 0]
+    turn = pan_to_pixel(Cameras(lenses, level), photographs.center[of_target] * lenses.size).world_from_camera[
+        :, :3, :3
+    ]
+    ray = rotate_vectors(turn, lenses.pixel_directions((photographs.center[box] * lenses.size)[:, None]))[:, 0]
     ray /= np.sqrt((ray * ray).sum(axis=1, keepdims=True))
     by_height = distance * size[:, 2] / tall[:, 2] * photographs.height[of_target] / photographs.height[box]
     to_ground = (level[:, 2, 3] + (tall[:, 2] - size[:, 2]) / 2.0) / np.maximum(-ray[:, 2], MIN_RAY_FALL)

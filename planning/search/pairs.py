@@ -51,7 +51,7 @@ def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict
     for s, site in enumerate(stage.sites):
         here = [v for v in planned.tolist() if allowed[v][s] > 0.0]
         models = np.array([stage.fleet.index[budget.vehicles[v]] for v in here], dtype=np.int64)
-        for v, problem in zip(here, _problems(site, stage, models, draws), strict=True):
+        for v, problem in zip(here, _trial_problems(site, stage, models, draws), strict=True):
             if problem:
                 problems[v, s] = problem
             else:
@@ -74,7 +74,9 @@ def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]
     """Return the weights of sceneries for a vehicle, 0 for those that it may not use."""
     names = list(of_sites)
     entry = next((entry for entry in config.assets.vehicles if entry.name == vehicle), None)
-    weights = np.array([weight if entry is None or entry.is_for(name) else 0.0 for name, weight in of_sites.items()])
+    weights = np.array(
+        [weight if entry is None or entry.matches_vehicle(name) else 0.0 for name, weight in of_sites.items()]
+    )
     for pattern in entry.sceneries if entry else ():
         if not any(fnmatchcase(name, pattern) for name in names):
             raise ConfigError(
@@ -91,7 +93,7 @@ def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]
     return weights
 
 
-def _problems(
+def _trial_problems(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " v"], draws: RandomStreams
 ) -> list[ConfigError | None]:
     """Return for each of these vehicles why most of its trial positions fail, or None."""
@@ -99,15 +101,15 @@ def _problems(
         _too_large(site, stage.fleet.models[i], stage.config) for i in models.tolist()
     ]
     fitting = np.array([i for i, problem in enumerate(problems) if problem is None], dtype=np.int64)
-    failed = fitting[list(_try(site, stage, models[fitting], draws, number=_FIRST_TRIAL))]
+    failed = fitting[list(_plan_trials(site, stage, models[fitting], draws, number=_FIRST_TRIAL))]
     for trial in range(1, 1 + MORE_TRIALS):
         tried = np.array([i for i in failed.tolist() if problems[i] is None], dtype=np.int64)
-        for i, problem in _try(site, stage, models[tried], draws, number=_FIRST_TRIAL + trial).items():
+        for i, problem in _plan_trials(site, stage, models[tried], draws, number=_FIRST_TRIAL + trial).items():
             problems[tried[i]] = problem
     return problems
 
 
-def _try(
+def _plan_trials(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " n"], draws: RandomStreams, *, number: int
 ) -> Mapping[int, HopelessPosition]:
     """Plan a trial position for each of these vehicles, and return the errors of those without a place."""

@@ -8,18 +8,18 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.columns import put
+from hulldown.geometry.columns import put_rows
 from hulldown.geometry.overlap import boxes_touch
 from hulldown.geometry.portable import sin_cos
-from hulldown.geometry.transforms import apply, compose, invert_rigid, rigid, rotation_z
-from hulldown.placement.contact import depth_below
+from hulldown.geometry.transforms import compose_affine, invert_rigid, rigid_matrix, rotation_z, transform_points
+from hulldown.placement.contact import underside_depth
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.settle import Settled, limit_contact, settle_each, unsettled
+from hulldown.placement.settle import Settled, empty_settled, limit_contact, settle_each
 from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.config.schema import Config
-from hulldown.plan.row import rounded
+from hulldown.plan.row import round_field
 from hulldown.planning.search.instance_table import Instances
-from hulldown.planning.search.random_streams import between
+from hulldown.planning.search.random_streams import scale_uniform
 from hulldown.planning.search.stage import Site, settle_rules
 from hulldown.planning.search.tables import Role
 
@@ -35,8 +35,8 @@ def offsets(
     """
     of_roles = np.array([(0.0, 0.0), limits.companion_distance, limits.distractor_distance])
     low, high = of_roles[role].T
-    by_distance = between(low, high, uniform[:, 0])
-    by_area = np.clip(np.sqrt(between(low**2, high**2, uniform[:, 0])), low, high)
+    by_distance = scale_uniform(low, high, uniform[:, 0])
+    by_area = np.clip(np.sqrt(scale_uniform(low**2, high**2, uniform[:, 0])), low, high)
     away = np.where(role == Role.COMPANION, by_distance, by_area)
     return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
@@ -59,14 +59,14 @@ def settle_clear(
     settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     if z is not None:
         rows = np.flatnonzero(~np.isnan(z))
-        upright = unsettled(len(rows))
-        upright.world_from_vehicle[:] = rigid(rotation_z(yaw[rows]), np.column_stack([xy, z])[rows])
+        upright = empty_settled(len(rows))
+        upright.world_from_vehicle[:] = rigid_matrix(rotation_z(yaw[rows]), np.column_stack([xy, z])[rows])
         upright.tilt[:] = 0.0
-        limit_contact(upright, np.arange(len(rows)), site.terrain, fleet.contacts.of(instances.model[rows]), rules)
+        limit_contact(upright, np.arange(len(rows)), site.terrain, fleet.contacts.take(instances.model[rows]), rules)
         upright.rejection[~site.terrain.top_hits(xy[rows]).hit] = Rejection.OFF_GROUND
-        put(settled, rows, upright)
+        put_rows(settled, rows, upright)
     rejection = settled.rejection.copy()
-    poses = rounded("world_from_vehicle", settled.world_from_vehicle)  # labels follow from rounded poses
+    poses = round_field("world_from_vehicle", settled.world_from_vehicle)  # labels follow from rounded poses
     placed = replace(instances, world_from_vehicle=poses)
     rows = np.flatnonzero(rejection == Rejection.NONE)
     rejection[rows[depth_in_water(site, placed.take(rows)) > limits.fording_depth]] = Rejection.WATER
@@ -83,8 +83,8 @@ def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
     """Greatest depth of each vehicle's underside below water, meters; 0 on dry ground."""
     if site.water is None:
         return np.zeros(len(instances))
-    samples = instances.fleet.contacts.of(instances.model)
-    return depth_below(site.water, instances.world_from_vehicle, samples)
+    samples = instances.fleet.contacts.take(instances.model)
+    return underside_depth(site.water, instances.world_from_vehicle, samples)
 
 
 def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
@@ -92,17 +92,17 @@ def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
     fleet, model = instances.fleet, instances.model
     top = fleet.center[model].copy()
     top[:, 2] += fleet.size[model, 2] / 2 + SKY_RAY_CLEARANCE_M
-    return site.obstacles.open_above(apply(instances.world_from_vehicle, top[:, None])[:, 0])
+    return site.obstacles.sees_sky(transform_points(instances.world_from_vehicle, top[:, None])[:, 0])
 
 
 def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
     """Return whether all parts of each vehicle keep the clearance to obstacles."""
-    half, world_from_box = _boxes(instances, clearance)
+    half, world_from_box = _clearance_boxes(instances, clearance)
     clear = np.ones(len(instances), dtype=bool)
     for box in range(half.shape[1]):
         # The hull is the first box, and rejects most vehicles.
         rows = np.flatnonzero(clear & (box < instances.fleet.boxes[instances.model]))
-        clear[rows] = ~site.obstacles.touched(half[rows, box], world_from_box[rows, box])
+        clear[rows] = ~site.obstacles.touches_boxes(half[rows, box], world_from_box[rows, box])
     return clear
 
 
@@ -115,20 +115,22 @@ def clear_of_vehicles(instances: Instances, others: Instances, clearance: float)
     near = np.flatnonzero((away * away).sum(axis=1) <= reach * reach)
     nearby, others_nearby = instances.take(near), others.take(near)
     for first, second in ((nearby, others_nearby), (others_nearby, nearby)):
-        half, world_from_box = _boxes(first, clearance)
-        half_other, world_from_other = _boxes(second, 0.0)
+        half, world_from_box = _clearance_boxes(first, clearance)
+        half_other, world_from_other = _clearance_boxes(second, 0.0)
         for a in range(half.shape[1]):
             for b in range(half.shape[1]):
                 here = (a < first.fleet.boxes[first.model]) & (b < second.fleet.boxes[second.model])
                 rows = np.flatnonzero(clear[near] & here)
-                box_from_other = compose(invert_rigid(world_from_box[rows, a]), world_from_other[rows, b])
+                box_from_other = compose_affine(invert_rigid(world_from_box[rows, a]), world_from_other[rows, b])
                 clear[near[rows]] = ~boxes_touch(half[rows, a], half_other[rows, b], box_from_other)
     return clear
 
 
-def _boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
+def _clearance_boxes(
+    instances: Instances, clearance: float
+) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
     """Return half sizes and poses of the boxes of all parts, extended by the clearance sideways and upward."""
     fleet, model = instances.fleet, instances.model
     center = fleet.box_center[model] + [0.0, 0.0, clearance / 2]
-    world_from_box = compose(instances.world_from_parts(), rigid(np.eye(3), center))
+    world_from_box = compose_affine(instances.world_from_parts(), rigid_matrix(np.eye(3), center))
     return fleet.half[model] + clearance * np.array([1.0, 1.0, 0.5]), world_from_box

@@ -18,10 +18,10 @@ from jaxtyping import Bool, Float, Int
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.weather.kinds import Weather
-from hulldown.geometry.columns import join, put, take
-from hulldown.geometry.indices import batches, joined
-from hulldown.placement.candidates import candidates
-from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, sentence
+from hulldown.geometry.columns import join_rows, put_rows, take
+from hulldown.geometry.indices import index_batches, matching_pairs
+from hulldown.placement.candidates import sample_candidates
+from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, rejection_sentence
 from hulldown.placement.settle import Settled
 from hulldown.planning.search.likeness import QUARTER_PLACES, candidate_directions, companion_poses
 from hulldown.planning.search.placing import clear_of_vehicles, offsets, settle_clear
@@ -89,8 +89,8 @@ def plan_block(block: Block) -> Planned:
         of_model = np.flatnonzero(block.model == model)
         ranks[of_model] = np.arange(len(of_model))
     scouts = early & (ranks < SCOUTS_PER_MODEL)
-    search.settle(np.flatnonzero(scouts))
-    search.settle(np.flatnonzero(~scouts))
+    search.settle_positions(np.flatnonzero(scouts))
+    search.settle_positions(np.flatnonzero(~scouts))
     fixed = [error for row, error in search.problems.items() if not block.movable[row]]
     rejected = search.camera_rejections.copy()
     rejected[block.shot == 0] += search.place_rejections
@@ -131,16 +131,16 @@ class _Search:
         """Places tried for each position so far."""
         return self.table.tries[self.target]
 
-    def settle(self, pending: Int[np.ndarray, " p"]) -> None:
+    def settle_positions(self, pending: Int[np.ndarray, " p"]) -> None:
         """Find places, extras, and cameras for these positions."""
-        while len(pending := self._hopeful(pending)):
+        while len(pending := self._hopeful_positions(pending)):
             self._place_targets(pending)
-            pending = self._hopeful(pending)
+            pending = self._hopeful_positions(pending)
             crowded = self.place_rejections[pending, Rejection.COMPANION] >= CROWDED_PLACES
             crowded |= 2 * self.tries[pending] >= self.config.placement.max_tries
             roomy = self._place_extras(pending, leave_out=crowded)
             self.place_rejections[pending[~roomy], Rejection.COMPANION] += 1
-            blind = self._aim(pending[roomy])
+            blind = self._find_cameras(pending[roomy])
             self.place_rejections[blind, Rejection.NO_VIEW] += 1
             self._give_up_if_blind(blind)
             pending = np.union1d(pending[~roomy], blind)
@@ -150,23 +150,23 @@ class _Search:
         limit, ahead, table = self.config.placement.max_tries, 1, self.table
         given = self.block.given_of(self.block.positions.first_image)
         self._give_up_if_placeless(pending)
-        while len(pending := self._hopeful(pending)):
+        while len(pending := self._hopeful_positions(pending)):
             now = pending[: max(1, MAX_BATCH_PLACES // ahead)]
             left = limit - self.tries[now]
             ahead = min(ahead, int(left.max()))
             row = np.repeat(now, ahead)
             attempt = (self.tries[now, None] + np.arange(ahead)).ravel()
             rng = RowStreams(self.draws, Purpose.PLACE, self.number[row], attempt)
-            xy, yaw = candidates(self.block.site.bounds, len(row), rng=rng, margin=self.config.placement.margin)
+            xy, yaw = sample_candidates(self.block.site.bounds, len(row), rng=rng, margin=self.config.placement.margin)
             here = take(given, row)
             xy = np.where(here.has_position[:, None], here.xyz[:, :2], xy)
             yaw = np.where(here.has_heading, here.yaw, yaw)
             settled = settle_clear(
-                self.block.site, self.table.at(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
+                self.block.site, self.table.keep(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
             )
             taken, chosen, counts = first_accepted(settled.rejection.reshape(-1, ahead), left)
             self.place_rejections[now] += counts
-            put(table.settled, self.target[now[taken]], take(settled, chosen))
+            put_rows(table.settled, self.target[now[taken]], take(settled, chosen))
             table.tries[self.target[now]] += counts.sum(axis=1) + taken
             # Further tries at a given place would fail, too.
             table.tries[self.target[now[~taken & given.has_place[now]]]] = limit
@@ -186,7 +186,7 @@ class _Search:
         table = self.table
         extras = np.flatnonzero(np.isin(table.row, positions) & (table.role != Role.TARGET))
         table.found[extras] = False  # extras that were left out at another place are tried again
-        photographed = self._photographed(extras)
+        photographed = self._photographed_poses(extras)
         roomy = np.ones(len(positions), dtype=bool)
         extra = self.target[positions] + 1  # the next extra of each position
         while (pending := roomy & (extra < self.end[positions])).any():
@@ -209,12 +209,12 @@ class _Search:
             clear = self._clear_of_others(tried[stands], take(settled, stands))
             settled.rejection[stands[~clear]] = Rejection.VEHICLE
             taken, chosen, _ = first_accepted(settled.rejection.reshape(-1, ahead))
-            put(table.settled, pending[taken], take(settled, chosen))
+            put_rows(table.settled, pending[taken], take(settled, chosen))
             table.tries[pending[taken]], table.found[pending[taken]] = attempt[chosen] + 1, True
             pending, done, ahead = pending[~taken], done + ahead, 2 * ahead
         return table.found[extras]
 
-    def _photographed(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 3"]:
+    def _photographed_poses(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 3"]:
         """Return where the photographs of first images show companions; see `companion_poses`."""
         table, likeness, poses = self.table, self.block.likeness, np.full((len(self.table), 3), np.nan)
         extras = extras[table.role[extras] == Role.COMPANION]
@@ -222,12 +222,12 @@ class _Search:
             return poses
         row = table.row[extras]
         image, attempt = self.block.positions.first_image[row], self.tries[row] * self.config.camera.max_tries
-        targets = self.table.at(self.target[row])
+        targets = self.table.keep(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
         poses[extras] = companion_poses(
             likeness,
             targets,
-            self.table.at(extras),
+            self.table.keep(extras),
             likeness.target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
             lenses=sample_lenses(self.config, first[:, 0]),
@@ -243,7 +243,7 @@ class _Search:
         Offsets and headings move from those in the photograph to random ones as tries go on.
         """
         table, tries = self.table, []
-        for batch in batches(len(which), MAX_BATCH_PLACES):
+        for batch in index_batches(len(which), MAX_BATCH_PLACES):
             extras = which[batch]
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
@@ -259,14 +259,14 @@ class _Search:
             shown = photographed[extras]
             pose = np.where(np.isnan(shown), pose, shown + anywhere * (pose - shown))
             xy, yaw = pose[:, :2] + table.world_from_vehicle[self.target[row], :2, 3], pose[:, 2]
-            tries.append(settle_clear(self.block.site, self.table.at(extras), self.config, xy=xy, yaw=yaw))
-        return join(tries)
+            tries.append(settle_clear(self.block.site, self.table.keep(extras), self.config, xy=xy, yaw=yaw))
+        return join_rows(tries)
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
         """Return whether these tries of extras are clear of the target and of the extras with places."""
-        tried = replace(self.table.at(which), world_from_vehicle=settled.world_from_vehicle)
-        standing = self.table.at(np.flatnonzero(self.table.found))
-        of_tried, of_standing = joined(tried.row, standing.row)
+        tried = replace(self.table.keep(which), world_from_vehicle=settled.world_from_vehicle)
+        standing = self.table.keep(np.flatnonzero(self.table.found))
+        of_tried, of_standing = matching_pairs(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
         apart = clear_of_vehicles(
             tried.take(of_tried), standing.take(of_standing), self.config.placement.vehicle_clearance
@@ -274,21 +274,21 @@ class _Search:
         clear[of_tried[~apart]] = False
         return clear
 
-    def _aim(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+    def _find_cameras(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Find cameras for all images of these positions, and return the positions with an image that has none."""
         max_tries = self.config.camera.max_tries
-        extras = self.table.at(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
+        extras = self.table.keep(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
         blind = self.place_rejections[:, Rejection.NO_VIEW] // QUARTER_PLACES
         pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
         while len(pending) and done < max_tries:
             ahead = min(ahead, max_tries - done)
             now = np.repeat(pending, ahead)
             attempt, views = done + np.tile(np.arange(ahead), len(pending)), []
-            for batch in batches(len(now), MAX_BATCH_CAMERAS):
+            for batch in index_batches(len(now), MAX_BATCH_CAMERAS):
                 rows, owner = now[batch], self.owner[now[batch]]
                 tries = CameraTries(
-                    self.table.at(self.target[owner]),
-                    extras.beside(owner)[0],
+                    self.table.keep(self.target[owner]),
+                    extras.repeat_rows(owner)[0],
                     self.block.given_of(self.image[rows]),
                     self.image[rows],
                     # The number counts all places of the position, so that every place has new cameras.
@@ -297,9 +297,9 @@ class _Search:
                     visibility_m=self._visibility_m[rows],
                 )
                 views.append(try_cameras(self.block, tries))
-            tried = join(views)
+            tried = join_rows(views)
             taken, chosen, counts = first_accepted(tried.rejection.reshape(-1, ahead))
-            put(self.views, pending[taken], take(tried, chosen))
+            put_rows(self.views, pending[taken], take(tried, chosen))
             self.camera_rejections[pending] += counts
             pending, done = pending[~taken], done + ahead
             ahead = max(1, min(2 * ahead, MAX_BATCH_CAMERAS // max(len(pending), 1)))
@@ -310,31 +310,31 @@ class _Search:
         table, shown = self.table, np.flatnonzero(~self.given_up[self.owner])
         present = np.flatnonzero(table.found & ((table.role != Role.TARGET) | ~self.block.empty[table.row]))
         extras = np.flatnonzero(table.found & (table.role != Role.TARGET))
-        pair, of = joined(self.owner[shown], table.row[extras])
+        pair, of = matching_pairs(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
-        seen, standing = [], self.table.at(present)
-        for batch in batches(len(image), MAX_BATCH_CAMERAS):
-            others, which = standing.beside(self.owner[image[batch]])
+        seen, standing = [], self.table.keep(present)
+        for batch in index_batches(len(image), MAX_BATCH_CAMERAS):
+            others, which = standing.repeat_rows(self.owner[image[batch]])
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views = take(self.views, image[batch])
             views, pixels = views_of_others(
                 self.block.site,
                 self.table.take(instance[batch]),
-                others.at(not_itself),
+                others.keep(not_itself),
                 views=views,
                 cameras=Cameras(self.config.intrinsics(views.fov_x_deg), views.world_from_camera),
                 visibility_m=self._visibility_m[image[batch]],
                 config=self.config,
             )
             seen.append(Seen(image[batch], instance[batch], views, pixels))
-        return join(seen)
+        return join_rows(seen)
 
-    def _hopeful(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+    def _hopeful_positions(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Return the positions among these that aren't given up."""
         return rows[~self.given_up[rows]]
 
     def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
-        self._give_up(
+        self._abandon_positions(
             rows[self.tries[rows] >= self.config.placement.max_tries],
             "finds no place to stand",
             PLACING,
@@ -342,16 +342,18 @@ class _Search:
         )
 
     def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
-        self._give_up(
+        self._abandon_positions(
             rows[self.place_rejections[rows, Rejection.NO_VIEW] >= BLIND_PLACES],
             "cannot be seen as wanted",
             AIMING,
             "widen the limits in [camera] or those of visibility in [weather], or raise camera.max_tries",
         )
 
-    def _give_up(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:
+    def _abandon_positions(
+        self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str
+    ) -> None:
         """Give up these positions, and all positions after the first of them that isn't movable."""
-        rows, block = self._hopeful(rows), self.block
+        rows, block = self._hopeful_positions(rows), self.block
         given = block.given_of(block.positions.first_image)
         self.given_up[rows] = True
         self.table.found[np.isin(self.table.row, rows)] = False
@@ -366,7 +368,7 @@ class _Search:
                 + (
                     f"all tries at its given place {found[0].phrase}"
                     if one
-                    else sentence({kind: int(counts[kind]) for kind in kinds})
+                    else rejection_sentence({kind: int(counts[kind]) for kind in kinds})
                 ),
                 path=self.config.path,
                 remedy=remedy,

@@ -56,24 +56,24 @@ class RandomStreams:
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> Float[np.ndarray, "*n {count}"]:
         """Return `count` numbers for each item, uniform in [0, 1), multiples of 2**-53."""
-        return _unit(self.bits(purpose, item, attempt, count=count))
+        return _unit_interval(self.random_bits(purpose, item, attempt, count=count))
 
-    def bits(
+    def random_bits(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> UInt64[np.ndarray, "*n {count}"]:
         """Return `count` numbers of 64 random bits for each item."""
-        return _numbers(self.states(purpose, item, attempt), count)
+        return _next_numbers(self.first_states(purpose, item, attempt), count)
 
-    def states(self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, "*n"]:
+    def first_states(self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, "*n"]:
         """Return the first states of the streams of these items and attempts."""
         purposes, items, attempts = np.broadcast_arrays(
             np.asarray(purpose, dtype=np.uint64),
             np.atleast_1d(np.asarray(item, dtype=np.uint64)),
             np.asarray(attempt, dtype=np.uint64),
         )
-        state = _mixed(self._key + purposes * _GOLDEN)
-        state = _mixed(state + items * _GOLDEN)
-        return _mixed(state + attempts * _GOLDEN)
+        state = _mix_bits(self._key + purposes * _GOLDEN)
+        state = _mix_bits(state + items * _GOLDEN)
+        return _mix_bits(state + attempts * _GOLDEN)
 
 
 class RowStreams:
@@ -83,7 +83,7 @@ class RowStreams:
     """
 
     def __init__(self, draws: RandomStreams, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
-        self._states = draws.states(purpose, item, attempt)
+        self._states = draws.first_states(purpose, item, attempt)
         self._drawn = 0
 
     def random(self, size: int | tuple[int, ...]) -> Float[np.ndarray, "n ..."]:
@@ -92,22 +92,22 @@ class RowStreams:
         if not shape or shape[0] != len(self._states):
             raise ValueError(f"size: expected {len(self._states)} rows, got size {size!r}")
         count = math.prod(shape[1:])
-        values = _unit(_numbers(self._states, count, first=self._drawn))
+        values = _unit_interval(_next_numbers(self._states, count, first=self._drawn))
         self._drawn += count
         return values.reshape(shape)
 
     def uniform(self, low: float, high: float, size: int | tuple[int, ...]) -> Float[np.ndarray, "n ..."]:
         """Numbers uniform in [low, high]; `size` is n or (n, ...)."""
-        return between(low, high, self.random(size))
+        return scale_uniform(low, high, self.random(size))
 
 
-def between(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[np.ndarray, "..."]:
+def scale_uniform(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[np.ndarray, "..."]:
     """Return numbers in [low, high] in proportion to `uniform` in [0, 1), clipped against rounding."""
     lowest, highest = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     return np.clip(lowest + np.asarray(uniform) * (highest - lowest), lowest, highest)
 
 
-def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
+def choose_weighted(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
     """Return n indices, with probabilities in proportion to weights, from numbers in [0, 1).
 
     `weights` are (k,), for numbers of any shape, or (n, k) with a row for each; each row has one above 0.
@@ -124,15 +124,15 @@ def choose(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
     return np.minimum((running <= wanted[:, None]).sum(axis=1), last)
 
 
-def _numbers(states: UInt64[np.ndarray, "*n"], count: int, *, first: int = 0) -> UInt64[np.ndarray, "*n {count}"]:
-    return _mixed(states[..., None] + np.arange(first + 1, first + count + 1, dtype=np.uint64) * _GOLDEN)
+def _next_numbers(states: UInt64[np.ndarray, "*n"], count: int, *, first: int = 0) -> UInt64[np.ndarray, "*n {count}"]:
+    return _mix_bits(states[..., None] + np.arange(first + 1, first + count + 1, dtype=np.uint64) * _GOLDEN)
 
 
-def _unit(bits: UInt64[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def _unit_interval(bits: UInt64[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return (bits >> np.uint64(11)) * _TO_UNIT
 
 
-def _mixed(z: UInt64[np.ndarray, "..."]) -> UInt64[np.ndarray, "..."]:
+def _mix_bits(z: UInt64[np.ndarray, "..."]) -> UInt64[np.ndarray, "..."]:
     """SplitMix64's finalizer (Stafford's variant 13): every input bit changes every output bit with probability 1/2."""
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)

@@ -17,8 +17,8 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import BOX_CORNERS
-from hulldown.placement.contact import Footing, stacked
-from hulldown.placement.footprint import underside
+from hulldown.placement.contact import Footing, stack_samples
+from hulldown.placement.footprint import vehicle_underside
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.scene_sections import PlacementSection
@@ -58,11 +58,11 @@ class Model:
     footing: Footing  # the points where it meets the ground
 
     @cached_property
-    def hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
+    def part_hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
         """Vertices of the convex hull of what can be seen of each part of `caster`; of all of it, if nothing can."""
         if self.shape.seen is None:
             return tuple(part.hull for part in self.caster.parts)
-        seen = [(part, self.shape.seen_of(part.index)) for part in self.caster.parts]
+        seen = [(part, self.shape.seen_vertices(part.index)) for part in self.caster.parts]
         return tuple(points[extreme_points(points)] if len(points) else part.hull for part, points in seen)
 
 
@@ -80,9 +80,9 @@ class Fleet:
         self.size = np.array([model.shape.size_xyz for model in self.models])
         self.center = np.array([model.shape.surface[0].bounds.mean(axis=0) for model in self.models])
         self.footings = tuple(model.footing for model in self.models)
-        self.contacts = stacked([footing.contact for footing in self.footings])
+        self.contacts = stack_samples([footing.contact for footing in self.footings])
         self.parts = max(len(model.shape.part_names) for model in self.models)
-        parts = [list(zip(model.caster.parts, model.hulls, strict=True)) for model in self.models]
+        parts = [list(zip(model.caster.parts, model.part_hulls, strict=True)) for model in self.models]
         self.boxes = np.array([len(of_model) for of_model in parts])
         padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
         self.box_part = np.array([[part.index for part, _ in of_model] for of_model in padded])
@@ -91,14 +91,14 @@ class Fleet:
         )
         self.half, self.box_center = (high - low) / 2, (low + high) / 2
         self.corners = np.where(BOX_CORNERS > 0.0, high[..., None, :], low[..., None, :])
-        self.reach = np.array([_reach(model.shape) for model in self.models])
+        self.reach = np.array([_sphere_radius(model.shape) for model in self.models])
 
 
-def _reach(shape: VehicleShape) -> float:
+def _sphere_radius(shape: VehicleShape) -> float:
     """Radius of a sphere about the origin that contains all parts in any articulation."""
     reach = 0.0
     for part in range(len(shape.part_names)):
-        part_vertices = shape.seen_of(part)
+        part_vertices = shape.seen_vertices(part)
         if len(part_vertices):
             low, high = part_vertices.min(axis=0), part_vertices.max(axis=0)
             points = np.array(list(product(*np.stack([low, high]).T)))
@@ -124,25 +124,25 @@ class PlanStage:
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
     """Build the query objects of all assets."""
-    models = [_model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()]
-    others = [_model(assets.distractors[e.name], e.category, config) for e in config.assets.distractors]
-    sites = tuple(_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
+    models = [_make_model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()]
+    others = [_make_model(assets.distractors[e.name], e.category, config) for e in config.assets.distractors]
+    sites = tuple(_make_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
     return PlanStage(config, sites, Fleet((*models, *others)), len(models))
 
 
-def _site(scenery: Scenery, fallback_z: float) -> Site:
+def _make_site(scenery: Scenery, fallback_z: float) -> Site:
     world = Scene.of(scenery, fallback_z=fallback_z)
     ground, scene = world.ground, world.obstacles
     assert ground is not None
     terrain = Terrain(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh, caster=ground)
-    surface = scenery.water()
+    surface = scenery.water_surface()
     water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
     if not np.isfinite(bounds).all():
         bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
         if len(scene.bounds):
             bounds = np.stack([scene.bounds[:, 0, :2].min(axis=0), scene.bounds[:, 1, :2].max(axis=0)])
-    obstacles = Obstacles(scene, solid=scenery.solid, extent=bounds)
+    obstacles = Obstacles(scene, solid=scenery.solid_instances, extent=bounds)
     return Site(
         name=scenery.name,
         terrain=terrain,
@@ -166,11 +166,11 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
     )
 
 
-def _model(shape: VehicleShape, category: str | None, config: Config) -> Model:
+def _make_model(shape: VehicleShape, category: str | None, config: Config) -> Model:
     return Model(
         shape=shape,
         category=category,
         boxes=VehicleBoxes(shape),
         caster=VehicleCaster(shape),
-        footing=Footing.of(underside(shape.surface[0], known=shape.underside), settle_rules(config.placement)),
+        footing=Footing.of(vehicle_underside(shape.surface[0], known=shape.underside), settle_rules(config.placement)),
     )

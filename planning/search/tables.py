@@ -10,19 +10,19 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.boxes import Boxes
-from hulldown.camera.weather.extinction import rain_visibility_m, wetness
+from hulldown.camera.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.columns import take
-from hulldown.geometry.indices import numbered
+from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.portable import sin_cos
-from hulldown.placement.settle import Settled, unsettled
+from hulldown.placement.settle import Settled, empty_settled
 from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.plan.config.schema import Config
-from hulldown.plan.row import rounded
+from hulldown.plan.row import round_field
 from hulldown.planning.search.budget import Budget, Given, Positions, nothing_given
-from hulldown.planning.search.instance_table import Instances, boxes_at, drawn_angles, no_boxes
+from hulldown.planning.search.instance_table import Instances, articulated_boxes, drawn_angles, no_boxes
 from hulldown.planning.search.likeness import Likeness
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, between, choose
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 from hulldown.planning.search.stage import PlanStage, Site
 
 MOST_EXTRAS = 64  # extras of one role in an image; streams of random numbers are numbered by it
@@ -61,7 +61,7 @@ class Extras:
         number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
         number = np.where(wanted >= 0, np.clip(wanted, low, high), number)
         uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS)
-        model = self.models[choose(self.weights, uniform[..., 0])]
+        model = self.models[choose_weighted(self.weights, uniform[..., 0])]
         return np.where(np.arange(high) < number[:, None], model, -1), uniform[..., 1:]
 
 
@@ -86,7 +86,7 @@ def distractors_at(
     """Return all distractors and their weights on a scenery, 0 for those with a class if `unlabeled`."""
     weights = []
     for entry in stage.config.assets.distractors:
-        weights.append(entry.weight if entry.is_for(site.name) and not (unlabeled and entry.category) else 0.0)
+        weights.append(entry.weight if entry.matches_vehicle(site.name) and not (unlabeled and entry.category) else 0.0)
     return stage.vehicles + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 
@@ -109,7 +109,7 @@ def framed_on(
     replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
     models, weights = distractors_at(site, stage, unlabeled=True)
     if weights.any():
-        model[rows[replaced]] = models[choose(weights, uniform[replaced, 1])]
+        model[rows[replaced]] = models[choose_weighted(weights, uniform[replaced, 1])]
     return model
 
 
@@ -124,9 +124,9 @@ def draw_weathers(
     speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T
     kind = np.searchsorted(np.cumsum([getattr(weather, name) for name in WEATHER_NAMES]), u[:, 3], side="right")
 
-    def within(key: str, uniform: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+    def draw_in_range(key: str, uniform: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         low, high = getattr(weather, key)
-        return between(low, high, uniform)
+        return scale_uniform(low, high, uniform)
 
     n = len(image)
     visible, rate, covers, windy = np.full(n, np.nan), np.zeros(n), np.zeros((2, n)), np.zeros(n, dtype=bool)
@@ -134,16 +134,16 @@ def draw_weathers(
         rows = kind == k
         windy |= rows & each.windy
         if each.visibility:
-            visible[rows] = within(each.visibility, u[rows, 4])
+            visible[rows] = draw_in_range(each.visibility, u[rows, 4])
         if each.rate:
-            rate[rows] = rounded("weather", within(each.rate, u[rows, 4]))
-            visible[rows], covers[:, rows] = rain_visibility_m(rate[rows]), wetness(rate[rows])
+            rate[rows] = round_field("weather", draw_in_range(each.rate, u[rows, 4]))
+            visible[rows], covers[:, rows] = rain_visibility_m(rate[rows]), surface_wetness(rate[rows])
         for cover, key, uniform in zip(covers, each.covers, (ground, vehicle), strict=False):
-            cover[rows] = within(key, uniform[rows])
+            cover[rows] = draw_in_range(key, uniform[rows])
     sine, cosine = sin_cos(2.0 * np.pi * turn)
-    wind = between(*weather.wind_m_s, speed)[:, None] * np.stack([cosine, sine], axis=1)
-    visible, wind = rounded("weather", visible), np.where(windy[:, None], rounded("weather", wind), 0.0)
-    columns = (kind, visible, rate, wind, *rounded("weather", covers))
+    wind = scale_uniform(*weather.wind_m_s, speed)[:, None] * np.stack([cosine, sine], axis=1)
+    visible, wind = round_field("weather", visible), np.where(windy[:, None], round_field("weather", wind), 0.0)
+    columns = (kind, visible, rate, wind, *round_field("weather", covers))
     return [
         None
         if k == CLEAR_WEATHER
@@ -220,12 +220,12 @@ class Block:
     @property
     def owner(self) -> Int[np.ndarray, " m"]:
         """The row of each image's position."""
-        return numbered(self.positions.shots)[0]
+        return group_and_rank(self.positions.shots)[0]
 
     @property
     def shot(self) -> Int[np.ndarray, " m"]:
         """Number of each image at its position."""
-        return numbered(self.positions.shots)[1]
+        return group_and_rank(self.positions.shots)[1]
 
     @property
     def image(self) -> Int[np.ndarray, " m"]:
@@ -277,8 +277,8 @@ def instances_of(block: Block) -> InstanceTable:
     order = np.lexsort((number, role, row))
     row, role, number, model = row[order], role[order], number[order], model[order]
     angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
-    k, settled = len(row), unsettled(len(row))
-    center = boxes_at(fleet, model, angles).mean(axis=1)
+    k, settled = len(row), empty_settled(len(row))
+    center = articulated_boxes(fleet, model, angles).mean(axis=1)
     tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
     poses = settled.world_from_vehicle
     return InstanceTable(fleet, row, model, poses, angles, center, role, number, settled, tries, found)

@@ -14,26 +14,26 @@ from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.silhouettes import show_pixels
 from hulldown.annotate.visibility import visible_fraction
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import frame_target, turned
+from hulldown.camera.framing import frame_target, pan_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes, shell_place
 from hulldown.camera.weather.extinction import air_contrast
-from hulldown.geometry.columns import put, take
-from hulldown.geometry.transforms import rigid
+from hulldown.geometry.columns import put_rows, take
+from hulldown.geometry.transforms import rigid_matrix
 from hulldown.placement.rejection import Rejection
 from hulldown.plan.config.schema import Config
-from hulldown.plan.row import rounded
+from hulldown.plan.row import round_field
 from hulldown.planning.search.budget import Given
 from hulldown.planning.search.instance_table import (
     Instances,
     filled_fraction,
-    hull_of,
     image_size,
+    posed_hull,
     size_cameras,
     vehicle_boxes,
 )
 from hulldown.planning.search.likeness import TargetBoxes, candidate_directions, match_cameras
-from hulldown.planning.search.random_streams import Purpose, RowStreams, between
+from hulldown.planning.search.random_streams import Purpose, RowStreams, scale_uniform
 from hulldown.planning.search.stage import Site
 from hulldown.planning.search.tables import Block, Views, no_views
 
@@ -101,8 +101,8 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
     of_sequence = draws.uniform(Purpose.SEQUENCE, np.maximum(given.sequence, 0), 0, count=2)
     lens = np.where(given.in_sequence, of_sequence[:, 0], lens)
     turn = np.where(given.in_sequence, of_sequence[:, 1], turn)
-    lenses, fraction = sample_lenses(config, lens), between(*limits.target_fraction, size)
-    roll = np.radians(between(*limits.roll_deg, turn))
+    lenses, fraction = sample_lenses(config, lens), scale_uniform(*limits.target_fraction, size)
+    roll = np.radians(scale_uniform(*limits.roll_deg, turn))
 
     rule = np.where(given.has_camera, CameraRule.GIVEN, CameraRule.EQUATION if measure == "paper" else CameraRule.SIZE)
     boxes = None
@@ -118,7 +118,9 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
     distance[i] = np.maximum(away, MIN_CAMERA_DISTANCE_M)
     i = np.flatnonzero(rule == CameraRule.EQUATION)
     smallest = targets.fleet.size.min(axis=1)[targets.model[i]]
-    distance[i] = lenses.take(i).distance_for(smallest, fraction[i]) * between(*limits.distance_factor, factor[i])
+    distance[i] = lenses.take(i).target_distance(smallest, fraction[i]) * scale_uniform(
+        *limits.distance_factor, factor[i]
+    )
     i = np.flatnonzero(rule <= CameraRule.EQUATION)
     poses[i] = camera_pose(targets.take(i).centers, distance[i], azimuth[i], elevation[i])
     if measure != "paper":
@@ -126,7 +128,7 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
             i = of_model[rule[of_model] == CameraRule.SIZE]
             poses[i], distance[i] = size_cameras(
                 targets.take(i),
-                hull_of(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
+                posed_hull(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
                 lenses=lenses.take(i),
                 pixels=fraction[i] * image_size(measure, config.render),
                 measure=measure,
@@ -155,7 +157,7 @@ def frame_targets(
     limits, given = block.config.camera, take(tries.given, rows)
     framed = frame_target(
         cameras,
-        tries.targets.take(rows).corners(),
+        tries.targets.take(rows).box_corners(),
         roll=roll,
         rng=RowStreams(block.draws, Purpose.FRAMING, tries.image[rows], tries.attempt[rows]),
         spread=limits.framing,
@@ -164,14 +166,14 @@ def frame_targets(
     at = np.flatnonzero(given.has_look_at)
     aimed = cameras.take(at)
     axes = shell_axes(*shell_place(aimed.position - given.look_at[at])[1:])[1]
-    aimed = turned(aimed.at_poses(rigid(axes, aimed.position)), aimed.lenses.center, roll[at])
+    aimed = pan_to_pixel(aimed.at_poses(rigid_matrix(axes, aimed.position)), aimed.lenses.center, roll[at])
     framed.world_from_camera[at] = aimed.world_from_camera
     return framed
 
 
 def sample_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Intrinsics:
     """Return the calibrated camera, or n cameras with fields of view in proportion to numbers in [0, 1)."""
-    return config.intrinsics(rounded("fov_x_deg", between(*config.camera.fov_x_deg, uniform)))
+    return config.intrinsics(round_field("fov_x_deg", scale_uniform(*config.camera.fov_x_deg, uniform)))
 
 
 def try_cameras(block: Block, tries: CameraTries) -> Views:
@@ -183,7 +185,7 @@ def try_cameras(block: Block, tries: CameraTries) -> Views:
     site, limits, config, candidates = block.site, block.config.camera, block.config, sample_cameras(block, tries)
     n = len(tries.image)
     views = no_views(n)
-    views.fov_x_deg[:] = rounded("fov_x_deg", candidates.lenses.fov_x_deg)
+    views.fov_x_deg[:] = round_field("fov_x_deg", candidates.lenses.fov_x_deg)
     if (boxes := candidates.boxes) is not None:
         views.sampled[:] = np.where(tries.given.has_camera | tries.given.has_look_at, -1, boxes.sampled)
         views.followed[:] = np.where(candidates.rule == CameraRule.PHOTOGRAPH, boxes.box, -1)
@@ -193,11 +195,11 @@ def try_cameras(block: Block, tries: CameraTries) -> Views:
 
     views.rejection[:] = reject_distance(candidates, tries.visibility_m, config)
     rows = passed()
-    views.rejection[rows] = site.camera_room.rejections(
+    views.rejection[rows] = site.camera_room.reject_places(
         candidates.world_from_camera[rows, :3, 3],
         ground_clearance=limits.ground_clearance,
         obstacle_clearance=limits.obstacle_clearance,
-        vehicles=[*tries.targets.take(rows).posed(), *tries.others.beside(rows)[0].posed()],
+        vehicles=[*tries.targets.take(rows).posed_vehicles(), *tries.others.repeat_rows(rows)[0].posed_vehicles()],
     )
 
     rows = passed()
@@ -206,17 +208,17 @@ def try_cameras(block: Block, tries: CameraTries) -> Views:
     framed = frame_targets(block, tries, cameras.take(unframed), rows=i, roll=candidates.roll[i])
     cameras.world_from_camera[unframed] = framed.world_from_camera
     # Labels follow from rounded poses.
-    cameras = cameras.at_poses(rounded("world_from_camera", cameras.world_from_camera))
+    cameras = cameras.at_poses(round_field("world_from_camera", cameras.world_from_camera))
     targets = tries.targets.take(rows)
     views.world_from_camera[rows] = cameras.world_from_camera
     views.air_contrast[rows] = air_contrasts(targets, cameras, tries.visibility_m[rows])
-    put(views.boxes, rows, vehicle_boxes(targets, cameras))
+    put_rows(views.boxes, rows, vehicle_boxes(targets, cameras))
     views.rejection[rows] = reject_box(take(views.boxes, rows), candidates, rows, config)
 
     def visible() -> tuple[Instances, Instances, Cameras]:
         """Return targets, others, and cameras of these rows."""
         cameras = candidates.lenses.take(rows), views.world_from_camera[rows]
-        return tries.targets.take(rows), tries.others.beside(rows)[0], Cameras(*cameras)
+        return tries.targets.take(rows), tries.others.repeat_rows(rows)[0], Cameras(*cameras)
 
     rows = passed()
     views.visible_fraction[rows] = visible_shares(site, *visible(), rays=limits.visibility_rays)
@@ -293,7 +295,7 @@ def views_of_others(
         air_contrast=air_contrasts(subjects, cameras, visibility_m),
     )
     named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
-    beside = others.beside(named)[0]
+    beside = others.repeat_rows(named)[0]
     shown = pixels_shown(site, subjects.take(named), beside, cameras.take(named), xywh=seen.boxes.xywh[named])
     pixels[named] = shown
     return seen, pixels
@@ -313,7 +315,9 @@ def visible_shares(
     """Visible share of the outline of each camera's subject; 0 for a subject outside the frame."""
     if not len(cameras):
         return np.zeros(0)
-    seen = visible_fraction(subjects.posed(), cameras, world=site.world.with_vehicles(others.posed()), rays=rays)
+    seen = visible_fraction(
+        subjects.posed_vehicles(), cameras, world=site.world.with_vehicles(others.posed_vehicles()), rays=rays
+    )
     # nan is a vehicle that no ray met, since it is thinner than the distance of the rays.
     return np.nan_to_num(seen.fraction)
 
@@ -323,8 +327,11 @@ def pixels_shown(
 ) -> Bool[np.ndarray, " n"]:
     """Tell which of the cameras' subjects, with these boxes, cover any pixel's center: their masks aren't empty."""
     framed = np.flatnonzero(~np.isnan(xywh[:, 0]))
-    shown, world = np.zeros(len(cameras), dtype=bool), site.world.with_vehicles(others.beside(framed)[0].posed())
-    subject, box = subjects.take(framed).posed(), rounded("bbox", xywh[framed])
+    shown, world = (
+        np.zeros(len(cameras), dtype=bool),
+        site.world.with_vehicles(others.repeat_rows(framed)[0].posed_vehicles()),
+    )
+    subject, box = subjects.take(framed).posed_vehicles(), round_field("bbox", xywh[framed])
     shown[framed] = show_pixels(subject, cameras.take(framed), xywh=box, world=world)
     return shown
 

@@ -17,8 +17,8 @@ from jaxtyping import Bool, Float
 from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.seen_surface import faces_with_area
-from hulldown.geometry.transforms import apply
-from hulldown.reading.blender.api.buffers import read
+from hulldown.geometry.transforms import transform_points
+from hulldown.reading.blender.api.buffers import read_property
 from hulldown.reading.blender.camera_followers import follows_camera
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
@@ -28,11 +28,11 @@ from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_cu
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
 from hulldown.reading.blender.surfaces.object_inputs import random_number, random_number_of_name
 from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced
-from hulldown.reading.blender.tidy import lasting, look_of
+from hulldown.reading.blender.tidy import lasting_data, piece_look
 from hulldown.reading.pieces.asset_report import ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Link, Piece, Unseen
-from hulldown.reading.pieces.wording import quoted
+from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import level_share
 
@@ -45,7 +45,7 @@ NOT_SEEN = "its faces have no area"
 STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
-def evaluate(
+def evaluate_scene(
     scene: Any,
     *,
     meters_from_file: Float[np.ndarray, "4 4"],
@@ -54,12 +54,12 @@ def evaluate(
 ) -> Evaluated:
     """Everything that `scene` draws."""
     cutouts = CutoutReader(texture_size)
-    cutouts.bake([material for material in bpy.data.materials if material.users])
+    cutouts.bake_materials([material for material in bpy.data.materials if material.users])
     reader = _Reader(meters_from_file, duplicates, cutouts)
     visit_render(scene, reader.read)
     reader.result.doubts += cutouts.doubts
     reader.result.doubts += [
-        Doubt(DoubtKind.NOT_READ, f"{quoted(names)}: {why}") for why, names in reader.following.items()
+        Doubt(DoubtKind.NOT_READ, f"{quote_names(names)}: {why}") for why, names in reader.following.items()
     ]
     list_hidden(scene, reader.result, duplicates)
     return reader.result
@@ -95,27 +95,27 @@ class _Reader:
             if kind == "EMPTY":
                 pose = self.poses.instance_pose(instance)
                 _refuse_endless(instance.object.name, pose)
-                self.result.markers.append(self._chain(instance, pose, scattered=_is_scattered(instance)))
+                self.result.markers.append(self._parent_chain(instance, pose, scattered=_is_scattered(instance)))
             elif not instance.show_self:
-                self._leave(instance, "its instances are drawn, but not it itself")
+                self._leave_instance(instance, "its instances are drawn, but not it itself")
             elif kind in SOLID:
                 self._read_mesh(instance)
             elif kind in UNDRAWN:
-                self._leave(instance, UNDRAWN[kind])
+                self._leave_instance(instance, UNDRAWN[kind])
                 if kind == "VOLUME":
                     text = f"the volume {instance.object.name!r} isn't rendered"
                     self.result.doubts.append(Doubt(DoubtKind.NOT_READ, text))
             elif kind not in SURFACES:
-                self._leave(instance, "type " + kind.lower().replace("_", " "))
+                self._leave_instance(instance, "type " + kind.lower().replace("_", " "))
             # Surfaces of curves, texts and the like come once more as the meshes they make; CURVES are hair.
 
-    def _leave(self, instance: Any, why: str) -> None:
+    def _leave_instance(self, instance: Any, why: str) -> None:
         if instance.object.name == OUR_CAMERA:
             return
-        for name in (instance.object.name, *(duplicate.name for duplicate in self._duplicates(instance))):
+        for name in (instance.object.name, *(duplicate.name for duplicate in self._is_duplicate(instance))):
             self.result.left[ObjectRow(name, instance.object.type, "dropped", why)] += 1
 
-    def _duplicates(self, instance: Any) -> Sequence[Duplicate]:
+    def _is_duplicate(self, instance: Any) -> Sequence[Duplicate]:
         return () if instance.is_instance else self.duplicates.get(instance.object.original.name_full, ())
 
     def _read_mesh(self, instance: Any) -> None:
@@ -123,38 +123,38 @@ class _Reader:
         materials = tuple(s.material.name if s.material else "" for s in drawn.material_slots)
         key = (drawn.data.as_pointer(), materials)
         if key not in self.index:
-            with _named(drawn):
-                mesh = self._hiding(drawn)
+            with _name_object(drawn):
+                mesh = self._hiding_mesh(drawn)
             if mesh is None:
-                self._leave(instance, NOTHING[drawn.type])
+                self._leave_instance(instance, NOTHING[drawn.type])
                 return
             seen = faces_with_area(mesh)
             if not len(seen):
-                self._leave(instance, NOT_SEEN)
+                self._leave_instance(instance, NOT_SEEN)
                 return
-            self._doubt(drawn)
+            self._add_doubts(drawn)
             self.clear[len(self.result.meshes)] = _is_clear(drawn)
             slots = [slot for slot, name in enumerate(materials) if is_water_name(name)]
             if drawn.type == "MESH" and slots:
-                wet = _wearing(drawn.data, slots, len(materials))[seen]
+                wet = _slot_triangles(drawn.data, slots, len(materials))[seen]
                 if wet.any() and not wet.all():
                     self.result.wet[len(self.result.meshes)] = wet
             mesh = mesh if len(seen) == len(mesh.faces) else mesh.of_faces(seen)
             self._add_mesh(key, mesh, drawn, drawn.data, [slot.material for slot in drawn.material_slots])
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
-    def _hiding(self, drawn: Any) -> Mesh | None:
+    def _hiding_mesh(self, drawn: Any) -> Mesh | None:
         """Return a mesh that hides what an object's data hides; None if that's nothing."""
         if drawn.type == "CURVES":
             return curves_mesh(drawn.data, drawn.name)
-        return points_mesh(drawn.data, drawn.name) if drawn.type == "POINTCLOUD" else _faces(drawn, self.cutouts)
+        return points_mesh(drawn.data, drawn.name) if drawn.type == "POINTCLOUD" else _cutout_faces(drawn, self.cutouts)
 
     def _read_strands(self, instance: Any) -> None:
         drawn = instance.object
         for system in strand_systems(drawn):
             key = (drawn.data.as_pointer(), (STRANDS, system.name))
             if key not in self.index:
-                with _named(drawn):
+                with _name_object(drawn):
                     curves = strand_curves(drawn, system)
                     mesh = curves_mesh(curves, system.name)
                 if mesh is None:
@@ -170,21 +170,24 @@ class _Reader:
         used = np.unique(mesh.faces)
         self.used.append(mesh.vertices if len(used) == len(mesh.vertices) else mesh.vertices[used])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
-        self.result.blocks.append(lasting(drawn, data, materials))
+        self.result.blocks.append(lasting_data(drawn, data, materials))
 
     def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:
         drawn, number = instance.object, self.index[key]
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
         unseen = self._why_unseen(drawn)
-        look = (unseen in (None, Unseen.VOLUME), *look_of(drawn)[1:])  # a collection may hide it from the camera, too
+        look = (
+            unseen in (None, Unseen.VOLUME),
+            *piece_look(drawn)[1:],
+        )  # a collection may hide it from the camera, too
         scattered = _is_scattered(instance)
-        bounds = self._bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
-        level, filled = (0.0, 0.0) if hair else self._level(number, pose, bounds)
+        bounds = self._world_bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
+        level, filled = (0.0, 0.0) if hair else self._level_share(number, pose, bounds)
         self.result.pieces.append(
             Piece(
                 data=data,
-                chain=self._chain(instance, pose, scattered=scattered),
+                chain=self._parent_chain(instance, pose, scattered=scattered),
                 mesh=number,
                 pose=pose,
                 bounds=bounds,
@@ -203,25 +206,25 @@ class _Reader:
                 random=random_number(instance),
             )
         )
-        for duplicate in () if hair else self._duplicates(instance):
+        for duplicate in () if hair else self._is_duplicate(instance):
             self._add_twin(duplicate, self.result.pieces[-1])
 
     def _add_twin(self, duplicate: Duplicate, piece: Piece) -> None:
         """Add a duplicate of the object of `piece`, with its own name and pose."""
-        bounds = self._bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
+        bounds = self._world_bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
-        level, filled = self._level(piece.mesh, duplicate.pose, bounds)
+        level, filled = self._level_share(piece.mesh, duplicate.pose, bounds)
         placed = replace(piece, data=duplicate.data, chain=(link,), pose=duplicate.pose, bounds=bounds)
         random = random_number_of_name(duplicate.name)
         self.result.pieces.append(replace(placed, level=level, filled=filled, random=random))
 
-    def _bounds(
+    def _world_bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "2 3"]:
         """Return bounds of a mesh's points where it's drawn, in meters."""
         _refuse_endless(name, pose)
         with np.errstate(over="ignore", invalid="ignore"):
-            seen = apply(self.meters @ pose, points)
+            seen = transform_points(self.meters @ pose, points)
         if not np.abs(seen).max() <= MAX_COORDINATE_M:
             problem = f"object {name!r} reaches {np.abs(seen).max():.3g} m from the origin"
             raise AssetError(
@@ -229,7 +232,7 @@ class _Reader:
             )
         return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
-    def _level(
+    def _level_share(
         self, number: int, pose: Float[np.ndarray, "4 4"], bounds: Float[np.ndarray, "2 3"]
     ) -> tuple[float, float]:
         """Level share of a piece's area, if it's as wide as ground or water, and its share of its bounds."""
@@ -242,7 +245,7 @@ class _Reader:
         share, area = self.level[key]
         return share, area / (length * width)
 
-    def _doubt(self, drawn: Any) -> None:
+    def _add_doubts(self, drawn: Any) -> None:
         """Add doubts about geometry that only Cycles makes, or that depends on the camera, which can't be read."""
         name = drawn.original.name
         if why := follows_camera(drawn.original):
@@ -271,7 +274,7 @@ class _Reader:
             self.unseen[key] = why_unseen(drawn, self.depsgraph)
         return self.unseen[key]
 
-    def _chain(self, instance: Any, pose: Float[np.ndarray, "4 4"], *, scattered: bool) -> tuple[Link, ...]:
+    def _parent_chain(self, instance: Any, pose: Float[np.ndarray, "4 4"], *, scattered: bool) -> tuple[Link, ...]:
         """From the drawn object up; the poses in it are where it is drawn, or its own where it is scattered."""
         if not instance.is_instance:
             return self.poses.chain(instance.object)
@@ -314,7 +317,7 @@ def _refuse_endless(name: str, pose: Float[np.ndarray, "4 4"]) -> None:
 
 
 @contextmanager
-def _named(drawn: Any) -> Iterator[None]:
+def _name_object(drawn: Any) -> Iterator[None]:
     """Add the object's name to errors about its mesh or hair."""
     try:
         yield
@@ -326,22 +329,22 @@ def _is_clear(drawn: Any) -> bool:
     """Return whether all materials of its faces are transparent."""
     dressed = [slot.material for slot in drawn.material_slots]
     if drawn.type == "MESH" and len(dressed) > 1:
-        worn = read(drawn.data.polygons, "material_index", np.int32)
+        worn = read_property(drawn.data.polygons, "material_index", np.int32)
         dressed = [dressed[i] for i in np.unique(np.minimum(worn, len(dressed) - 1)).tolist()]
     return any(dressed) and all(material is not None and is_clear(material) for material in dressed)
 
 
-def _faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
+def _cutout_faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
     data = drawn.data
     data.calc_loop_triangles()
     if not len(data.loop_triangles):
         return None
-    vertices = read(data.vertices, "co", np.float32, 3)
-    faces = read(data.loop_triangles, "vertices", np.int32, 3)
-    holes = cutouts.cutouts(data, [slot.material for slot in drawn.material_slots])
+    vertices = read_property(data.vertices, "co", np.float32, 3)
+    faces = read_property(data.loop_triangles, "vertices", np.int32, 3)
+    holes = cutouts.mesh_cutouts(data, [slot.material for slot in drawn.material_slots])
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3), drawn.name, holes)
 
 
-def _wearing(data: Any, slots: Sequence[int], count: int) -> Bool[np.ndarray, " f"]:
+def _slot_triangles(data: Any, slots: Sequence[int], count: int) -> Bool[np.ndarray, " f"]:
     """Triangles of a mesh of `count` materials that use these slots."""
-    return np.isin(np.minimum(read(data.loop_triangles, "material_index", np.int32), count - 1), slots)
+    return np.isin(np.minimum(read_property(data.loop_triangles, "material_index", np.int32), count - 1), slots)

@@ -16,9 +16,9 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.reading.blender.api.buffers import STORED, read
+from hulldown.reading.blender.api.buffers import STORED, read_property
 from hulldown.reading.blender.exact_poses import own_poses
-from hulldown.reading.blender.tidy import look_of
+from hulldown.reading.blender.tidy import piece_look
 
 MIN_OBJECTS = 1000  # so that files of the usual size are read as they are
 HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
@@ -38,7 +38,7 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
 
     Call it after the file is read and before it's evaluated.
     """
-    groups = [same for same in _alike().values() if len(same) > 1]
+    groups = [same for same in _equal_groups().values() if len(same) > 1]
     if sum(len(same) - 1 for same in groups) < MIN_OBJECTS:
         return {}
     duplicates = {
@@ -53,7 +53,7 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
     return duplicates
 
 
-def _alike() -> dict[tuple[object, ...], list[Any]]:
+def _equal_groups() -> dict[tuple[object, ...], list[Any]]:
     """Return groups of the file's plain objects that differ in name and pose alone."""
     users = bpy.data.user_map()
     plain = [obj for obj in bpy.data.objects if _is_plain(obj) and _is_unused(users.get(obj, set()))]
@@ -61,27 +61,27 @@ def _alike() -> dict[tuple[object, ...], list[Any]]:
     for collection in (*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes)):
         for obj in collection.objects:
             within[obj].append(collection)
-    ordinary = {collection for collection in bpy.data.collections if _is_unused(_around(collection, users))}
+    ordinary = {collection for collection in bpy.data.collections if _is_unused(_collection_users(collection, users))}
     ordinary.update(scene.collection for scene in bpy.data.scenes)
     cameras = {scene.camera for scene in bpy.data.scenes}
     cameras.update(marker.camera for scene in bpy.data.scenes for marker in scene.timeline_markers)
-    content = _contents({obj.data for obj in plain if not obj.vertex_groups})
+    content = _mesh_contents({obj.data for obj in plain if not obj.vertex_groups})
     alike: dict[tuple[object, ...], list[Any]] = defaultdict(list)
     for obj in plain:
         if obj not in cameras and ordinary.issuperset(within[obj]):
-            alike[content.get(obj.data, obj.data), tuple(within[obj]), _look(obj)].append(obj)
+            alike[content.get(obj.data, obj.data), tuple(within[obj]), _object_look(obj)].append(obj)
     return alike
 
 
-def _contents(meshes: set[Any]) -> dict[Any, object]:
+def _mesh_contents(meshes: set[Any]) -> dict[Any, object]:
     """Everything that determines how each is drawn, for those that may have a duplicate."""
     sizes: dict[tuple[int, int, int], list[Any]] = defaultdict(list)
     for mesh in meshes:
         sizes[len(mesh.vertices), len(mesh.loops), len(mesh.polygons)].append(mesh)
-    return {mesh: _content(mesh) for same in sizes.values() if len(same) > 1 for mesh in same}
+    return {mesh: _mesh_key(mesh) for same in sizes.values() if len(same) > 1 for mesh in same}
 
 
-def _content(mesh: Any) -> object:
+def _mesh_key(mesh: Any) -> object:
     """Return a key that two meshes share only if they're drawn alike with the same materials.
 
     The key is the mesh itself if it has content that isn't compared: a text attribute, a custom property, a library; or
@@ -91,14 +91,14 @@ def _content(mesh: Any) -> object:
         return mesh
     stored = hashlib.sha256()
     try:
-        stored.update(read(mesh.polygons, "loop_start", np.int32).tobytes())
+        stored.update(read_property(mesh.polygons, "loop_start", np.int32).tobytes())
     except TypeError:  # in a damaged file, faces may have no corners
         return mesh
     kinds = []
     for attribute in sorted(mesh.attributes, key=lambda attribute: str(attribute.name)):
         if attribute.data_type not in STORED:
             return mesh
-        values = read(attribute.data, *STORED[attribute.data_type])
+        values = read_property(attribute.data, *STORED[attribute.data_type])
         stored.update(values.tobytes())
         kinds.append((attribute.name, attribute.domain, attribute.data_type, len(values)))
     own_space = None if mesh.use_auto_texspace else (*mesh.texspace_location, *mesh.texspace_size)
@@ -125,7 +125,7 @@ def _is_unused(users: set[Any]) -> bool:
     return all(user.bl_rna.identifier in HARMLESS for user in users)
 
 
-def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
+def _collection_users(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
     """Return all that uses a collection, or a collection that it is in."""
     found: set[Any] = set()
     ring = [collection]
@@ -136,7 +136,7 @@ def _around(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
     return found
 
 
-def _look(obj: Any) -> tuple[object, ...]:
+def _object_look(obj: Any) -> tuple[object, ...]:
     """Return what an object adds to its mesh."""
     slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
-    return (*look_of(obj), obj.is_holdout, obj.is_shadow_catcher, slots)
+    return (*piece_look(obj), obj.is_holdout, obj.is_shadow_catcher, slots)

@@ -28,7 +28,7 @@ class Poses:
         self._depsgraph = depsgraph
         self._exact: dict[int, tuple[np.ndarray | None, float]] = {}
         objects = list(depsgraph.objects)
-        self._own = dict(zip((obj.original.as_pointer() for obj in objects), _bases(objects), strict=True))
+        self._own = dict(zip((obj.original.as_pointer() for obj in objects), _own_poses(objects), strict=True))
         self._collections: dict[Any, tuple[str, ...]] = {}
         # The collections that directly contain an object or a collection, which Blender would search for.
         self._around: dict[Any, list[Any]] = defaultdict(list)
@@ -38,8 +38,8 @@ class Poses:
 
     def pose(self, evaluated: Any) -> Float[np.ndarray, "4 4"]:
         """`world_from_object` of an object that is no instance."""
-        exact, size = self._composed(evaluated)
-        return _agreed(exact, size, np.array(evaluated.matrix_world, np.float64))
+        exact, size = self._composed_pose(evaluated)
+        return _agreed_pose(exact, size, np.array(evaluated.matrix_world, np.float64))
 
     def instance_pose(self, instance: Any) -> Float[np.ndarray, "4 4"]:
         """`world_from_object` of anything that `depsgraph.object_instances` yields."""
@@ -47,24 +47,26 @@ class Poses:
         if not instance.is_instance:
             return self.pose(instance.object)
         parent, inner = instance.parent, instance.instance_object
-        if _same(parent, inner):
-            return _agreed(*self._composed(parent), seen)
+        if _same_pose(parent, inner):
+            return _agreed_pose(*self._composed_pose(parent), seen)
         if parent.instance_type != "COLLECTION" or parent.instance_collection is None:
             return seen
-        outer, outer_size = self._composed(parent)
-        within, inner_size = self._composed(inner)
+        outer, outer_size = self._composed_pose(parent)
+        within, inner_size = self._composed_pose(inner)
         if outer is None or within is None:
             return seen
         offset = np.eye(4)
         offset[:3, 3] = -np.array(parent.instance_collection.instance_offset, np.float64)
-        return _agreed(outer @ offset @ within, _span(outer, outer_size, inner_size), seen)
+        return _agreed_pose(outer @ offset @ within, _pose_span(outer, outer_size, inner_size), seen)
 
     def chain(self, evaluated: Any, delta: Float[np.ndarray, "4 4"] | None = None) -> tuple[Link, ...]:
         """Return `evaluated` and its parents, bones included; `delta` moves their poses to where they are instanced."""
         links: list[Link] = []
         current, moved = evaluated, np.eye(4) if delta is None else delta
         while current is not None:
-            links.append(Link(current.name, self._collections_of(current), current.type, moved @ self.pose(current)))
+            links.append(
+                Link(current.name, self._object_collections(current), current.type, moved @ self.pose(current))
+            )
             parent = current.parent
             if parent is not None and current.parent_type == "BONE" and parent.pose:
                 bone = parent.pose.bones.get(current.parent_bone)
@@ -75,7 +77,7 @@ class Poses:
             current = parent
         return tuple(links)
 
-    def _collections_of(self, evaluated: Any) -> tuple[str, ...]:
+    def _object_collections(self, evaluated: Any) -> tuple[str, ...]:
         """Return names of the collections an object is in, nearest first, then those around them."""
         original = evaluated.original
         if original not in self._collections:
@@ -86,46 +88,46 @@ class Poses:
             self._collections[original] = tuple(collection.name for collection in found)
         return self._collections[original]
 
-    def _composed(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
+    def _composed_pose(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
         """Return the pose in float64, None where it cannot be composed, and the largest number met on the way."""
         key = evaluated.original.as_pointer()
         if key not in self._exact:
-            self._exact[key] = self._compose(evaluated, key)
+            self._exact[key] = self._compose_pose(evaluated, key)
         return self._exact[key]
 
-    def _compose(self, evaluated: Any, key: int) -> tuple[np.ndarray | None, float]:
-        own = self._own[key] if key in self._own else _bases([evaluated])[0]
+    def _compose_pose(self, evaluated: Any, key: int) -> tuple[np.ndarray | None, float]:
+        own = self._own[key] if key in self._own else _own_poses([evaluated])[0]
         if evaluated.parent is None:
             return own, float(np.abs(own).max())
         if evaluated.parent_type != "OBJECT":
             return None, 0.0
-        outer, size = self._composed(evaluated.parent)
+        outer, size = self._composed_pose(evaluated.parent)
         if outer is None:
             return None, 0.0
         inverse = np.array(evaluated.matrix_parent_inverse, np.float64)
-        return outer @ inverse @ own, _span(outer @ inverse, size, float(np.abs(own).max()))
+        return outer @ inverse @ own, _pose_span(outer @ inverse, size, float(np.abs(own).max()))
 
 
 def own_poses(originals: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
     """`world_from_object` of objects without parents or constraints, that need not be evaluated."""
     seen = (np.array(original.matrix_basis, np.float64) for original in originals)
     return np.array(
-        [_agreed(own, float(np.abs(own).max()), at) for own, at in zip(_bases(originals), seen, strict=True)]
+        [_agreed_pose(own, float(np.abs(own).max()), at) for own, at in zip(_own_poses(originals), seen, strict=True)]
     )
 
 
-def _span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
+def _pose_span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
     return max(outer_size, float(np.abs(outer[:3, :3]).max()) * inner_size, float(np.abs(outer).max()))
 
 
-def _agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
+def _agreed_pose(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
     # NaN agrees with nothing.
     if exact is not None and np.abs(exact - seen).max() <= AGREE * max(size, float(np.abs(seen).max())):
         return exact
     return seen
 
 
-def _bases(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
+def _own_poses(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
     """Return the poses that objects have of themselves."""
 
     def read(name: str) -> np.ndarray:
@@ -133,13 +135,13 @@ def _bases(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
 
     basis = np.tile(np.eye(4), (len(objects), 1, 1))
     if objects:
-        turned = _rotations(objects, "delta_") @ _rotations(objects, "")
+        turned = _own_rotations(objects, "delta_") @ _own_rotations(objects, "")
         basis[:, :3, :3] = turned * (read("scale") * read("delta_scale"))[:, None]
         basis[:, :3, 3] = read("location") + read("delta_location")
     return basis
 
 
-def _rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"]:
+def _own_rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"]:
     """Their rotations, or with the prefix "delta_" those."""
     result = np.tile(np.eye(3), (len(objects), 1, 1))
     modes: dict[str, list[int]] = {}
@@ -164,5 +166,5 @@ def _rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"
     return result
 
 
-def _same(a: Any, b: Any) -> bool:
+def _same_pose(a: Any, b: Any) -> bool:
     return b is None or a.original.as_pointer() == b.original.as_pointer()

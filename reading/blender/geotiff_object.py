@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.blender.api.add_nodes import add_node, maths
+from hulldown.reading.blender.api.add_nodes import add_math, add_node
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto
@@ -46,17 +46,17 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     shader.inputs["Roughness"].default_value = 0.95
     shader.inputs["Specular IOR Level"].default_value = 0.1
     color = _by_slope(material.node_tree)
-    texture = _beside(path, options.texture) if options.texture else None
+    texture = _neighbor_file(path, options.texture) if options.texture else None
     if texture:
         low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
         anchor = terrain.anchor[:2]
         picture = read_orthophoto(texture, crs=terrain.crs, low=anchor + low, high=anchor + high)
-        color = _over(material.node_tree, color, picture, low, high)
+        color = _drape_picture(material.node_tree, color, picture, low, high)
     material.node_tree.links.new(color, shader.inputs["Base Color"])
     return terrain, [str(texture)] if texture else []
 
 
-def _beside(path: Path, name: str) -> Path:
+def _neighbor_file(path: Path, name: str) -> Path:
     """Return a file next to the elevations in `path`."""
     file = Path(os.path.normpath(path.parent / name))
     if not is_inside(file, asset_folders(path)):
@@ -70,8 +70,10 @@ def _by_slope(tree: Any) -> Any:
     brightness, uneven = 1.0, add_node(tree, "SeparateXYZ", {0: normal["Normal"]}).outputs["Z"]
     for scale, depth in PATCHES:
         noise = add_node(tree, "TexNoise", {"Vector": place["Object"], "Scale": scale, "Detail": 5.0}).outputs["Factor"]
-        uneven = maths(tree, "MULTIPLY_ADD", noise, 0.06, uneven)
-        brightness = maths(tree, "MULTIPLY", maths(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness)
+        uneven = add_math(tree, "MULTIPLY_ADD", noise, 0.06, uneven)
+        brightness = add_math(
+            tree, "MULTIPLY", add_math(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness
+        )
     ramp = add_node(tree, "ValToRGB", {0: uneven})
     for k, (at, color) in enumerate(SLOPES):
         stop = ramp.color_ramp.elements[k] if k < 2 else ramp.color_ramp.elements.new(1.0)
@@ -80,7 +82,7 @@ def _by_slope(tree: Any) -> Any:
     return add_node(tree, "VectorMath", inputs, operation="SCALE").outputs[0]
 
 
-def _over(
+def _drape_picture(
     tree: Any,
     below: Any,
     picture: UInt8[np.ndarray, "h w 4"],

@@ -12,36 +12,36 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight, level_irradiance
 from hulldown.base.errors import AssetError
-from hulldown.reading.blender.api.buffers import pixels
-from hulldown.reading.hdri import MENDED_NAME, FoundSky, mend
+from hulldown.reading.blender.api.buffers import image_pixels
+from hulldown.reading.hdri import MENDED_NAME, FoundSky, mend_radiance
 from hulldown.reading.reader_process import Job
-from hulldown.reading.surroundings import backdrop, shows_land, small_map
+from hulldown.reading.surroundings import backdrop_elevation, shows_land, small_map
 
 
 def read_picture(job: Job) -> FoundSky:
     """Check a picture; write a repaired copy if needed."""
     image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:
-        radiance, notes = mend(_radiance(image))
+        radiance, notes = mend_radiance(_image_radiance(image))
     finally:
         bpy.data.images.remove(image)
     mended = hashlib.sha256(np.ascontiguousarray(radiance, "<f4").tobytes()).hexdigest() if notes else ""
     if notes:
-        _write(radiance, str(job.file(MENDED_NAME)))
+        _write_picture(radiance, str(job.file(MENDED_NAME)))
     red, green, blue = level_irradiance(radiance).tolist()
     small = small_map(radiance)
-    return FoundSky(SkyLight((red, green, blue), *backdrop(small), shows_land(small)), notes, mended)
+    return FoundSky(SkyLight((red, green, blue), *backdrop_elevation(small), shows_land(small)), notes, mended)
 
 
-def _radiance(image: Any) -> Float[np.ndarray, "h w 3"]:
+def _image_radiance(image: Any) -> Float[np.ndarray, "h w 3"]:
     """Radiance in linear Rec. 709, converted from the file's color space; the first row is the lowest."""
     if not all(image.size) or not image.channels:
         what = "it has several layers" if image.type == "MULTILAYER" else "damaged, or of an unknown kind"
         raise AssetError(f"Blender cannot read this picture ({what})", remedy="save it again, or leave it out")
-    return pixels(image)[..., :3]
+    return image_pixels(image)[..., :3]
 
 
-def _write(radiance: Float[np.ndarray, "h w 3"], path: str) -> None:
+def _write_picture(radiance: Float[np.ndarray, "h w 3"], path: str) -> None:
     height, width = radiance.shape[:2]
     image = bpy.data.images.new("mended", width, height, float_buffer=True, is_data=True)
     full = np.ones((height, width, 4), dtype=np.float32)

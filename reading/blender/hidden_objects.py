@@ -23,7 +23,7 @@ def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence
     """Add rows for objects of the file that aren't rendered to the result."""
     drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
-    off = dict(_switched_off(layer.layer_collection, False))
+    off = dict(_hidden_collections(layer.layer_collection, False))
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in DRAWN:
             for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
@@ -31,12 +31,12 @@ def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence
                 result.left[ObjectRow(name, obj.type, "dropped", why, by=by)] += 1
 
 
-def _switched_off(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
+def _hidden_collections(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
     """Yield whether a collection, or one around it, is hidden from render or left out of the view layer."""
     off = already or layer.exclude or layer.collection.hide_render
     yield layer.collection.name, off
     for inner in layer.children:
-        yield from _switched_off(inner, off)
+        yield from _hidden_collections(inner, off)
 
 
 def _why_hidden(obj: Any, off: Mapping[str, bool]) -> tuple[str, By]:

@@ -22,10 +22,10 @@ from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.blender.surfaces.shaders import surface_shaders
 from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.confinement.blocks import refuse_special_files
-from hulldown.reading.confinement.references import compression, directives, material_libraries
+from hulldown.reading.confinement.references import file_directives, material_libraries, mesh_compression
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.wording import quoted
+from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.geotiff import Elevations
 
 NODES_ONLY = (2, 80)  # materials are nodes only since then
@@ -69,7 +69,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
             _sort_objects()
         else:
             # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
-            grouped = not any(key == "o" for key, _ in directives(path, b"o"))
+            grouped = not any(key == "o" for key, _ in file_directives(path, b"o"))
             with _near_zero(path) as (file, offset):
                 bpy.ops.wm.obj_import(filepath=str(file), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
             for obj in bpy.context.scene.objects:
@@ -77,7 +77,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
             up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE else "y"  # a northing is no height
             _clear_false_glass(path)
     except (RuntimeError, ValueError) as error:
-        extension = compression(path) if kind == "gltf" else ""
+        extension = mesh_compression(path) if kind == "gltf" else ""
         remedy = f"write it without {extension}, with gltf-transform for example" if extension else "export it again"
         raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy=remedy) from None
     if not bpy.context.scene.objects:
@@ -131,7 +131,7 @@ def _near_zero(path: Path) -> Iterator[tuple[Path, list[float]]]:
 
 def _map_offset(path: Path) -> list[float]:
     """Return where the vertices of an OBJ file are, in whole kilometers; zeros unless that's on a map."""
-    first = next((text.split()[:3] for key, text in directives(path, b"v") if key == "v"), [])
+    first = next((text.split()[:3] for key, text in file_directives(path, b"v") if key == "v"), [])
     offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP) * MAP_STEP).tolist()
     return offset if any(abs(x) > MIN_MAP_COORDINATE for x in offset) else [0.0, 0.0, 0.0]
 
@@ -151,17 +151,19 @@ def _clear_false_glass(path: Path) -> None:
     clear = [(name, weight) for name, weight in clear if weight.default_value > 0.0]
     if not clear:
         return
-    models = {name: model for library in material_libraries(path) for name, model in _illumination(library).items()}
+    models = {
+        name: model for library in material_libraries(path) for name, model in _illumination_models(library).items()
+    }
     for name, weight in clear:
         if models.get(name, GLASS[0]) not in GLASS:
             weight.default_value = 0.0
 
 
-def _illumination(library: Path) -> dict[str, int]:
+def _illumination_models(library: Path) -> dict[str, int]:
     """Illumination model of each material of an .mtl file; 2, an opaque one, by default."""
     models: dict[str, int] = {}
     name = ""
-    for key, value in directives(library, b"newmtl", b"illum"):
+    for key, value in file_directives(library, b"newmtl", b"illum"):
         if key == "newmtl":
             name = value
             models[name] = 2
@@ -189,7 +191,7 @@ def _open_blend(path: Path) -> Opened:
     # The file holds a float32; 0.01 shall be 0.01.
     unit = float(f"{units.scale_length:.7g}") if units.system != "NONE" else 1.0
     if len(bpy.data.scenes) > 1:
-        others = quoted(s.name for s in bpy.data.scenes if s != scene)
+        others = quote_names(s.name for s in bpy.data.scenes if s != scene)
         if not scene.objects:
             raise AssetError(
                 f"its active scene {scene.name!r} is empty, beside {others}",
@@ -198,7 +200,9 @@ def _open_blend(path: Path) -> Opened:
         doubts.append(Doubt(DoubtKind.NOT_READ, f"only the scene {scene.name!r} is read, not {others}"))
     layers = [layer.name for layer in scene.view_layers if layer.use]
     if len(layers) > 1:
-        doubts.append(Doubt(DoubtKind.NOT_READ, f"only the view layer {layers[0]!r} is read, not {quoted(layers[1:])}"))
+        doubts.append(
+            Doubt(DoubtKind.NOT_READ, f"only the view layer {layers[0]!r} is read, not {quote_names(layers[1:])}")
+        )
     if lost := _lost_pictures():
         doubts.append(
             Doubt(

@@ -32,7 +32,7 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
     def loaded(*_: object) -> None:
         try:
             _name_what_cannot_be_read()
-            left_out.extend(disarm())
+            left_out.extend(disarm_file())
             if then:
                 then()
         except Exception as error:  # Blender would print it and go on
@@ -69,7 +69,7 @@ def forget_settings() -> None:
         bpy.ops.wm.set_working_color_space(convert_colors=True, working_space=WORKING_SPACE)
 
 
-def disarm() -> list[str]:
+def disarm_file() -> list[str]:
     """Remove everything that writes or listens during evaluation; return a sentence for each removal.
 
     Call it after anything is read from a file, appended data too, and before evaluation.
@@ -77,7 +77,7 @@ def disarm() -> list[str]:
     left_out = []
     for obj in bpy.data.objects:
         for modifier in list(obj.modifiers):
-            if modifier.type in SIMULATED or not all(_keep_in_memory(cache) for cache in _caches(modifier)):
+            if modifier.type in SIMULATED or not all(_keep_in_memory(cache) for cache in _cache_settings(modifier)):
                 kind = modifier.type.lower().replace("_", " ")
                 left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache isn't in the file")
                 obj.modifiers.remove(modifier)
@@ -119,7 +119,7 @@ def _replace_unknown_nodes() -> list[str]:
     return left_out
 
 
-def _caches(modifier: Any) -> Iterator[Any]:
+def _cache_settings(modifier: Any) -> Iterator[Any]:
     if modifier.type == "PARTICLE_SYSTEM":
         yield modifier.particle_system.point_cache
     elif modifier.type in ("CLOTH", "SOFT_BODY"):
@@ -138,7 +138,7 @@ def _keep_in_memory(cache: Any) -> bool:
 
 def _name_what_cannot_be_read() -> None:
     """Rename data whose names aren't UTF-8, as in files before Blender 2.5, which Python can't read."""
-    for same in _named():
+    for same in _named_collections():
         for number, block in enumerate(same):
             try:
                 _ = block.name
@@ -147,7 +147,7 @@ def _name_what_cannot_be_read() -> None:
                     block.name = f"unnamed {number}"
 
 
-def _named() -> Iterator[Any]:
+def _named_collections() -> Iterator[Any]:
     """Yield all collections of named data."""
     yield from (getattr(bpy.data, p.identifier) for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
     for obj in bpy.data.objects:

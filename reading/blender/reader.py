@@ -18,21 +18,21 @@ import bpy
 import msgspec
 import numpy as np
 
-from hulldown.assets.bundle import save
+from hulldown.assets.bundle import save_asset
 from hulldown.base.errors import AssetError, HulldownError
-from hulldown.base.files import replacing
-from hulldown.reading.blender.depsgraph import evaluate
+from hulldown.base.files import atomic_writer
+from hulldown.reading.blender.depsgraph import evaluate_scene
 from hulldown.reading.blender.geotiff_object import NAME
 from hulldown.reading.blender.hdri_picture import read_picture
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.surfaces.material_rows import material_rows
 from hulldown.reading.blender.surfaces.object_inputs import lost_inputs
-from hulldown.reading.blender.surfaces.textures import missing_files, pictures_near, used_files
+from hulldown.reading.blender.surfaces.textures import missing_files, nearby_pictures, used_files
 from hulldown.reading.blender.tidy import write_scenery, write_vehicle
 from hulldown.reading.blender.vehicle_picture import vehicle_picture
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
-from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, gathered, xyz
+from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, format_xyz, gather_copies
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.reader_process import ANSWER, PICTURE, FoundAsset, Job, Refused
@@ -49,15 +49,15 @@ def main(job_path: str) -> None:
     """Do the job in the JSON file `job_path` and write the answer."""
     job = msgspec.convert(json.loads(Path(job_path).read_text(encoding="utf-8")), Job)
     try:
-        answer = msgspec.to_builtins(read_picture(job) if job.format == "hdri" else read(job))
+        answer = msgspec.to_builtins(read_picture(job) if job.format == "hdri" else read_file(job))
     except HulldownError as error:
         path = str(error.path or job.path)
         answer = {"error": Refused(problem=error.problem, path=path, remedy=error.remedy)}
-    with replacing(job.file(ANSWER)) as file:
+    with atomic_writer(job.file(ANSWER)) as file:
         file.write(json.dumps(answer).encode())
 
 
-def read(job: Job) -> FoundAsset:
+def read_file(job: Job) -> FoundAsset:
     """Read the file, and write bundle and tidy twin."""
     path, options = Path(job.path).resolve(), job.options
     opened = open_file(path, job.format, options)
@@ -65,7 +65,7 @@ def read(job: Job) -> FoundAsset:
     if opened.terrain:
         unit = opened.unit  # its scale is that of the elevations alone
     files = sorted({*used_files(), *opened.files})
-    drawn = evaluate(
+    drawn = evaluate_scene(
         bpy.context.scene,
         meters_from_file=meters_from_file(unit, up),
         duplicates=opened.duplicates,
@@ -73,7 +73,7 @@ def read(job: Job) -> FoundAsset:
     )
     if opened.terrain:
         (ground,) = (piece.mesh for piece in drawn.pieces if piece.name == NAME)
-        drawn.meshes[ground] = drawn.meshes[ground].at(opened.terrain.mesh.vertices)  # Blender has float32
+        drawn.meshes[ground] = drawn.meshes[ground].with_vertices(opened.terrain.mesh.vertices)  # Blender has float32
     _refuse_nothing(drawn, job.kind)
     if not any(material for block in drawn.blocks for material in block.materials):
         drawn.doubts.append(Doubt(DoubtKind.NO_MATERIAL, BARE))
@@ -97,28 +97,28 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     """Write bundle and tidy twin of a vehicle."""
     vehicle = build_vehicle(Path(job.path).stem, upright, job.options)
     drawn, shape = upright.drawn, vehicle.shape
-    save(job.file("bundle.npz"), shape)
-    lost = lost_inputs(_materials(drawn, vehicle.roles), moved=True)
+    save_asset(job.file("bundle.npz"), shape)
+    lost = lost_inputs(_used_materials(drawn, vehicle.roles), moved=True)
     twin = write_vehicle(job.file("tidy.blend"), drawn, vehicle.piece_part, shape.vehicle_from_file)
     picture = vehicle_picture(twin, shape.surface[0].bounds)
     save_picture(picture, job.file(PICTURE))
     report = FileReport(
         kind="vehicle",
         path=job.path,
-        size=xyz(shape.size_xyz),
+        size=format_xyz(shape.size_xyz),
         triangles=len(shape.mesh.faces),
         unit=unit,
         up=upright.up.value,
-        rows=_rows(drawn, vehicle.roles),
+        rows=_object_rows(drawn, vehicle.roles),
         parts=vehicle.parts,
-        missing=_missing(drawn, vehicle.roles),
+        missing=_missing_files(drawn, vehicle.roles),
         axes=vehicle.axes,
         materials=material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part),
         things=vehicle.things,
     )
     if len(report.things) > 1:  # what else is odd about all of them together is of no use
         return replace(report, doubts=tuple(d for d in vehicle.doubts if d.kind == DoubtKind.SEVERAL))
-    beside = partial(pictures_near, Path(job.path).resolve())
+    beside = partial(nearby_pictures, Path(job.path).resolve())
     looks = (*color_doubts(picture, report, beside=beside), *lost)
     return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options), *looks))
 
@@ -129,9 +129,9 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
     scenery, wet = build_scenery(
         Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
     )
-    save(job.file("bundle.npz"), replace(scenery, crs=crs))
+    save_asset(job.file("bundle.npz"), replace(scenery, crs=crs))
     moved = not np.allclose(scenery.scenery_from_file, np.eye(4), rtol=0.0, atol=1e-12)
-    lost = lost_inputs(_materials(drawn, roles), moved=moved)
+    lost = lost_inputs(_used_materials(drawn, roles), moved=moved)
     write_scenery(job.file("tidy.blend"), drawn, roles, scenery.scenery_from_file)
     used = [(p, role.use) for p, role in zip(drawn.pieces, roles, strict=True)]
     solid = [p for p, use in used if use in ("ground", "water", "obstacle")]
@@ -139,13 +139,13 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
     report = FileReport(
         kind="scenery",
         path=job.path,
-        size=xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]),
+        size=format_xyz(np.max(extent, axis=0)[1] - np.min(extent, axis=0)[0]),
         triangles=sum(piece.faces for piece in solid),
         unit=unit,
         up=up,
-        origin=xyz(scenery.origin),
-        rows=_rows(drawn, roles),
-        missing=_missing(drawn, roles),
+        origin=format_xyz(scenery.origin),
+        rows=_object_rows(drawn, roles),
+        missing=_missing_files(drawn, roles),
     )
     parked = parked_vehicles(drawn, roles, meters_from_file(unit, up))
     doubts = scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet, parked=parked)
@@ -167,32 +167,32 @@ def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
     )
 
 
-def _used(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[Piece]:
+def _used_objects(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[Piece]:
     return [p for p, role in zip(drawn.pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
 
 
-def _materials(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[bpy.types.Material]:
+def _used_materials(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[bpy.types.Material]:
     """Materials of the used objects."""
-    blocks = [drawn.blocks[number] for number in dict.fromkeys(piece.mesh for piece in _used(drawn, roles))]
+    blocks = [drawn.blocks[number] for number in dict.fromkeys(piece.mesh for piece in _used_objects(drawn, roles))]
     return list(dict.fromkeys(material for block in blocks for material in block.materials if material is not None))
 
 
-def _missing(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[Missing, ...]:
+def _missing_files(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[Missing, ...]:
     """Missing files of the used objects."""
-    return missing_files({link.name for piece in _used(drawn, roles) for link in piece.chain})
+    return missing_files({link.name for piece in _used_objects(drawn, roles) for link in piece.chain})
 
 
-def _rows(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:
+def _object_rows(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:
     """Return one row for all pieces of an object with the same role, then objects that aren't pieces."""
     groups: dict[tuple[str, PieceRole], list[Piece]] = defaultdict(list)
     for piece, role in zip(drawn.pieces, roles, strict=True):
         groups[piece.name, role].append(piece)
     rows = []
     for (name, role), pieces in groups.items():
-        first, size = pieces[0], xyz(np.max([p.size for p in pieces], axis=0))
+        first, size = pieces[0], format_xyz(np.max([p.size for p in pieces], axis=0))
         rows.append(ObjectRow(name, first.chain[0].kind, role.use, role.why, len(pieces), first.faces, size, role.by))
     rows += [replace(left, count=count) for left, count in drawn.left.items()]
-    return gathered(rows)
+    return gather_copies(rows)
 
 
 if __name__ == "__main__":

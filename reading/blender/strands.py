@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.blender.api.buffers import read
+from hulldown.reading.blender.api.buffers import read_property
 from hulldown.reading.scenery.hair import hair_mesh
 
 OCTANTS = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]  # corners of an octahedron's faces
@@ -20,13 +20,13 @@ BARE_RADIUS = 0.005  # of curves that have none of their own, as Cycles draws th
 
 def curves_mesh(curves: Any, name: str) -> Mesh | None:
     """Return a mesh that hides as much as hair curves, in their frame; None if there are none."""
-    points = read(curves.points, "position", np.float32, 3).reshape(-1, 3)
-    first = read(curves.curves, "first_point_index", np.int32)
+    points = read_property(curves.points, "position", np.float32, 3).reshape(-1, 3)
+    first = read_property(curves.curves, "first_point_index", np.int32)
     radii, kind = np.full(len(points), BARE_RADIUS, np.float32), np.full(len(first), CATMULL_ROM)
     if "radius" in curves.attributes:
-        radii = read(curves.points, "radius", np.float32)
+        radii = read_property(curves.points, "radius", np.float32)
     if "curve_type" in curves.attributes:
-        kind = read(curves.attributes["curve_type"].data, "value", np.int32)
+        kind = read_property(curves.attributes["curve_type"].data, "value", np.int32)
     return hair_mesh(points.astype(float), radii.astype(float), first, kind == POLY, name)
 
 
@@ -36,8 +36,8 @@ def points_mesh(cloud: Any, name: str) -> Mesh | None:
     The mean outline of a convex body has a quarter of its surface (Cauchy): an octahedron as wide as a sphere of radius
     ``r`` in that sense has corners at ``r * sqrt(pi / sqrt(3))``.
     """
-    points = read(cloud.points, "co", np.float32, 3).reshape(-1, 1, 3).astype(float)
-    radii = read(cloud.points, "radius", np.float32).astype(float)
+    points = read_property(cloud.points, "co", np.float32, 3).reshape(-1, 1, 3).astype(float)
+    radii = read_property(cloud.points, "radius", np.float32).astype(float)
     if not len(points):
         return None
     corners = np.concatenate([np.eye(3), -np.eye(3)]) * np.sqrt(np.pi / np.sqrt(3.0))
@@ -72,14 +72,14 @@ def strand_curves(drawn: Any, system: Any) -> Any:
     curves.add_curves([steps] * len(strands))
     curves.points.foreach_set("position", inside.astype(np.float32).ravel())
     radius = curves.attributes.new("radius", "FLOAT", "POINT")
-    radius.data.foreach_set("value", _radii(settings, along).astype(np.float32).ravel())
+    radius.data.foreach_set("value", _strand_radii(settings, along).astype(np.float32).ravel())
     slots = drawn.material_slots[settings.material - 1 : settings.material]
     worn = slots[0].material if slots else None
     curves.materials.append(worn and worn.original)  # the evaluated one ends before the curves do
     return curves
 
 
-def _radii(settings: Any, along: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:
+def _strand_radii(settings: Any, along: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:
     """Radii at shares of each strand's length; root, tip and shape as Blender's manual describes them."""
     shape = settings.shape
     left = (1 - along) ** (1 + shape if shape < 0 else 1 / max(1 - shape, 1e-6))

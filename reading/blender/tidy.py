@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.reading.blender.frames import pose as set_pose
+from hulldown.reading.blender.frames import set_pose as set_pose
 from hulldown.reading.blender.surfaces.object_inputs import detach_materials
 from hulldown.reading.blender.tidy_properties import PART, RANDOM, REST
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
@@ -32,7 +32,7 @@ VISIBILITY = tuple(
 LOOK = (*VISIBILITY, "pass_index", "color")
 
 
-def lasting(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
+def lasting_data(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
     """Drawn data, such as a mesh, in evaluated materials, as it outlives the depsgraph; `drawn` is the object."""
     wanted = [material.original if material else None for material in materials]
     if _is_as_in_the_file(drawn, data, wanted):
@@ -47,7 +47,7 @@ def lasting(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
     return mesh
 
 
-def look_of(drawn: Any) -> tuple[object, ...]:
+def piece_look(drawn: Any) -> tuple[object, ...]:
     """Return the look that a piece's object adds to its mesh: values of `LOOK`."""
     return (*(getattr(drawn, name) for name in VISIBILITY), drawn.pass_index, tuple(drawn.color))
 
@@ -79,7 +79,7 @@ def write_vehicle(
         if part < 0:
             continue
         rest = vehicle_from_file @ piece.pose
-        obj = _object(piece, drawn.blocks[piece.mesh])
+        obj = _make_object(piece, drawn.blocks[piece.mesh])
         obj[PART] = int(part)
         obj[REST] = rest.ravel().tolist()
         collection.objects.link(obj)
@@ -87,7 +87,7 @@ def write_vehicle(
     return collection
 
 
-def _object(piece: Piece, block: Any) -> Any:
+def _make_object(piece: Piece, block: Any) -> Any:
     """Make an object with the name and the look of a piece."""
     obj = bpy.data.objects.new(piece.name, block)
     for name, value in zip(LOOK, piece.look, strict=True):
@@ -112,18 +112,18 @@ def write_scenery(
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
         if len(same) >= MIN_COPIES:
-            thing = _object(same[0], drawn.blocks[same[0].mesh])
-            collection.objects.link(_carrier(thing, poses, [piece.random for piece in same]))
+            thing = _make_object(same[0], drawn.blocks[same[0].mesh])
+            collection.objects.link(_carrier_object(thing, poses, [piece.random for piece in same]))
             continue
         for piece, world_from_mesh in zip(same, poses, strict=True):
-            obj = _object(piece, drawn.blocks[piece.mesh])
+            obj = _make_object(piece, drawn.blocks[piece.mesh])
             obj.parent = root
             set_pose(obj, world_from_mesh)
             collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
-def _carrier(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequence[float]) -> Any:
+def _carrier_object(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequence[float]) -> Any:
     """Return one object that draws `thing` in all these poses; ten thousand objects would take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.camera.shell import camera_pose
-from hulldown.reading.blender.api.light_pictures import rendered, store_light
-from hulldown.reading.blender.frames import pose, world_from_blender_camera
+from hulldown.reading.blender.api.light_pictures import render_light, store_light
+from hulldown.reading.blender.frames import set_pose, world_from_blender_camera
 from hulldown.reading.blender.tidy_properties import REST
 
 PICTURE_SIDE_PX = 240  # pixels
@@ -35,7 +35,7 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
     scene.collection.objects.link(root)
     for obj in collection.objects:
         obj.parent = root
-        pose(obj, np.reshape(obj[REST], (4, 4)))
+        set_pose(obj, np.reshape(obj[REST], (4, 4)))
     cycles, render = scene.cycles, scene.render
     render.engine, cycles.device, render.threads_mode, render.threads = "CYCLES", "CPU", "FIXED", 2
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = PICTURE_SAMPLES, False, False
@@ -53,4 +53,4 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
     camera.matrix_world = world_from_blender_camera(at).T.tolist()
     store_light(scene)
     render.image_settings.color_mode = "RGBA"
-    return rendered(scene)[::-1].astype(np.float64)
+    return render_light(scene)[::-1].astype(np.float64)

@@ -22,7 +22,7 @@ from hulldown.reading.pieces.formats import kind_of_file
 
 OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
 PATH = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")
-LONGEST = 1 << 20  # largest block that is read, in bytes; usual ones have some thousand
+MAX_BLOCK_BYTES = 1 << 20  # largest block that is read, in bytes; usual ones have some thousand
 MOST_LIBRARIES = 1000  # that refer to each other
 
 
@@ -44,15 +44,15 @@ def refuse_special_files(path: Path) -> None:
 def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
     """Block code and path, as written, of every file that a .blend refers to; unreadable blocks are skipped."""
     try:
-        with open_regular(path) as raw, _unpacked(raw) as file:
-            for code, data in _blocks(file):
+        with open_regular(path) as raw, _decompress_blend(raw) as file:
+            for code, data in _file_blocks(file):
                 for found in PATH.finditer(data):
                     yield code, found[1].decode("utf-8", "surrogateescape")
-    except _damaged():
+    except _damage_errors():
         return
 
 
-def _damaged() -> tuple[type[Exception], ...]:
+def _damage_errors() -> tuple[type[Exception], ...]:
     """Return errors of a file that is damaged or ends early."""
     common = (OSError, EOFError, ValueError, struct.error, zlib.error)
     try:
@@ -62,7 +62,7 @@ def _damaged() -> tuple[type[Exception], ...]:
     return (*common, zstandard.ZstdError)
 
 
-def _unpacked(raw: BinaryIO) -> BinaryIO:
+def _decompress_blend(raw: BinaryIO) -> BinaryIO:
     """Decompress a .blend."""
     start = raw.read(4)
     raw.seek(0)
@@ -75,30 +75,30 @@ def _unpacked(raw: BinaryIO) -> BinaryIO:
     return raw
 
 
-def _blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
+def _file_blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
     """Code and data of each block of the kinds in `OPENED`, of an uncompressed file."""
-    header = _exactly(file, 12)
+    header = _read_exactly(file, 12)
     if not header.startswith(b"BLENDER"):
         return
     if header[7:9].isdigit():  # since 5.0: its own size, and a format of blocks with sizes of 64 bits
-        _exactly(file, int(header[7:9]) - 12)
+        _read_exactly(file, int(header[7:9]) - 12)
         head, size_at = struct.Struct("<4siQqq"), 3
     else:
         little = "<" if header[8:9] == b"v" else ">"
         head = struct.Struct(little + ("4siQii" if header[7:8] == b"-" else "4siIii"))
         size_at = 1
     while True:
-        fields = head.unpack(_exactly(file, head.size))
+        fields = head.unpack(_read_exactly(file, head.size))
         code, size = fields[0], fields[size_at]
         if code == b"ENDB" or size < 0:
             return
-        if code in OPENED and size <= LONGEST:
-            yield code, _exactly(file, size)
+        if code in OPENED and size <= MAX_BLOCK_BYTES:
+            yield code, _read_exactly(file, size)
         else:
             file.seek(size, os.SEEK_CUR)
 
 
-def _exactly(file: BinaryIO, size: int) -> bytes:
+def _read_exactly(file: BinaryIO, size: int) -> bytes:
     data = file.read(size)
     if len(data) < size:
         raise EOFError

@@ -30,7 +30,9 @@ FIRST_ABI = (1 << 13) - 1  # the rights that ABI 1 knows
 SINCE = {2: REFER, 3: TRUNCATE, 5: IOCTL}
 NETWORK_ABI, TCP = 4, 3  # bind and connect
 SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
-SPECIAL = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12  # making devices, sockets, FIFOs and links is allowed nowhere
+SPECIAL_FILE_RIGHTS = (
+    1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12
+)  # making devices, sockets, FIFOs and links is allowed nowhere
 OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # rights that files can have
 SYSTEM = (
     *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/nix/store"),
@@ -49,57 +51,57 @@ MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, 
 
 
 @cache
-def abi() -> int:
+def landlock_version() -> int:
     """Return the kernel's version of Landlock; 0: none."""
     if not sys.platform.startswith("linux"):
         return 0
     return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(GET_ABI)))
 
 
-def unconfined() -> str:
+def unconfined_reason() -> str:
     """Return the reason why processes aren't confined on this machine; empty if they are."""
-    if not abi():
+    if not landlock_version():
         return "this kernel has no Landlock"
     return f"switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
 
 
-def confinement() -> str:
+def describe_confinement() -> str:
     """Return the confinement on this machine, for records: "Landlock 4", or the reason why there is none."""
-    return f"none: {why}" if (why := unconfined()) else f"Landlock {abi()}"
+    return f"none: {why}" if (why := unconfined_reason()) else f"Landlock {landlock_version()}"
 
 
-def confined(
+def confine_command(
     command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
 ) -> list[str]:
     """Return a command that runs `command` confined; `command` itself if that's impossible or switched off."""
-    if unconfined():
+    if unconfined_reason():
         return list(command)
     more = [path for path in os.environ.get(MORE, "").split(os.pathsep) if path]
     program = os.path.realpath(command[0])
     policy = {
-        "execute": [*SYSTEM, *_python(), *more, command[0], os.path.dirname(program)],
-        "list": _searched(),
+        "execute": [*SYSTEM, *_python_folders(), *more, command[0], os.path.dirname(program)],
+        "list": _searched_folders(),
         "read": [*map(str, read)],
         "write": [*map(str, write), *DEVICES, *devices],
     }
     return [sys.executable, "-I", "-S", os.path.abspath(__file__), json.dumps(policy), *command]
 
 
-def _python() -> list[str]:
+def _python_folders() -> list[str]:
     """Return where this Python, hulldown, and packages are; other files in the folders of `sys.path` aren't open."""
     own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON]
-    return [*own, str(HERE), *(str(path) for entry in _searched() for path in _installed(entry))]
+    return [*own, str(HERE), *(str(path) for entry in _searched_folders() for path in _installed_files(entry))]
 
 
-def _searched() -> list[str]:
+def _searched_folders() -> list[str]:
     """Folders of `sys.path` outside of this Python's own that have installed packages, or hulldown."""
     own = (sys.prefix, sys.base_prefix)
     entries = [entry for entry in sys.path if entry and not any(Path(entry).is_relative_to(prefix) for prefix in own)]
-    return [entry for entry in entries if HERE.parent == Path(entry) or _installed(entry)]
+    return [entry for entry in entries if HERE.parent == Path(entry) or _installed_files(entry)]
 
 
 @cache
-def _installed(entry: str) -> tuple[Path, ...]:
+def _installed_files(entry: str) -> tuple[Path, ...]:
     """Files and folders of the packages that an installer put into a folder of `sys.path`."""
     from importlib.metadata import distributions
 
@@ -124,30 +126,30 @@ def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
     return any(real.is_relative_to(os.path.realpath(folder)) for folder in [*folders, *more])
 
 
-def restrict(policy: dict[str, list[str]]) -> None:
+def confine_process(policy: dict[str, list[str]]) -> None:
     """Confine this process and its children permanently. Existing threads aren't confined."""
-    version = abi()
+    version = landlock_version()
     handled = FIRST_ABI | sum(right for since, right in SINCE.items() if version >= since)
     # A kernel takes a larger description than it knows only if the rest is zero.
     asked = struct.pack("=QQQ", handled, TCP * (version >= NETWORK_ABI), SCOPES * (version >= SCOPE_ABI))
-    ruleset = _call(CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0)
+    ruleset = _system_call(CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0)
     reading = READ_FILE | READ_FOLDER
     rights = {
         "list": READ_FOLDER,
         "read": reading,
         "execute": reading | EXECUTE,
-        "write": handled & ~(EXECUTE | SPECIAL),
+        "write": handled & ~(EXECUTE | SPECIAL_FILE_RIGHTS),
     }
     for kind, paths in policy.items():
         for path in paths:
-            _allow(ruleset, path, rights[kind] & handled)
+            _allow_path(ruleset, path, rights[kind] & handled)
     if ctypes.CDLL(None, use_errno=True).prctl(NO_NEW_PRIVILEGES, 1, 0, 0, 0):
         raise OSError(ctypes.get_errno(), "prctl")
-    _call(RESTRICT_SELF, ruleset, 0)
+    _system_call(RESTRICT_SELF, ruleset, 0)
     os.close(ruleset)
 
 
-def _allow(ruleset: int, path: str, rights: int) -> None:
+def _allow_path(ruleset: int, path: str, rights: int) -> None:
     try:
         opened = os.open(path, os.O_PATH | os.O_CLOEXEC)
     except OSError:
@@ -155,12 +157,12 @@ def _allow(ruleset: int, path: str, rights: int) -> None:
     try:
         if not os.path.isdir(path):
             rights &= OF_FILES
-        _call(ADD_RULE, ruleset, RULE_PATH_BENEATH, struct.pack("=Qi", rights, opened), 0)
+        _system_call(ADD_RULE, ruleset, RULE_PATH_BENEATH, struct.pack("=Qi", rights, opened), 0)
     finally:
         os.close(opened)
 
 
-def _call(number: int, *arguments: object) -> int:
+def _system_call(number: int, *arguments: object) -> int:
     """Return a system call; its result."""
     result = int(ctypes.CDLL(None, use_errno=True).syscall(number, *arguments))
     if result < 0:
@@ -169,5 +171,5 @@ def _call(number: int, *arguments: object) -> int:
 
 
 if __name__ == "__main__":
-    restrict(json.loads(sys.argv[1]))
+    confine_process(json.loads(sys.argv[1]))
     os.execv(sys.argv[2], sys.argv[2:])

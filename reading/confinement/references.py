@@ -9,7 +9,7 @@ from urllib.parse import unquote
 
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
-from hulldown.base.outside import json_of
+from hulldown.base.outside import parse_json
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.formats import kind_of_file
 
@@ -24,13 +24,13 @@ def refuse_odd_references(path: Path, kind: str) -> None:
     """Raise if a file of the format `kind` refers to something other than a file, or to a missing part of itself."""
     if kind == "obj":
         for material in material_libraries(path):
-            for _, picture in directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
-                _refuse(path, picture.split()[-1] if picture.split() else picture)
+            for _, picture in file_directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
+                _refuse_references(path, picture.split()[-1] if picture.split() else picture)
     elif kind == "gltf":
         _check_gltf(path)
 
 
-def _refuse(path: Path, named: str) -> None:
+def _refuse_references(path: Path, named: str) -> None:
     found = kind_of_file(path.parent / named)
     if found not in ("", "a file"):
         raise AssetError(f"refers to {named[:200]}, which is {found}, not a file", path=path, remedy=AGAIN)
@@ -38,14 +38,14 @@ def _refuse(path: Path, named: str) -> None:
 
 def material_libraries(path: Path) -> Iterator[Path]:
     """Yield the .mtl files of an OBJ file that exist and may be read."""
-    for _, named in directives(path, b"mtllib"):
-        _refuse(path, named)
+    for _, named in file_directives(path, b"mtllib"):
+        _refuse_references(path, named)
         material = path.parent / named
         if kind_of_file(material) == "a file" and is_inside(material, asset_folders(path)):
             yield material
 
 
-def directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
+def file_directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
     """First word in lower case, and the rest, of the lines of an OBJ or .mtl file that begin like this."""
     with open_regular(path) as file:
         while line := file.readline(1 << 16):
@@ -57,7 +57,7 @@ def directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
 
 def _check_gltf(path: Path) -> None:
     try:
-        data = json_of(_gltf_json(path), object)
+        data = parse_json(_gltf_json(path), object)
     except (ValueError, struct.error) as error:
         raise AssetError(f"isn't readable glTF ({str(error)[:200]})", path=path, remedy=AGAIN) from None
     if not isinstance(data, dict):
@@ -66,31 +66,31 @@ def _check_gltf(path: Path) -> None:
     if isinstance(asset, dict) and (version := str(asset.get("version"))).startswith("1"):
         raise AssetError(f"is glTF {version}, which Blender does not read", path=path, remedy="convert it to glTF 2.0")
     for owner in ("buffers", "images"):
-        for i, entry in _entries(data, owner):
+        for i, entry in _referred_entries(data, owner):
             uri = entry.get("uri")
             if isinstance(uri, str) and not uri.startswith("data:"):
-                _refuse(path, unquote(uri))
+                _refuse_references(path, unquote(uri))
                 if owner == "buffers":
                     _check_size(path, unquote(uri), entry.get("byteLength"), i)
-    for i, texture in _entries(data, "textures"):
+    for i, texture in _referred_entries(data, "textures"):
         extensions = texture.get("extensions")
         kinds = list(extensions) if isinstance(extensions, dict) else []
         if "source" not in texture and kinds and READ_PICTURES not in kinds:
             problem = f"textures[{i}] has a picture in {kinds[0]!r:.60} alone, which Blender doesn't read"
             raise AssetError(problem, path=path, remedy="convert its pictures to PNG, with gltf-transform for example")
     # Blender's importer leaves out a mesh that isn't there, and reports all other wrong numbers itself.
-    meshes = sum(1 for _ in _entries(data, "meshes"))
-    for i, node in _entries(data, "nodes"):
+    meshes = sum(1 for _ in _referred_entries(data, "meshes"))
+    for i, node in _referred_entries(data, "nodes"):
         if isinstance(mesh := node.get("mesh"), int) and not 0 <= mesh < meshes:
             raise AssetError(f"nodes[{i}].mesh = {mesh}, but it has {meshes} meshes", path=path, remedy=AGAIN)
 
 
-def compression(path: Path) -> str:
+def mesh_compression(path: Path) -> str:
     """Return the extension that compresses the meshes of a glTF file that Blender has opened, or nothing.
 
     Blender's modules decode Draco up to 5.0, not in 5.2.3, and none decodes meshopt.
     """
-    required = json_of(_gltf_json(path), dict).get("extensionsRequired", [])
+    required = parse_json(_gltf_json(path), dict).get("extensionsRequired", [])
     return next((extension for extension in COMPRESSIONS if extension in required), "")
 
 
@@ -109,7 +109,7 @@ def _gltf_json(path: Path) -> bytes:
         return file.read(size)
 
 
-def _entries(data: Mapping[str, object], owner: str) -> Iterator[tuple[int, Mapping[str, object]]]:
+def _referred_entries(data: Mapping[str, object], owner: str) -> Iterator[tuple[int, Mapping[str, object]]]:
     entries = data.get(owner, [])
     if isinstance(entries, list):
         yield from ((i, entry) for i, entry in enumerate(entries) if isinstance(entry, dict))

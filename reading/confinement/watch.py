@@ -12,11 +12,11 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from hulldown.base.arguments import Positive, parsed
+from hulldown.base.arguments import Positive, make_parser
 from hulldown.base.child import Child, memory_limit
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import warn
-from hulldown.reading.confinement.landlock import OFF, unconfined
+from hulldown.base.terminal import print_warning
+from hulldown.reading.confinement.landlock import OFF, unconfined_reason
 
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB = 2**30
@@ -24,14 +24,14 @@ LAST_LINES = 40
 LONGEST_LINE = 4096  # bytes
 
 
-def gib(text: str) -> int:
+def parse_gib(text: str) -> int:
     """Return bytes of a number of GiB."""
     if not 0.0 < (number := float(text)) < math.inf:
         raise ValueError(text)
     return round(number * GIB)
 
 
-GIBIBYTES = parsed("a number above 0", gib, metavar="GIB")
+GIBIBYTES = make_parser("a number above 0", parse_gib, metavar="GIB")
 
 
 @Parameter(name="*")
@@ -62,7 +62,7 @@ class ReadLimits:
 
     def check_confinement(self) -> None:
         """Refuse to go on unconfined, or warn, once in a process."""
-        if (why := unconfined()) and self.require_confinement:
+        if (why := unconfined_reason()) and self.require_confinement:
             remedy = f"use Linux 5.13 or later without {OFF}=off, or leave out --require-confinement"
             raise HulldownError(f"Blender would not be confined: {why}", remedy=remedy)
         if why:
@@ -71,13 +71,13 @@ class ReadLimits:
 
 @cache
 def _warn_unconfined(why: str) -> None:
-    warn(f"files from elsewhere are read unconfined: {why}; see docs/safety.md")
+    print_warning(f"files from elsewhere are read unconfined: {why}; see docs/safety.md")
 
 
 DEFAULT_LIMITS = ReadLimits()
 
 
-def watched(
+def run_limited(
     command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS
 ) -> tuple[int, str, str]:
     """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life."""

@@ -48,7 +48,7 @@ class ObjectRow:
     by: By = By.FILE
 
 
-def gathered(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
+def gather_copies(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
     """Return the rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
 
     Copies of the same kind and use are gathered. The row has their name with an asterisk, the
@@ -56,15 +56,15 @@ def gathered(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
     """
     families: dict[tuple[str, str, str], list[ObjectRow]] = {}
     for row in rows:
-        families.setdefault((_stem(row.name), row.kind, row.use), []).append(row)
+        families.setdefault((_unnumbered_name(row.name), row.kind, row.use), []).append(row)
     return tuple(
         row
         for (stem, _, _), family in families.items()
-        for row in ([_together(family, f"{stem}*", family[0].why)] if len(family) >= MIN_FAMILY_COPIES else family)
+        for row in ([_shared_row(family, f"{stem}*", family[0].why)] if len(family) >= MIN_FAMILY_COPIES else family)
     )
 
 
-def _stem(name: str) -> str:
+def _unnumbered_name(name: str) -> str:
     """Return a name without its number."""
     stem = name.rstrip("0123456789")
     return stem.rstrip(" ._-") if stem != name else name
@@ -80,18 +80,18 @@ def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
     for why, family in families.items():
         names = ", ".join(row.name for row in family[:MAX_LISTED_ROWS])
         more = f" and {len(family) - MAX_LISTED_ROWS} more" if len(family) > MAX_LISTED_ROWS else ""
-        result += [_together(family, names + more, why)] if len(family) >= MIN_SHARED_ROW_OBJECTS else family
+        result += [_shared_row(family, names + more, why)] if len(family) >= MIN_SHARED_ROW_OBJECTS else family
     return result
 
 
-def _together(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
+def _shared_row(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
     """Return one row for all, as large as the largest."""
     x, y, z = (max(lengths) for lengths in zip(*(row.size for row in family), strict=True))
     count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
     return replace(family[0], name=name, why=why, count=count, triangles=triangles, size=(x, y, z))
 
 
-def xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+def format_xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     """Return a vector for reports."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 

@@ -71,13 +71,13 @@ class Doubt:
         return self.text
 
 
-def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
+def file_warnings(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     """Return one warning for each file, those with the worst doubts first, each with its worst `MAX_SHOWN_KINDS` kinds.
 
     Examples
     --------
     >>> odd, worse = Doubt(DoubtKind.PARTS, "odd"), Doubt(DoubtKind.MISSING, "missing: b.png")
-    >>> for warning in warnings_of({"a.obj": [odd], "b.obj": [odd, worse, odd]}):
+    >>> for warning in file_warnings({"a.obj": [odd], "b.obj": [odd, worse, odd]}):
     ...     print(warning)
     b.obj
       missing: b.png
@@ -86,9 +86,9 @@ def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     a.obj
       odd
     """
-    ranked = {path: sorted(found, key=_rank) for path, found in doubts.items() if found}
+    ranked = {path: sorted(found, key=_doubt_rank) for path, found in doubts.items() if found}
     warnings = []
-    for path, found in sorted(ranked.items(), key=lambda item: _rank(item[1][0])):
+    for path, found in sorted(ranked.items(), key=lambda item: _doubt_rank(item[1][0])):
         first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # of each kind
         shown = [doubt.text.replace("\n", "\\n") for doubt in first[:MAX_SHOWN_KINDS]]
         more = (
@@ -98,5 +98,5 @@ def warnings_of(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     return warnings
 
 
-def _rank(doubt: Doubt) -> int:
+def _doubt_rank(doubt: Doubt) -> int:
     return _RANK[doubt.kind]

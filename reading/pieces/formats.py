@@ -35,7 +35,7 @@ LFS_POINTER = b"version https://git-lfs"  # Git LFS leaves such a text in place 
 def first_bytes(path: Path) -> bytes:
     """Return the first bytes of a regular file: reading a FIFO would wait forever, and a device has no end."""
     try:
-        if (kind := _kind(path.stat().st_mode)) != "a file":
+        if (kind := _file_kind(path.stat().st_mode)) != "a file":
             raise AssetError(f"is {kind}, not a file", path=path)
         with open_regular(path) as file:
             start = file.read(64)
@@ -53,17 +53,17 @@ def first_bytes(path: Path) -> bytes:
 def kind_of_file(path: Path) -> str:
     """Return kind of a path: "a file", "a folder", "a FIFO", "a socket", "a device", or "" if it doesn't exist."""
     try:
-        return _kind(path.stat().st_mode)
+        return _file_kind(path.stat().st_mode)
     except (OSError, ValueError):
         return ""
 
 
-def _kind(mode: int) -> str:
+def _file_kind(mode: int) -> str:
     kinds = {stat.S_IFREG: "a file", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
     return kinds.get(stat.S_IFMT(mode), "a device")
 
 
-def format_of(path: Path) -> str:
+def file_format(path: Path) -> str:
     """Return the format of the file `path`: "blend", "gltf", "fbx", "obj", or "geotiff"."""
     start = first_bytes(path)
     if not start:

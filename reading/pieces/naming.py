@@ -119,16 +119,16 @@ NOT_WATER = (  # things near water
 BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
 
 
-def words(name: str) -> tuple[str, ...]:
+def name_words(name: str) -> tuple[str, ...]:
     """Return the lower-case words of `name`, without Blender's ``.001``.
 
     Split at anything but letters and digits, between letters and digits, and at camelCase.
     """
-    return _words(re.sub(r"\.\d{3,}$", "", name))
+    return _split_words(re.sub(r"\.\d{3,}$", "", name))
 
 
 @lru_cache(maxsize=65536)
-def _words(text: str) -> tuple[str, ...]:
+def _split_words(text: str) -> tuple[str, ...]:
     spaced = ""
     for before, char, after in zip(f" {text}", text, f"{text[1:]} ", strict=False):
         hump = char.isupper() and (before.islower() or (before.isupper() and after.islower()))
@@ -141,8 +141,8 @@ def _words(text: str) -> tuple[str, ...]:
 def first_match(name: str, patterns: Iterable[str]) -> str | None:
     """Return the first of `patterns` that matches `name`, or None."""
     patterns = tuple(patterns)
-    numbers, globs = _compiled(patterns)
-    matched = [numbers[word] for word in _joined(name) if word in numbers]
+    numbers, globs = _compile_patterns(patterns)
+    matched = [numbers[word] for word in _joined_words(name) if word in numbers]
     matched += [i for i, glob in globs if fnmatchcase(name.lower(), glob)]
     return patterns[min(matched)] if matched else None
 
@@ -153,34 +153,34 @@ def is_named(name: str, pattern: str) -> bool:
 
 
 @lru_cache(maxsize=4096)  # a name is held against many patterns, one after the other
-def _joined(name: str) -> tuple[str, ...]:
+def _joined_words(name: str) -> tuple[str, ...]:
     """Return the words of a name, and all that are neighbors written as one."""
-    parts = words(name)
+    parts = name_words(name)
     return tuple("".join(parts[i:k]) for i in range(len(parts)) for k in range(i + 1, len(parts) + 1))
 
 
 @lru_cache(maxsize=256)
-def _compiled(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int, str]]]:
+def _compile_patterns(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int, str]]]:
     """Return the number of the first pattern with each word, written as one, and the globs with their numbers."""
     globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
     numbers: dict[str, int] = {}
     for i, pattern in enumerate(patterns):
-        word = "".join(words(pattern))
+        word = "".join(name_words(pattern))
         if word and i not in dict(globs):
             numbers.setdefault(word, i)
             numbers.setdefault(word + "s", i)
     return numbers, globs
 
 
-def hints(name: str, stems: Iterable[str]) -> str | None:
+def hinted_stem(name: str, stems: Iterable[str]) -> str | None:
     """Return the first of `stems` that a word of `name` begins or ends with, or nearly is; None if none.
 
     Accents make no difference. Stems of up to four letters must be a whole word or begin or end a longer one, and are
     never taken for another by a slip, which keeps the first letter: the Spanish "pieza" is no Polish "wieza". Scripts
     that are written without spaces match anywhere.
     """
-    folded = [_folded(word) for word in words(name)]
-    for stem in map(_folded, stems):
+    folded = [_fold_text(word) for word in name_words(name)]
+    for stem in map(_fold_text, stems):
         for word in folded:
             at_end = word.startswith(stem) or word.endswith(stem)
             foreign = not stem.isascii() and stem in word
@@ -190,7 +190,7 @@ def hints(name: str, stems: Iterable[str]) -> str | None:
     return None
 
 
-def _folded(text: str) -> str:
+def _fold_text(text: str) -> str:
     text = text.lower().replace("ä", "ae").replace("ö", "oe").replace("ü", "ue")
     return "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
 

@@ -17,7 +17,7 @@ from jaxtyping import Bool, Float
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt
-from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, words
+from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, name_words
 
 MAX_SHEET_THICKNESS_SHARE = 0.02  # a sheet is thinner than this share of its longer side
 MAX_STAGE_THICKNESS_SHARE = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
@@ -144,17 +144,17 @@ def _vehicle_by_name(
     if piece.hair:
         return PieceRole("dropped", "hair isn't part of a vehicle", By.FILE)
     for patterns, use in ((keep, "vehicle"), (drop, "dropped")):
-        for name in _names(piece):
+        for name in _piece_names(piece):
             if pattern := first_match(name, patterns):
                 key = "keep" if use == "vehicle" else "drop"
                 return PieceRole(use, f"{name!r} matches {pattern!r} of the config's {key}", By.CONFIG)
-    for name in _names(piece):
+    for name in _piece_names(piece):
         if name not in shared and (pattern := first_match(name, HELPERS)):
             return PieceRole("dropped", f"{name!r} matches {pattern!r}", By.NAME)
     return None
 
 
-def _names(piece: Piece) -> list[str]:
+def _piece_names(piece: Piece) -> list[str]:
     return list(
         dict.fromkeys([piece.name, piece.data, *(n for link in piece.chain for n in (link.name, *link.collections))])
     )
@@ -162,7 +162,7 @@ def _names(piece: Piece) -> list[str]:
 
 def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
     """Return whether the config keeps it by name."""
-    return any(first_match(name, keep) for name in _names(piece))
+    return any(first_match(name, keep) for name in _piece_names(piece))
 
 
 def _stage_name(piece: Piece) -> tuple[str, str] | None:
@@ -170,7 +170,7 @@ def _stage_name(piece: Piece) -> tuple[str, str] | None:
         if pattern := first_match(name, (*STAGES, *FIGURES)):
             return name, pattern
     # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
-    named = [word for word in words(piece.name) if not word.isdigit()]
+    named = [word for word in name_words(piece.name) if not word.isdigit()]
     if named and set(named) <= set(PRIMITIVES) and piece.size.min() <= MAX_STAGE_THICKNESS_SHARE * piece.size.max():
         return piece.name, named[0]
     return None

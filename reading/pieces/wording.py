@@ -8,12 +8,12 @@ from collections.abc import Iterable
 MOST_NAMES = 12  # names that a sentence lists
 
 
-def quoted(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
+def quote_names(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
     """Quote names, each once, and count the rest.
 
     Examples
     --------
-    >>> quoted(["Hull", "Gun", "Hull", "Cab"], most=2)
+    >>> quote_names(["Hull", "Gun", "Hull", "Cab"], most=2)
     "'Hull', 'Gun' and 1 more"
     """
     unique = list(dict.fromkeys(names))

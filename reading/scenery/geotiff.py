@@ -46,13 +46,13 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
     `area`: west, south, east, and north bound in the raster's own coordinates; None for all of it.
     `scale`: meters per unit of elevation; None to take it from the file.
     """
-    with _opened(path) as raster:
+    with _open_raster(path) as raster:
         bands = [i for i, kind in enumerate(raster.colorinterp, 1) if kind.name != "alpha"]
         if len(bands) != 1 or raster.dtypes[bands[0] - 1].startswith("complex"):
             kinds = ", ".join(raster.dtypes)
             raise AssetError(f"isn't a raster of elevations: it has {raster.count} bands ({kinds})", path=path)
         band = bands[0]
-        (top, bottom), (left, right) = _window(raster, area, path)
+        (top, bottom), (left, right) = _area_window(raster, area, path)
         if (cells := (bottom - top) * (right - left)) > MOST_CELLS:
             raise AssetError(
                 f"has {cells:,} cells, more than {MOST_CELLS:,}", path=path, remedy="give a smaller `area`"
@@ -63,9 +63,9 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
         x, y = raster.transform * (column, row)
         south_up = raster.transform.determinant > 0
         wkt, unit = raster.crs.to_wkt() if raster.crs else "", raster.units[band - 1]
-    doubts = _undeclared(z)
+    doubts = _remove_nodata(z)
     x, y, crs = _in_meters(x, y, wkt, path, doubts)
-    z = z * (scale or _meters(unit, wkt, path))
+    z = z * (scale or _meters_per_unit(unit, wkt, path))
     with np.errstate(invalid="ignore"):
         known = np.isfinite(x) & np.isfinite(y) & (np.abs(z) < 1e6)
     number = np.cumsum(known, dtype=np.int64).reshape(known.shape).astype(np.int32) - 1
@@ -80,7 +80,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
     return Elevations(Mesh(vertices - anchor, faces[:, ::-1] if south_up else faces), anchor, crs, tuple(doubts))
 
 
-def _undeclared(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
+def _remove_nodata(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
     """Remove elevations of values that mean "no data" although the file doesn't declare them; a doubt about them.
 
     Only a value far below all others is one: a coast may have many zeros.
@@ -107,7 +107,7 @@ def read_orthophoto(
 
     `crs`: the map's coordinate reference system; "" for that of the file.
     """
-    with _opened(path) as raster:
+    with _open_raster(path) as raster:
         import rasterio.transform
         import rasterio.warp
         from rasterio.enums import Resampling
@@ -162,7 +162,7 @@ def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.n
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _open_raster(path: Path) -> Iterator[Any]:
     """Open a GeoTIFF, whatever else GDAL could read."""
     try:
         import rasterio
@@ -182,7 +182,7 @@ def _opened(path: Path) -> Iterator[Any]:
         raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None
 
 
-def _window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tuple[int, int], tuple[int, int]]:
+def _area_window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tuple[int, int], tuple[int, int]]:
     """First row and column whose centers are in the area, and those after the last."""
     if area is None:
         return (0, raster.height), (0, raster.width)
@@ -244,7 +244,7 @@ def _in_meters(
     return x, y, utm
 
 
-def _meters(unit: str | None, wkt: str, path: Path) -> float:
+def _meters_per_unit(unit: str | None, wkt: str, path: Path) -> float:
     """Return meters per unit of elevation: of the band, or of the vertical datum, or 1."""
     import pyproj
     from pyproj.database import get_units_map

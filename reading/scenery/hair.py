@@ -24,7 +24,7 @@ FACES = np.concatenate(
 )
 MAX_AXIS_RADII = 1.0  # radii: how far a prism's axis may be from the strand's
 EVEN_TOLERANCE = 1e-6  # of a piece more is rounding
-LARGEST = 1 << 18  # stretches in a mesh of some hundred megabytes; of more, some are taken and made thicker
+MAX_STRETCHES = 1 << 18  # stretches in a mesh of some hundred megabytes; of more, some are taken and made thicker
 MOST_PIECES = 4  # pieces of the stretch between two points, into which Cycles divides it too by default
 
 # Points a, b, c, d to the cubic between b and c of the Catmull-Rom spline through them: rows are powers of t.
@@ -46,7 +46,7 @@ def hair_mesh(
     is_first, is_last = np.zeros((2, len(points)), dtype=bool)
     is_first[first], is_last[first - 1] = True, True
     b = np.flatnonzero(~is_last)
-    thicker = -(-len(b) // LARGEST)
+    thicker = -(-len(b) // MAX_STRETCHES)
     if thicker > 1:
         b = np.sort(np.random.default_rng(0).permutation(b)[: len(b) // thicker])
     a, d = b - ~is_first[b], b + 1 + ~is_last[b + 1]
@@ -55,12 +55,12 @@ def hair_mesh(
     cubic = CATMULL_ROM @ corners
     linear = np.repeat(straight, np.diff(first, append=len(points)))[b]
     cubic[linear, 1], cubic[linear, 2:] = strand[b + 1][linear] - strand[b][linear], 0.0
-    count = _pieces(cubic, thicker * (radii[b] + radii[b + 1]) / 2)
-    ends = np.concatenate([_cut(cubic[count == n], n) for n in range(1, MOST_PIECES + 1)])
-    return _prisms(ends[..., :3], np.maximum(ends[..., 3], 0.0), name)
+    count = _piece_count(cubic, thicker * (radii[b] + radii[b + 1]) / 2)
+    ends = np.concatenate([_cut_stretches(cubic[count == n], n) for n in range(1, MOST_PIECES + 1)])
+    return _make_prisms(ends[..., :3], np.maximum(ends[..., 3], 0.0), name)
 
 
-def _pieces(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
+def _piece_count(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
     """Return how many: a chord over a t of 1 / n is off by at most an eighth of the greatest second derivative / n^2.
 
     The part of the derivative along the stretch doesn't bend it.
@@ -73,13 +73,13 @@ def _pieces(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) 
     return np.clip(np.nan_to_num(count, nan=1.0), 1, MOST_PIECES).astype(np.int64)
 
 
-def _cut(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:
+def _cut_stretches(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:
     """Return both ends, and the radius there, of n pieces of each stretch."""
     at = (np.arange(n + 1)[:, None] / n) ** np.arange(4) @ cubic
     return np.stack([at[:, :-1], at[:, 1:]], axis=2).reshape(-1, 2, 4)
 
 
-def _prisms(ends: Float[np.ndarray, "k 2 3"], radii: Float[np.ndarray, "k 2"], name: str) -> Mesh | None:
+def _make_prisms(ends: Float[np.ndarray, "k 2 3"], radii: Float[np.ndarray, "k 2"], name: str) -> Mesh | None:
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
     seen = ~((length == 0.0) | (radii.sum(axis=1) == 0.0))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.naming import NO_VEHICLES, VEHICLES, first_match
 from hulldown.reading.pieces.roles import Evaluated, PieceRole
 from hulldown.reading.vehicle.solids import find_solids, find_wheels
@@ -31,14 +31,14 @@ def parked_vehicles(
     found: dict[str, list[str]] = {}
     looked: dict[tuple[int, ...], bool] = {}
     left = MAX_ALL_FACES
-    for name, group in _groups(drawn, among):
+    for name, group in _vehicle_groups(drawn, among):
         own = list(dict.fromkeys(pieces[i].name for i in group))
         names = [name, *own, *(pieces[i].data for i in group), *pieces[group[0]].chain[0].collections[:1]]
         is_one = any(first_match(n, VEHICLES) and not first_match(n, NO_VEHICLES) for n in names)
         key, faces = tuple(sorted(pieces[i].mesh for i in group)), sum(pieces[i].faces for i in group)
         if not is_one and key not in looked and faces <= min(MAX_THING_FACES, left):
             left -= faces
-            points = [apply(meters @ pieces[i].pose, drawn.meshes[pieces[i].mesh].vertices) for i in group]
+            points = [transform_points(meters @ pieces[i].pose, drawn.meshes[pieces[i].mesh].vertices) for i in group]
             wheels = find_wheels(find_solids(points, [drawn.meshes[pieces[i].mesh].faces for i in group]))
             looked[key] = wheels is not None and wheels.up[2] > MIN_UPRIGHT_COSINE
         if is_one or looked.get(key):
@@ -46,7 +46,7 @@ def parked_vehicles(
     return found
 
 
-def _groups(drawn: Evaluated, among: Sequence[int]) -> list[tuple[str, list[int]]]:
+def _vehicle_groups(drawn: Evaluated, among: Sequence[int]) -> list[tuple[str, list[int]]]:
     """Things as large as a vehicle: pieces by their topmost parent that isn't larger, and its name."""
     carried: dict[tuple[str, bytes], list[int]] = {}
     for i in among:

@@ -11,7 +11,13 @@ from hulldown.reading.pieces.asset_report import By
 from hulldown.reading.pieces.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole, Unseen
-from hulldown.reading.scenery.shape import carpets, ground_by_shape, is_wide_and_level, sheets_between, sunken
+from hulldown.reading.scenery.shape import (
+    carpet_meshes,
+    ground_by_shape,
+    is_wide_and_level,
+    sheets_in_heights,
+    sunken_ground,
+)
 
 MIN_WATER_WIDTH_M = 1.0  # meters, of water by its name or material
 # The scenery's keys in the order in which they are asked.
@@ -38,7 +44,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
             ),
         )
         if asked not in decided:
-            decided[asked] = _role(piece, options)
+            decided[asked] = _piece_role(piece, options)
         roles.append(decided[asked])
     if not any(role.use == "ground" for role in roles):
         open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and role.by is not By.CONFIG]
@@ -51,32 +57,32 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     unsure = [role.use == "obstacle" and role.by in (By.NAME, By.DEFAULT) for role in roles]
     open_ = [i for i in np.flatnonzero(unsure).tolist() if not is_water_name(pieces[i].name)]
     solid = [piece for piece in used["obstacle"] if not piece.hair]
-    for i in carpets(open_, pieces, used["ground"], solid):
+    for i in carpet_meshes(open_, pieces, used["ground"], solid):
         named = f", though its {roles[i].why}" if roles[i].by is By.NAME else ""
         roles[i] = PieceRole("ground", f"by shape: wide, level, and under other things{named}")
-    for i, depth in sunken([i for i, role in enumerate(roles) if role.use == "ground"], pieces):
+    for i, depth in sunken_ground([i for i, role in enumerate(roles) if role.use == "ground"], pieces):
         if roles[i].by is not By.CONFIG:
             why = f"by shape: {depth:.0f} m below the main ground and under it; to use it, name it in ground"
             roles[i] = PieceRole("obstacle", why)
     if options.water is None:
         ground = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
         open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and role.by is By.DEFAULT]
-        for i in sheets_between(pieces, open_, ground):
+        for i in sheets_in_heights(pieces, open_, ground):
             roles[i] = PieceRole("water", "by shape: a flat sheet with ground below it and above it")
     return roles
 
 
-def unmatched(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
+def unmatched_pattern(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
     """Return the first key and pattern of a scenery without a match; None if all match."""
     for key, _ in ASKED:
         for pattern in getattr(options, key) or ():
-            drawn = any(piece.carrier and _is(piece.carrier, pattern) for piece in pieces) and key == "drop"
-            if not drawn and not any(matching(piece, (pattern,)) for piece in pieces):
+            drawn = any(piece.carrier and _is_match(piece.carrier, pattern) for piece in pieces) and key == "drop"
+            if not drawn and not any(matching_pattern(piece, (pattern,)) for piece in pieces):
                 return key, pattern
     return None
 
 
-def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
+def matching_pattern(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
     """Return the first pattern that matches a piece: the kind of name, the name, and the pattern."""
     names = {
         "object": (piece.name,),
@@ -85,27 +91,27 @@ def matching(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | No
         "material": piece.materials,
     }
     for pattern in patterns:
-        if _is(piece.name, pattern):
+        if _is_match(piece.name, pattern):
             return "object", piece.name, pattern
         level, colon, rest = pattern.partition(":")
         if colon and level in names:
             for name in names[level]:
-                if _is(name, rest):
+                if _is_match(name, rest):
                     return level, name, pattern
     return None
 
 
-def _is(name: str, pattern: str) -> bool:
+def _is_match(name: str, pattern: str) -> bool:
     name, pattern = name.lower(), pattern.lower()
     return name == pattern or (any(c in pattern for c in "*?[") and fnmatchcase(name, pattern))
 
 
-def _role(piece: Piece, options: Options) -> PieceRole:
+def _piece_role(piece: Piece, options: Options) -> PieceRole:
     asked = _by_config(piece, options)
     if asked and (asked.use == "removed" or (asked.use == "water" and piece.unseen is Unseen.VOLUME)):
         return asked
     if piece.unseen:
-        water = _water(piece) if piece.unseen is Unseen.VOLUME and options.water is None else None
+        water = _water_role(piece) if piece.unseen is Unseen.VOLUME and options.water is None else None
         return water or PieceRole("dropped", piece.unseen.value, By.FILE)
     if piece.hair:
         return PieceRole("obstacle", "hair: it hides, and gives way to vehicles and cameras", By.FILE)
@@ -115,7 +121,7 @@ def _role(piece: Piece, options: Options) -> PieceRole:
     for level, name in named:
         if level != "collection" and (pattern := first_match(name, BACKDROPS)):
             return PieceRole("backdrop", f"{level} {name!r} matches {pattern!r}", By.NAME)
-    if options.water is None and (water := _water(piece)):
+    if options.water is None and (water := _water_role(piece)):
         return water
     for level, name in named:
         # A scattered tree isn't ground, although the ground carries it or its collection is "terrain".
@@ -129,12 +135,12 @@ def _role(piece: Piece, options: Options) -> PieceRole:
 
 
 def _by_config(piece: Piece, options: Options) -> PieceRole | None:
-    if piece.carrier and any(_is(piece.carrier, pattern) for pattern in options.drop):
+    if piece.carrier and any(_is_match(piece.carrier, pattern) for pattern in options.drop):
         return PieceRole("removed", f"it is drawn by {piece.carrier!r}, which the scenery's `drop` names", By.CONFIG)
     for key, use in ASKED:
         if use == "ground" and piece.anonymous:
             continue  # its only name is that of the ground that carries it
-        if found := matching(piece, getattr(options, key) or ()):
+        if found := matching_pattern(piece, getattr(options, key) or ()):
             level, name, pattern = found
             return PieceRole(use, f"{level} {name!r} matches {pattern!r} of the scenery's {key}", By.CONFIG)
     return None
@@ -145,7 +151,7 @@ def is_water_name(name: str) -> bool:
     return not first_match(name, _DRY) and first_match(name, (*WATER, *WATERS)) is not None
 
 
-def _water(piece: Piece) -> PieceRole | None:
+def _water_role(piece: Piece) -> PieceRole | None:
     """Return the role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
     if not is_wide_and_level(piece, least=MIN_WATER_WIDTH_M):
         return None

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece
 
 STEEP = np.cos(np.radians(30.0))  # a face is level if the cosine of its inclination is at least this
@@ -33,7 +33,7 @@ MIN_WATER_DEPTH_M = 0.5  # meters of ground below such a sheet
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
     """Return the share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters."""
-    corners = apply(meters_from_mesh, mesh.vertices)[mesh.faces]
+    corners = transform_points(meters_from_mesh, mesh.vertices)[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     whole, level = float(area.sum()), float(area[np.abs(normal[:, 2]) >= STEEP * area].sum())
@@ -54,7 +54,7 @@ def is_open_land(piece: Piece) -> bool:
 
 def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequence[Piece]) -> list[int]:
     """Return pieces that are large, level, lowest, and together carry the rest; possibly none."""
-    around = enclosing(solid)
+    around = enclosing_piece(solid)
     rest = np.array([piece.bounds for piece in solid if piece is not around]).reshape(-1, 2, 3)
     if not len(rest):
         return []
@@ -68,8 +68,8 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
     able.sort(key=lambda i: pieces[i].bounds[:, 2].sum())
     taken: list[int] = []
     for i in able:
-        over = max((_overlap(pieces[i].bounds, pieces[j].bounds) for j in taken), default=0.0)
-        if over < 0.5 * pieces[i].area and _carries(pieces[i], rest):
+        over = max((_shared_area(pieces[i].bounds, pieces[j].bounds) for j in taken), default=0.0)
+        if over < 0.5 * pieces[i].area and _carries_most(pieces[i], rest):
             taken.append(i)
     covered = sum(pieces[i].area for i in taken)
     return taken if covered >= MIN_COVERED_SHARE * extent[0] * extent[1] else []
@@ -80,7 +80,7 @@ def _may_be_ground(piece: Piece, least: float) -> bool:
     return bool(low and piece.level >= GROUND_LEVEL and not (piece.scattered or piece.clear) and piece.area >= least)
 
 
-def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
+def _carries_most(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
     """Tell whether most pieces with their middle above or below a piece don't reach below it; true if it's alone."""
     low, high = piece.bounds
     middle = rest.mean(axis=1)[:, :2]
@@ -91,7 +91,7 @@ def _carries(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
     return bool((rest[there, 0, 2] >= low[2] - sunk[there]).mean() >= MIN_CARRIED_SHARE)
 
 
-def sheets_between(
+def sheets_in_heights(
     pieces: Sequence[Piece],
     among: Sequence[int],
     ground: Sequence[Float[np.ndarray, "2 3"]],
@@ -112,7 +112,7 @@ def _is_sheet(piece: Piece, least: float) -> bool:
     return bool(flat and is_wide_and_level(piece, least=least) and not piece.scattered)
 
 
-def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
+def sunken_ground(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
     """Find ground hidden below the main ground, and its depth in meters.
 
     The main ground is the largest piece seen from above. A piece in its bounds, lower than all of it by `FAR_BELOW`,
@@ -121,23 +121,25 @@ def sunken(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, flo
     if not among:
         return []
     main = pieces[max(among, key=lambda i: pieces[i].area)].bounds
-    within = [i for i in among if _overlap(pieces[i].bounds, main) > 0.9 * pieces[i].area]
+    within = [i for i in among if _shared_area(pieces[i].bounds, main) > 0.9 * pieces[i].area]
     below = [(i, float(main[0, 2] - pieces[i].bounds[1, 2])) for i in within]
     return [(i, depth) for i, depth in below if depth > FAR_BELOW]
 
 
-def canopies(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[tuple[Piece, float]]:
+def canopy_sheets(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[tuple[Piece, float]]:
     """Find flat sheets that hide the sky from much of the ground, and how many meters above its middle they are."""
     if not ground:
         return []
     whole = np.stack([np.min([b[0] for b in ground], axis=0), np.max([b[1] for b in ground], axis=0)])
-    least = MIN_COVERED_SHARE * _overlap(whole, whole)
-    wide = [piece for piece in pieces if _is_sheet(piece, MIN_SHEET_WIDTH_M) and _overlap(piece.bounds, whole) > least]
+    least = MIN_COVERED_SHARE * _shared_area(whole, whole)
+    wide = [
+        piece for piece in pieces if _is_sheet(piece, MIN_SHEET_WIDTH_M) and _shared_area(piece.bounds, whole) > least
+    ]
     heights = [(piece, float(piece.bounds[:, 2].mean() - whole[:, 2].mean())) for piece in wide]
     return [(piece, above) for piece, above in heights if above > 0.0]
 
 
-def carpets(
+def carpet_meshes(
     among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Piece], obstacles: Sequence[Piece]
 ) -> list[int]:
     """Find wide level meshes that are ground by any name: as wide as the scenery, or under its roads and houses.
@@ -149,7 +151,7 @@ def carpets(
     highest = max(piece.bounds[1, 2] for piece in ground)
     whole = np.array([piece.bounds for piece in (*ground, *obstacles)])
     extent = np.ptp(np.stack([whole[:, 0].min(axis=0), whole[:, 1].max(axis=0)]), axis=0)
-    between = sheets_between(pieces, among, [piece.bounds for piece in ground])
+    between = sheets_in_heights(pieces, among, [piece.bounds for piece in ground])
     known = np.stack([np.min([p.bounds[0] for p in ground], axis=0), np.max([p.bounds[1] for p in ground], axis=0)])
     found = []
     for i in among:
@@ -159,31 +161,31 @@ def carpets(
         wide = _may_be_ground(piece, MIN_SHEET_WIDTH_M**2) and min(piece.size[:2]) >= MIN_SHEET_WIDTH_M and open_below
         if not wide or i in between or piece.bounds[0, 2] > highest + MIN_WATER_DEPTH_M:
             continue
-        held = [p for p in obstacles if p is not piece and _is_under(p, piece)]
-        here = 2.0 * _overlap(piece.bounds, known) > piece.area
-        carries = here and any(_stands_on(p, piece) for p in (*ground, *obstacles))
+        held = [p for p in obstacles if p is not piece and _is_below_wide(p, piece)]
+        here = 2.0 * _shared_area(piece.bounds, known) > piece.area
+        carries = here and any(_is_on_wide(p, piece) for p in (*ground, *obstacles))
         if not held and (piece.area > least or carries):
             found.append(i)
     return found
 
 
-def _is_under(piece: Piece, wide: Piece) -> bool:
+def _is_below_wide(piece: Piece, wide: Piece) -> bool:
     """Return whether a piece is under most of a wide one, as walls are under a roof."""
     return bool(
         piece.bounds[0, 2] < wide.bounds[0, 2] - MIN_WATER_DEPTH_M
-        and _overlap(piece.bounds, wide.bounds) > MIN_COVERED_SHARE * wide.area
+        and _shared_area(piece.bounds, wide.bounds) > MIN_COVERED_SHARE * wide.area
     )
 
 
-def _stands_on(piece: Piece, wide: Piece) -> bool:
+def _is_on_wide(piece: Piece, wide: Piece) -> bool:
     """Return whether a piece is smaller than a wide one, larger than what is on roofs, and on it."""
     size, (low, high) = piece.size, wide.bounds
-    on_it = _overlap(piece.bounds, wide.bounds) > 0.9 * piece.area
+    on_it = _shared_area(piece.bounds, wide.bounds) > 0.9 * piece.area
     bottom = low[2] - MIN_WATER_DEPTH_M <= piece.bounds[0, 2] <= high[2] + MIN_WATER_DEPTH_M
     return bool(max(size[:2]) > MIN_PUDDLE_WIDTH_M and piece.area < MIN_COVERED_SHARE * wide.area and on_it and bottom)
 
 
-def enclosing(pieces: Sequence[Piece]) -> Piece | None:
+def enclosing_piece(pieces: Sequence[Piece]) -> Piece | None:
     """Return the largest piece if it isn't a sheet and all others are inside its bounds, as in a sky dome."""
     if len(pieces) < 2:
         return None
@@ -196,6 +198,6 @@ def enclosing(pieces: Sequence[Piece]) -> Piece | None:
     return pieces[largest] if inside and high and pieces[largest].level < GROUND_LEVEL else None
 
 
-def _overlap(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> float:
+def _shared_area(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> float:
     """Area that two bounds share, seen from above."""
     return float(np.prod(np.clip(np.minimum(a[1], b[1]) - np.maximum(a[0], b[0]), 0.0, None)[:2]))

@@ -68,7 +68,7 @@ def find_forward(
 
     `wheels`: in the same frame.
     """
-    line, why = _line(solids, wheels, gun, corners)
+    line, why = _long_axis(solids, wheels, gun, corners)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
     middle = (low + high) / 2
@@ -78,10 +78,10 @@ def find_forward(
     along = (solids.bounds.reshape(-1, 3) - middle) @ ahead
     half, length = max(float(np.percentile(np.abs(along), 98)), 1e-12), float(np.ptp(along))
     barrel = gun_barrel(solids, ahead, middle, half)
-    votes = _votes(solids, names, (solids.center - middle) @ ahead / half)
-    raised = rising(solids, ahead, length, named=np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
-    tubes, built = rising(solids, ahead, length), _shape_votes(solids, wheels, ahead, middle, length)
-    slanted = 0.0 if tubes else slant(corners, ahead)
+    votes = _name_votes(solids, names, (solids.center - middle) @ ahead / half)
+    raised = rising_end(solids, ahead, length, named=np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
+    tubes, built = rising_end(solids, ahead, length), _shape_votes(solids, wheels, ahead, middle, length)
+    slanted = 0.0 if tubes else slanted_end(corners, ahead)
     built = [*built, slanted if wheels is not None else float(np.sign(slanted))]
     gun_end, gun_why = 0.0, ""
     if barrel is not None:
@@ -112,7 +112,7 @@ def find_forward(
     )
     toward, why_sign, problem = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
-    angle = snapped(float(np.arctan2(np.sin(angle), np.cos(angle))))
+    angle = snap_angle(float(np.arctan2(np.sin(angle), np.cos(angle))))
     doubt = None
     if problem:
         stated, back = (forward_text(a) for a in (angle, angle + np.pi))
@@ -134,13 +134,13 @@ def forward_text(angle: float) -> str:
     return json.dumps(forward_key(angle))
 
 
-def snapped(angle: float, within: float = SNAP) -> float:
+def snap_angle(angle: float, within: float = SNAP) -> float:
     """Snap an angle to a close multiple of a right angle."""
     quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
     return float(quarter) if abs(angle - quarter) < within else angle
 
 
-def _line(
+def _long_axis(
     solids: Solids, wheels: Wheels | None, gun: Sequence[bool], corners: Float[np.ndarray, "f 3 3"]
 ) -> tuple[float, str]:
     """Return the angle of the vehicle's long axis, in either direction."""
@@ -161,7 +161,7 @@ def _line(
         slender = (own.size[:, 0] > GUN_LINE * own.size[:, 1]) & (np.hypot(*own.axes[:, 0, :2].T) > ELEVATED)
         if slender.any():
             axis = own.axes[np.argmax(np.where(slender, own.size[:, 0], 0.0)), 0]
-            return snapped(float(np.arctan2(axis[1], axis[0]))), "along its gun"
+            return snap_angle(float(np.arctan2(axis[1], axis[0]))), "along its gun"
         return _line_of_surface(corners)
     return line, why
 
@@ -181,7 +181,7 @@ def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
     return along * np.pi / 2, f"along {'xy'[along]}, {'where it is longer' if alike else 'its mirror plane'}"
 
 
-def slant(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
+def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
     """Return the end that windshields, hoods, and bows slant to: 1 or -1, 2 or -2 if nearly all do, or 0.
 
     Sterns are upright.
@@ -288,7 +288,7 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
     return float(np.sign(front - rear)), piece
 
 
-def _votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
+def _name_votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
     """Return how far front-named pieces are ahead of rear-named ones, in half lengths; 1 if all agree."""
     places: dict[int, list[float]] = {1: [], -1: []}
     for piece, name in enumerate(names):
@@ -321,11 +321,11 @@ def _shape_votes(
         first, second = np.diff(axles)
         votes.append(0.0 if max(first, second) < 1.4 * min(first, second) else float(np.sign(second - first)))
     if len(axles) <= MAX_WHEELED_AXLES:
-        votes.append(_mirrors(solids, ahead, middle, length))
+        votes.append(_mirror_end(solids, ahead, middle, length))
     return votes
 
 
-def rising(
+def rising_end(
     solids: Solids, ahead: Float[np.ndarray, "3"], length: float, *, named: Bool[np.ndarray, " n"] | bool = False
 ) -> float:
     """Return the end to which launch tubes rise, which isn't the tail; 0 if there are none.
@@ -347,7 +347,7 @@ def rising(
     return float(np.sign(np.sum(np.where(tube, along * solids.size[:, 0], 0.0))))
 
 
-def _mirrors(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
+def _mirror_end(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
     """Return the end at which a pair of small solids protrudes farthest to the sides, high up, like mirrors; or 0."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()

@@ -16,8 +16,8 @@ from hulldown.reading.pieces.naming import (
     TURRET,
     TURRET_HINTS,
     first_match,
-    hints,
-    words,
+    hinted_stem,
+    name_words,
 )
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link
@@ -31,7 +31,7 @@ Marked = Mapping[Key, tuple[str, str]]  # the part that an object is regardless 
 
 def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
     """Return whether a word is or begins with "turret", as in "turretgunbase"."""
-    return bool(first_match(name, stems)) or any(word.startswith(stems) for word in words(name))
+    return bool(first_match(name, stems)) or any(word.startswith(stems) for word in name_words(name))
 
 
 # For each part the words that name it, the next ones only where no name matches: how they are matched, and words that
@@ -39,25 +39,25 @@ def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
 TIERS = {
     TURRET_PART: (
         (_turret_word, TURRET, ()),
-        (hints, TURRET_HINTS, ((first_match, NOT_LAUNCHER),)),
+        (hinted_stem, TURRET_HINTS, ((first_match, NOT_LAUNCHER),)),
         (first_match, LAUNCHER, ((first_match, NOT_LAUNCHER),)),
-        (hints, LAUNCHER_HINTS, ((hints, NOT_GUN_HINTS),)),
+        (hinted_stem, LAUNCHER_HINTS, ((hinted_stem, NOT_GUN_HINTS),)),
     ),
     GUN_PART: (
         (first_match, GUN, ((first_match, NOT_GUN),)),
-        (hints, GUN_HINTS, ((first_match, NOT_GUN), (hints, NOT_GUN_HINTS))),
+        (hinted_stem, GUN_HINTS, ((first_match, NOT_GUN), (hinted_stem, NOT_GUN_HINTS))),
     ),
 }
 
 
-def key_of(link: Link) -> Key:
+def link_key(link: Link) -> Key:
     """Return a key that identifies one drawn object."""
     return link.name, link.pose.tobytes()
 
 
 def pivot_named(name: str) -> str | None:
     """Return the part whose pivot an object is by name, written as one word or several; None if it isn't one."""
-    joined = "".join(words(name)).rstrip("0123456789")
+    joined = "".join(name_words(name)).rstrip("0123456789")
     for word in HELPER_WORDS:
         for rest in (joined.removeprefix(word), joined.removesuffix(word)):
             if rest != joined:
@@ -75,14 +75,14 @@ class Naming:
     no_gun: frozenset[str]  # names of guns that aren't guns by their shape
     marked: Marked = field(default_factory=dict)  # objects that are a part regardless of their names
 
-    def part_of(self, chain: Sequence[Link]) -> str | None:
+    def chain_part(self, chain: Sequence[Link]) -> str | None:
         """Return the part that the first object of `chain` belongs to, by the nearest part's name; None: the hull."""
-        return self.decided(chain)[0]
+        return self.deciding_name(chain)[0]
 
-    def decided(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
+    def deciding_name(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
         """Return the part, the kind of name that decided, and the name."""
         for i, link in enumerate(chain):
-            if mark := self.marked.get(key_of(link)):
+            if mark := self.marked.get(link_key(link)):
                 return (*mark, link.name)
             for name in (link.name, *link.collections):
                 if part := self.parts.get(name):
@@ -96,23 +96,23 @@ def names_of_parts(whole: PlacedPieces, options: Options, *, no_gun: Collection[
 
     `options`: the user's patterns for turret and gun instead of the built-in words; "" for none.
     """
-    of_pieces = [_names(piece.chain) for piece in whole.pieces]
+    of_pieces = [_chain_names(piece.chain) for piece in whole.pieces]
     # A name that covers the whole vehicle is the vehicle's, not a part's.
     shared = set.intersection(*of_pieces) if of_pieces else set()
     drawn = set().union(*of_pieces)
-    known = drawn.union(*map(_names, whole.markers)) - shared
-    turret = _naming(TURRET_PART, options.turret, known, drawn)
-    gun = _naming(GUN_PART, options.gun, known.difference(no_gun), drawn)
+    known = drawn.union(*map(_chain_names, whole.markers)) - shared
+    turret = _part_names(TURRET_PART, options.turret, known, drawn)
+    gun = _part_names(GUN_PART, options.gun, known.difference(no_gun), drawn)
     # "turret_gun" is a gun beside a turret, and a turret where there is none other.
     both = GUN_PART if (turret - gun) & drawn else TURRET_PART
     return dict.fromkeys(turret, TURRET_PART) | dict.fromkeys(gun, GUN_PART) | dict.fromkeys(turret & gun, both)
 
 
-def _names(chain: Sequence[Link]) -> set[str]:
+def _chain_names(chain: Sequence[Link]) -> set[str]:
     return {name for link in chain for name in (link.name, *link.collections)}
 
 
-def _naming(part: str, pattern: str | None, known: set[str], drawn: set[str]) -> set[str]:
+def _part_names(part: str, pattern: str | None, known: set[str], drawn: set[str]) -> set[str]:
     """Those of the known names that name a part, by the first words that a drawn object has."""
     if pattern is not None:
         return {name for name in known if pattern and first_match(name, (pattern,))}

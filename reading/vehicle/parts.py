@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.geometry.transforms import apply
-from hulldown.reading.pieces.asset_report import PartRow, xyz
+from hulldown.geometry.transforms import transform_points
+from hulldown.reading.pieces.asset_report import PartRow, format_xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
 from hulldown.reading.pieces.options import DEFAULTS, Options
 from hulldown.reading.pieces.roles import Link, Piece
-from hulldown.reading.pieces.wording import quoted
-from hulldown.reading.vehicle.nose import gun_barrel, rising, snapped
+from hulldown.reading.pieces.wording import quote_names
+from hulldown.reading.vehicle.nose import gun_barrel, rising_end, snap_angle
 from hulldown.reading.vehicle.part_names import (
     GUN_PART,
     HULL,
@@ -23,11 +23,11 @@ from hulldown.reading.vehicle.part_names import (
     Key,
     Marked,
     Naming,
-    key_of,
+    link_key,
     names_of_parts,
 )
 from hulldown.reading.vehicle.pivots import MIN_RING_WIDTH_SHARE, PIVOT_KEYS, find_pivot
-from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching
+from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching_clusters
 
 LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
@@ -56,8 +56,8 @@ class Parts:
 
 def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
     """Return the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
-    naming, doubts = _named(whole, options)
-    decided = [naming.decided(piece.chain) for piece in whole.pieces]
+    naming, doubts = _named_parts(whole, options)
+    decided = [naming.deciding_name(piece.chain) for piece in whole.pieces]
     part_of = [part for part, _, _ in decided]
     by_part = {name: whole.where([part == name for part in part_of]) for name in (None, TURRET_PART, GUN_PART)}
     moving: list[PartRow] = []
@@ -70,19 +70,19 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
             continue
         pivot = find_pivot(whole, by_part, name, naming=naming, behind=behind, options=options)
         if pivot.guessed:
-            key, at = PIVOT_KEYS[name], apply(np.linalg.inv(whole.vehicle_from_file), pivot.at[None])[0]
+            key, at = PIVOT_KEYS[name], transform_points(np.linalg.inv(whole.vehicle_from_file), pivot.at[None])[0]
             text = f"the {name} turns about {pivot.why}; set {key} if that is wrong"
-            doubts.append(Doubt(DoubtKind.PIVOT, text, key, xyz(np.round(at, 6))))
+            doubts.append(Doubt(DoubtKind.PIVOT, text, key, format_xyz(np.round(at, 6))))
         behind = pivot.at
         axis = np.array([0.0, 0.0, 1.0])
         if name == GUN_PART:
-            axis = _raising_axis(own.cloud, pivot.at)
+            axis = _raising_axis(own.all_vertices, pivot.at)
         parent = moving[0].name if moving else HULL
-        moving.append(PartRow(name, parent, xyz(pivot.at), xyz(axis), LIMITS[name], pivot.why))
+        moving.append(PartRow(name, parent, format_xyz(pivot.at), format_xyz(axis), LIMITS[name], pivot.why))
         piece_part[np.array(part_of) == name] = len(moving)
     doubts += _missing_parts([row.name for row in moving], options, naming.no_gun)
     if not moving and not doubts and options.turret is None and options.gun is None:
-        doubts += unnamed(whole)
+        doubts += doubt_unnamed_parts(whole)
     links = [piece.chain[0] for piece in whole.pieces]
     shape = [next((name for name in (link.name, *link.collections) if name in naming.no_gun), "") for link in links]
     return Parts(
@@ -96,11 +96,11 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
     )
 
 
-def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
+def _named_parts(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
     """Return what names each piece's part, and doubts."""
-    naming, doubts = screened(whole, options), list[Doubt]()
-    for find in (riding, by_shape):
-        marked, more = find(whole, [naming.part_of(piece.chain) for piece in whole.pieces], options)
+    naming, doubts = names_without_drums(whole, options), list[Doubt]()
+    for find in (pieces_on_turret, by_shape):
+        marked, more = find(whole, [naming.chain_part(piece.chain) for piece in whole.pieces], options)
         naming = replace(naming, marked={**naming.marked, **marked})
         doubts += more
     return naming, doubts
@@ -109,10 +109,12 @@ def _named(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
 def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
     """Return doubts about a turret without a gun, or a gun without a turret, unless the config confirms it."""
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
-        drums = f" ({quoted(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
-        return [_parts(f'it has a turret but no gun was found{drums}; set gun to its name, or to "" if it has none')]
+        drums = f" ({quote_names(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
+        return [
+            _parts_doubt(f'it has a turret but no gun was found{drums}; set gun to its name, or to "" if it has none')
+        ]
     if GUN_PART in names and TURRET_PART not in names and options.turret is None:
-        return [_parts('it has a gun but no turret was found; set turret to its name, or to "" if it has none')]
+        return [_parts_doubt('it has a gun but no turret was found; set turret to its name, or to "" if it has none')]
     return []
 
 
@@ -121,33 +123,33 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
     out = own[:, :2] - pivot[:2]
     reach = np.linalg.norm(out, axis=1)
     tip = out[reach >= 0.95 * reach.max()].mean(axis=0)
-    angle = snapped(float(np.arctan2(tip[1], tip[0])), STRAIGHT)
+    angle = snap_angle(float(np.arctan2(tip[1], tip[0])), STRAIGHT)
     # Rounded, so that an axis of the vehicle comes out as exactly that.
     return np.round([np.sin(angle), -np.cos(angle), 0.0], 15) + 0.0
 
 
-def screened(whole: PlacedPieces, options: Options) -> Naming:
+def names_without_drums(whole: PlacedPieces, options: Options) -> Naming:
     """Return what names parts, without calling drum-shaped ones guns."""
     chains = [piece.chain for piece in whole.pieces]
     no_guns: set[str] = set()
     while True:
         naming = Naming(names_of_parts(whole, options, no_gun=no_guns), frozenset(no_guns))
-        is_gun = np.array([naming.part_of(chain) == GUN_PART for chain in chains], bool)
+        is_gun = np.array([naming.chain_part(chain) == GUN_PART for chain in chains], bool)
         if options.gun is not None or not is_gun.any() or is_gun.all():
             return naming
-        body = whole.where(~is_gun).cloud
-        groups = _clusters(whole.bounds, np.flatnonzero(is_gun))
+        body = whole.where(~is_gun).all_vertices
+        groups = _close_clusters(whole.bounds, np.flatnonzero(is_gun))
         drums = [group for group in groups if _is_drum(np.concatenate([whole.points[i] for i in group]), body)]
         if not drums:
             return naming
-        no_guns |= {naming.decided(chains[i])[2] for group in drums for i in group}
+        no_guns |= {naming.deciding_name(chains[i])[2] for group in drums for i in group}
 
 
-def _clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
+def _close_clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
     """Clusters of pieces whose boxes come close to each other."""
     own = bounds[among]
     longest = np.ptp(own, axis=1).max(axis=1)
-    label = touching(own, MAX_PIECE_GAP_SHARE * np.maximum.outer(longest, longest))
+    label = touching_clusters(own, MAX_PIECE_GAP_SHARE * np.maximum.outer(longest, longest))
     return [among[label == k].tolist() for k in np.unique(label)]
 
 
@@ -184,50 +186,52 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
     one = float(np.ptp(whole.points[piece], axis=0).max()) * MIN_BARREL_SHARE < float(solids.size[barrel, 0])
     if not one:
         doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
-        return {}, [_parts(doubt + ("" if TURRET_PART in part_of else ' and turret = ""'))]
-    carried = _carried(pieces)
+        return {}, [_parts_doubt(doubt + ("" if TURRET_PART in part_of else ' and turret = ""'))]
+    carried = _carried_pieces(pieces)
 
     def extent(link: Link) -> Float[np.ndarray, "2 3"]:
-        some = bounds[carried[key_of(link)]]
+        some = bounds[carried[link_key(link)]]
         return np.array([some[:, 0].min(axis=0), some[:, 1].max(axis=0)])
 
     chain = pieces[piece].chain
     narrow = [k for k in chain if np.ptp(extent(k), axis=0)[1] < MAX_GUN_WIDTH_SHARE * (high - low)[1]]
     gun = narrow[-1] if narrow else chain[0]
-    marks = {key_of(gun): (GUN_PART, f"by the shape of {name!r}")}
+    marks = {link_key(gun): (GUN_PART, f"by the shape of {name!r}")}
     taken = f"{gun.name!r} is taken for the gun by its shape"
     if TURRET_PART not in part_of and options.turret is None:
         upper = [
             k
             for k in chain
             if extent(k)[0, 2] > low[2] + MIN_TURRET_HEIGHT_SHARE * (high - low)[2]
-            and len(carried[key_of(k)]) > len(carried[key_of(gun)])
+            and len(carried[link_key(k)]) > len(carried[link_key(gun)])
         ]
         if not upper:
             doubt = f'{name!r} looks like a gun; set gun, and turret, to what turns, or both to "" if nothing does'
-            return {}, [_parts(doubt)]
-        marks[key_of(upper[-1])] = (TURRET_PART, f"by its gun {name!r}")
+            return {}, [_parts_doubt(doubt)]
+        marks[link_key(upper[-1])] = (TURRET_PART, f"by its gun {name!r}")
         taken += f", and {upper[-1].name!r} for the turret, which it hangs from"
-    return marks, [_parts(f"{taken}; set gun and turret if that is wrong")]
+    return marks, [_parts_doubt(f"{taken}; set gun and turret if that is wrong")]
 
 
-def _carried(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
+def _carried_pieces(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
     """Return the pieces that each object carries, itself included."""
     carried: dict[Key, list[int]] = {}
     for i, piece in enumerate(pieces):
         for link in piece.chain:
-            carried.setdefault(key_of(link), []).append(i)
+            carried.setdefault(link_key(link), []).append(i)
     return carried
 
 
-def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[Doubt]]:
+def pieces_on_turret(
+    whole: PlacedPieces, part_of: Sequence[str | None], options: Options
+) -> tuple[Marked, list[Doubt]]:
     """Return pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
     if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
         return {}, []
-    roots = {key_of(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
-    parents = [key_of(chain[1]) if len(chain) > 1 else None for chain in chains]
+    roots = {link_key(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
+    parents = [link_key(chain[1]) if len(chain) > 1 else None for chain in chains]
     named = sum(first_match(chains[i][0].name, TURRET) is not None for i in members)
     if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > MAX_PREFIXED_TURRETS:
         return {}, []
@@ -246,20 +250,20 @@ def riding(whole: PlacedPieces, part_of: Sequence[str | None], options: Options)
     if not aboard:
         return {}, []
     doubt = (
-        f"{quoted((link.name for link in aboard), most=MAX_LISTED_NAMES)} are on the turret and turn with it; "
+        f"{quote_names((link.name for link in aboard), most=MAX_LISTED_NAMES)} are on the turret and turn with it; "
         "if that is wrong, set turret and gun to the parts that turn and rise"
     )
-    return {key_of(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [_parts(doubt)]
+    return {link_key(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [_parts_doubt(doubt)]
 
 
-def unnamed(whole: PlacedPieces) -> list[Doubt]:
+def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
     """Return a doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
 
     The shapes are a ring and rising tubes; a truck of numbered objects has neither, so there is no doubt.
     """
     pieces, bounds = whole.pieces, whole.bounds
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    carried = _carried(pieces)
+    carried = _carried_pieces(pieces)
     upper = [
         key
         for key, some in carried.items()
@@ -270,17 +274,17 @@ def unnamed(whole: PlacedPieces) -> list[Doubt]:
     if upper:
         most = max(upper, key=lambda key: len(carried[key]))
         return [
-            _parts(
+            _parts_doubt(
                 f"{len(carried[most])} objects hang from {most[0]!r} above the rest; if it turns, set turret to it, "
                 f'and gun to what rises; if nothing does, set turret = ""'
             )
         ]
     if armed := next((p.name for p in pieces if first_match(p.name, ARMED)), None):
         doubt = f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""'
-        return [_parts(doubt)]
+        return [_parts_doubt(doubt)]
     known = any(first_match(n, KNOWN) for p in pieces for n in (p.name, p.data))
     if len(pieces) > 1 and not known and _may_aim(whole.solids, low, high):
-        return [_parts('its names name no part; set turret and gun if it has any, or turret = ""')]
+        return [_parts_doubt('its names name no part; set turret and gun if it has any, or turret = ""')]
     return []
 
 
@@ -293,8 +297,8 @@ def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray
         & (2 * solids.radius > MIN_RING_WIDTH_SHARE * size[1])
     )
     ring &= solids.center[:, 2] > low[2] + MIN_TURRET_HEIGHT_SHARE * size[2]
-    return bool(ring.any() or rising(solids, np.array([1.0, 0, 0]), size[0]))
+    return bool(ring.any() or rising_end(solids, np.array([1.0, 0, 0]), size[0]))
 
 
-def _parts(text: str) -> Doubt:
+def _parts_doubt(text: str) -> Doubt:
     return Doubt(DoubtKind.PARTS, text)

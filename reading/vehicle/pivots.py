@@ -9,12 +9,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
-from hulldown.geometry.transforms import apply
-from hulldown.reading.pieces.naming import PIVOT, first_match, words
+from hulldown.geometry.transforms import transform_points
+from hulldown.reading.pieces.naming import PIVOT, first_match, name_words
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link
-from hulldown.reading.vehicle.marked_keypoints import keypoint_of
-from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, key_of, pivot_named
+from hulldown.reading.vehicle.marked_keypoints import read_keypoint
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, link_key, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces
 
 MAX_ORIGIN_DISTANCE_SHARE = (
@@ -69,20 +69,20 @@ def find_pivot(
 
     `by_part`: part -> its pieces; None: the hull's.
     """
-    if asked := _asked(whole, part, options):
+    if asked := _configured_pivot(whole, part, options):
         return asked
     # Where "set origin" puts origins.
-    middles = {key_of(p.chain[0]): b.mean(axis=0) for p, b in zip(whole.pieces, whole.bounds, strict=True)}
+    middles = {link_key(p.chain[0]): b.mean(axis=0) for p, b in zip(whole.pieces, whole.bounds, strict=True)}
     # The middle of a helper mesh such as ``turretpivot`` or ``gun_axis`` counts, since its origin often stays at the
     # file's. Empties are among a part's nodes.
     for piece in whole.pieces:
         if pivot_named(piece.name) == part:
-            return Pivot(middles[key_of(piece.chain[0])], f"the middle of {piece.name!r}, named as a pivot")
+            return Pivot(middles[link_key(piece.chain[0])], f"the middle of {piece.name!r}, named as a pivot")
     own = by_part[part]
-    nodes, guess = _nodes(own, naming, part), _guess(by_part, part, behind)
+    nodes, guess = _part_nodes(own, naming, part), _shape_pivot(by_part, part, behind)
     # One origin shared by most of the hull's objects isn't a pivot.
     resting = np.array([whole.origin(piece.chain[0]) for piece in by_part[None].pieces])
-    low, high = own.cloud.min(axis=0), own.cloud.max(axis=0)
+    low, high = own.all_vertices.min(axis=0), own.all_vertices.max(axis=0)
     size = float((high - low).max())
     scale = float(abs(np.linalg.det(whole.vehicle_from_file[:3, :3]))) ** (1 / 3)
 
@@ -94,7 +94,7 @@ def find_pivot(
         return not ((at_zero and near.any()) or (len(near) > 2 and near.mean() > 0.5))
 
     def rank(node: Node) -> tuple[bool, bool, int]:
-        bare = tuple(w for w in words(node.link.name) if not w.isdigit())
+        bare = tuple(w for w in name_words(node.link.name) if not w.isdigit())
         return (not node.topmost, bare != (part,), -node.faces)
 
     def first(some: list[Node]) -> Node | None:
@@ -116,10 +116,10 @@ def find_pivot(
         return Pivot(at, f"origin of the empty {node.link.name!r}")
     slack = MAX_ORIGIN_DISTANCE_SHARE * size
     wrong = bool(((at < low - slack) | (at > high + slack)).any()) or not believed(node)
-    middle = middles.get(key_of(node.link))
+    middle = middles.get(link_key(node.link))
     centered = middle is not None and bool(np.linalg.norm(at - middle) < MAX_MIDDLE_DISTANCE_SHARE * size)
     if part == GUN_PART:
-        rear, front = gun_ends(own.cloud, behind)
+        rear, front = gun_ends(own.all_vertices, behind)
         wrong |= (
             float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > GUN_REAR_SHARE
         )
@@ -133,14 +133,14 @@ def find_pivot(
     )
 
 
-def _asked(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
+def _configured_pivot(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
     """Return the pivot that the config names, as a point of the file or as an object."""
     key = PIVOT_KEYS[part]
     wanted = getattr(options, key)
     if wanted is None:
         return None
     if not isinstance(wanted, str):
-        return Pivot(apply(whole.vehicle_from_file, np.array(wanted, float)[None])[0], f"the config's {key}")
+        return Pivot(transform_points(whole.vehicle_from_file, np.array(wanted, float)[None])[0], f"the config's {key}")
     for chain in (*whole.markers, *(piece.chain for piece in whole.pieces)):
         for link in chain:
             if link.name == wanted:
@@ -148,29 +148,29 @@ def _asked(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
     raise ValueError(f"{key} = {wanted!r} is no object or empty of the file")
 
 
-def _nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
+def _part_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
     """Return the objects of a part and their parents."""
     links: dict[Key, tuple[Link, bool]] = {}
     faces: dict[Key, int] = {}
     carried = [(piece.chain, piece.faces) for piece in own.pieces]
-    for chain, count in [*carried, *((m, 0) for m in own.markers if keypoint_of(m[0].name) is None)]:
+    for chain, count in [*carried, *((m, 0) for m in own.markers if read_keypoint(m[0].name) is None)]:
         for i, link in enumerate(chain):
-            if naming.part_of(chain[i:]) != part:
+            if naming.chain_part(chain[i:]) != part:
                 break
-            key = key_of(link)
-            links.setdefault(key, (link, naming.part_of(chain[i + 1 :]) != part))
+            key = link_key(link)
+            links.setdefault(key, (link, naming.chain_part(chain[i + 1 :]) != part))
             faces[key] = faces.get(key, 0) + count
     return [
         Node(link, topmost, naming.parts.get(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
     ]
 
 
-def _guess(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
+def _shape_pivot(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
     """Estimate a part's axis from shape."""
     turret, gun, hull = by_part[TURRET_PART], by_part[GUN_PART], by_part[None]
     if not gun.pieces:
         return turret_guess(turret, hull)
-    of_gun = gun_guess(gun, behind, held=cheeks(gun, turret if turret.pieces else hull))
+    of_gun = gun_guess(gun, behind, held=gun_cheeks_pivot(gun, turret if turret.pieces else hull))
     return of_gun if part == GUN_PART else turret_guess(turret, hull, trunnions=of_gun.at)
 
 
@@ -179,7 +179,7 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
 
     `trunnions`: trunnions of its gun; None if it has none.
     """
-    own, under = turret.cloud, hull.cloud[:, 1]
+    own, under = turret.all_vertices, hull.all_vertices[:, 1]
     low, high = own.min(axis=0), own.max(axis=0)
     width = float(np.ptp(under)) if len(under) else float(high[1] - low[1])
     height = float(high[2] - low[2])
@@ -212,12 +212,12 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
     return Pivot(at, why, guessed=True)
 
 
-def cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | None:
+def gun_cheeks_pivot(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | None:
     """Return the axis between two upright plates of a mount that hold a gun; None if there are none.
 
     A bearing sits near the top of its plate, in the middle of what is level there.
     """
-    own, points, others = gun.cloud, mount.cloud, mount.solids
+    own, points, others = gun.all_vertices, mount.all_vertices, mount.solids
     low, high = own.min(axis=0), own.max(axis=0)
     middle = (low + high) / 2
     plate = (others.size[:, 2] < MAX_PLATE_THICKNESS_SHARE * others.size[:, 1]) & (np.abs(others.axes[:, 2, 1]) > 0.97)
@@ -247,7 +247,7 @@ def gun_guess(
     gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[np.ndarray, "3"] | None = None
 ) -> Pivot:
     """Estimate a gun's axis from shape: its trunnions, its mantlet, or its rear end."""
-    own, solids = gun.cloud, gun.solids
+    own, solids = gun.all_vertices, gun.solids
     rear, front = gun_ends(own, behind)
     length = float(np.linalg.norm(front - rear))
     if not len(solids) or length <= 0:

@@ -13,7 +13,7 @@ from scipy.ndimage import minimum_filter
 from hulldown.geometry.color import srgb_from_linear
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.wording import MOST_NAMES, quoted
+from hulldown.reading.pieces.wording import MOST_NAMES, quote_names
 
 BACKGROUND_LEVEL = 250.0  # gray around vehicles, of 255
 MIN_MAGENTA_SHARE = 0.02  # of the pixels that have Blender's color of missing pictures
@@ -59,7 +59,7 @@ def color_doubts(
         )
         doubt(DoubtKind.BLACK, max(black, nearly_black), text)
     if sum(row.share for row in clear) > 0.5:
-        text = f"most of its surface is transparent ({quoted(row.name for row in clear)}), like glass"
+        text = f"most of its surface is transparent ({quote_names(row.name for row in clear)}), like glass"
         doubts.append(Doubt(DoubtKind.TRANSPARENT, text))
     elif ghostly > MIN_GHOSTLY_SHARE:
         thin = [f"{row.name!r} has alpha {row.alpha:.3g}" for row in report.materials if row.alpha < MIN_OPAQUE_ALPHA]
@@ -67,8 +67,8 @@ def color_doubts(
         text = f"see-through: {why} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost"
         doubt(DoubtKind.TRANSPARENT, ghostly, text)
     elif white > MIN_WHITE_SHARE:
-        named, unused = quoted(row.name for row in report.materials), beside()
-        hint = f"; pictures beside it aren't used: {quoted(unused, most=4)}" if unused else ""
+        named, unused = quote_names(row.name for row in report.materials), beside()
+        hint = f"; pictures beside it aren't used: {quote_names(unused, most=4)}" if unused else ""
         which = f" ({named})" if named else ""
         text = f"white or light gray{which}, as if without its textures{hint}; put them on its materials in Blender"
         doubt(DoubtKind.PALE, white, text)

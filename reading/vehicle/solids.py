@@ -13,7 +13,7 @@ from scipy.cluster.hierarchy import fclusterdata
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from hulldown.geometry.transforms import apply
+from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.roles import Link, Piece
 
 MOST_SOLIDS = 4000  # solids that are kept, largest first
@@ -52,7 +52,7 @@ class Solids:
         across = np.where(self.round_about == 0, 1, 0)
         return self.size[np.arange(len(self)), across] / 2
 
-    def turned(self, rotation: Float[np.ndarray, "3 3"]) -> Solids:
+    def rotate_solids(self, rotation: Float[np.ndarray, "3 3"]) -> Solids:
         """Rotate; boxes enclose the rotated solids' own boxes."""
         center, axes = self.center @ rotation.T, self.axes @ rotation.T
         reach = np.einsum("nk,nkj->nj", self.size / 2, np.abs(axes))
@@ -92,7 +92,7 @@ class PlacedPieces:
     vehicle_from_file: Float[np.ndarray, "4 4"]  # from the world of the file
 
     @cached_property
-    def cloud(self) -> Float[np.ndarray, "n 3"]:
+    def all_vertices(self) -> Float[np.ndarray, "n 3"]:
         """All vertices."""
         return np.concatenate([np.zeros((0, 3)), *self.points])
 
@@ -103,7 +103,7 @@ class PlacedPieces:
 
     def origin(self, link: Link) -> Float[np.ndarray, "3"]:
         """Origin of an object."""
-        return apply(self.vehicle_from_file, link.pose[:3, 3][None])[0]
+        return transform_points(self.vehicle_from_file, link.pose[:3, 3][None])[0]
 
     def where(self, mask: ArrayLike) -> PlacedPieces:
         """Select pieces."""
@@ -117,7 +117,7 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
     owner: list[int] = []
     clouds: list[np.ndarray] = []
     for number, (vertices, triangles) in enumerate(zip(points, faces, strict=True)):
-        for cloud in _loose(vertices, triangles):
+        for cloud in _loose_pieces(vertices, triangles):
             owner.append(number)
             clouds.append(cloud)
     if len(clouds) > MOST_SOLIDS:
@@ -127,12 +127,12 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
     axes, size, center, round_about = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, -1)
     bounds = np.zeros((n, 2, 3))
     for i, cloud in enumerate(clouds):
-        axes[i], size[i], center[i], round_about[i] = _shape(cloud)
+        axes[i], size[i], center[i], round_about[i] = _own_axes(cloud)
         bounds[i] = cloud.min(axis=0), cloud.max(axis=0)
     return Solids(np.array(owner, int), bounds, center, axes, size, round_about)
 
 
-def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:
+def _loose_pieces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:
     """Return points of each connected piece; coincident vertices are merged."""
     used = vertices[faces.ravel()]
     step = max(float(np.ptp(used, axis=0).max()), 1e-30) * 1e-6
@@ -144,7 +144,7 @@ def _loose(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) ->
     return np.split(points[np.argsort(label, kind="stable")], np.cumsum(np.bincount(label, minlength=count))[:-1])
 
 
-def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """Return its own axes, extents, middle, and the axis that it's round about, or -1."""
     off = cloud - cloud.mean(axis=0)
     moments, vectors = np.linalg.eigh(off.T @ off)
@@ -168,7 +168,9 @@ def _shape(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.
     return vectors.T[order], (high - low)[order], middle, about
 
 
-def touching(bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float) -> Int[np.ndarray, " k"]:
+def touching_clusters(
+    bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float
+) -> Int[np.ndarray, " k"]:
     """Return each box's cluster; boxes of a cluster come closer to each other than the slack of two."""
     near = np.ones((len(bounds), len(bounds)), bool)
     for low, high in zip(bounds[:, 0].T, bounds[:, 1].T, strict=True):
@@ -191,7 +193,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
             continue
         alike = (np.abs(axle @ axle[seed]) > PARALLEL) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
         left &= ~alike
-        found = _standing(center[alike], radius[alike], axle[seed])
+        found = _standing_wheels(center[alike], radius[alike], axle[seed])
         if found is not None and found[0] > best_score:
             best_score, best = found[0], (discs[alike][found[3]], *found[1:3])
     if best is None:
@@ -212,7 +214,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
     return Wheels(index, up, across, level, places=int(joined.max()), sunk=sunk)
 
 
-def _standing(
+def _standing_wheels(
     center: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
 ) -> tuple[float, np.ndarray, np.ndarray, Bool[np.ndarray, " n"]] | None:
     """Score, up (either way) and axle of discs if they are wheels, and which of them are."""

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.geometry.transforms import apply, rotation_z
+from hulldown.geometry.transforms import rotation_z, transform_points
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hints
+from hulldown.reading.pieces.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hinted_stem
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece
 from hulldown.reading.vehicle.nose import Direction, find_forward
@@ -40,9 +40,9 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
     `up`: the config's up axis; None: found by the wheels.
     """
     meters = meters_from_file(unit, stated_up)
-    points = [apply(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
+    points = [transform_points(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
-    found = Direction(up, "as the config states") if up else find_up(find_wheels(solids), stated_up)
+    found = Direction(up, "as the config states") if up else find_up_axis(find_wheels(solids), stated_up)
     if found.value == stated_up:
         return Upright(drawn, meters, found, solids)
     upright = meters_from_file(unit, found.value)
@@ -52,10 +52,10 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
         used = np.unique(drawn.meshes[piece.mesh].faces)
         turned = own[used] @ turn.T
         pieces.append(replace(piece, bounds=np.stack([turned.min(axis=0), turned.max(axis=0)])))
-    return Upright(replace(drawn, pieces=pieces), upright, found, solids.turned(turn))
+    return Upright(replace(drawn, pieces=pieces), upright, found, solids.rotate_solids(turn))
 
 
-def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
+def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
     """Find the file's up axis."""
     if wheels is None:
         return Direction(stated, "as the file states")
@@ -76,10 +76,10 @@ def find_up(wheels: Wheels | None, stated: str) -> Direction[str]:
     return Direction(axis, f"{why}, not {stated} as the file states", None if sure else doubt)
 
 
-def with_solids_of(upright: Upright, kept: Sequence[int]) -> Upright:
+def find_solids_again(upright: Upright, kept: Sequence[int]) -> Upright:
     """Look for solids in these pieces alone, so that larger ones of others don't replace theirs."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
-    points = [apply(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
+    points = [transform_points(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
     solids = find_solids(points, [meshes[piece.mesh].faces for piece in pieces])
     return replace(upright, solids=replace(solids, piece=np.asarray(kept)[solids.piece]))
 
@@ -107,7 +107,9 @@ def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
 
 
-def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Direction[float], Solids, Wheels | None]:
+def find_nose(
+    upright: Upright, kept: Sequence[int], options: Options
+) -> tuple[Direction[float], Solids, Wheels | None]:
     """Return the nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up."""
     solids = upright.solids.of_pieces(kept)
     wheels = find_wheels(solids)
@@ -116,20 +118,20 @@ def heading(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Di
     if options.forward is None:
         names = [upright.drawn.pieces[i].name for i in kept]
         gun = [_named_gun(upright.drawn.pieces[i]) for i in kept]
-        found = find_forward(solids, wheels, names, gun=gun, corners=_corners(upright, kept))
+        found = find_forward(solids, wheels, names, gun=gun, corners=_piece_triangles(upright, kept))
     else:
-        found = Direction(_angle(options.forward), "as the config states")
+        found = Direction(_forward_angle(options.forward), "as the config states")
     return found, solids, wheels
 
 
-def _corners(upright: Upright, kept: Sequence[int]) -> Float[np.ndarray, "f 3 3"]:
+def _piece_triangles(upright: Upright, kept: Sequence[int]) -> Float[np.ndarray, "f 3 3"]:
     """Return the triangles of pieces."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
-    placed = [apply(upright.meters @ p.pose, meshes[p.mesh].vertices)[meshes[p.mesh].faces] for p in pieces]
+    placed = [transform_points(upright.meters @ p.pose, meshes[p.mesh].vertices)[meshes[p.mesh].faces] for p in pieces]
     return np.concatenate(placed)
 
 
-def _angle(forward: str | float | tuple[float, ...]) -> float:
+def _forward_angle(forward: str | float | tuple[float, ...]) -> float:
     if isinstance(forward, str):
         return NOSE[forward]
     if isinstance(forward, tuple):
@@ -148,4 +150,4 @@ def vehicle_from_upright(angle: float) -> Float[np.ndarray, "4 4"]:
 
 def _named_gun(piece: Piece) -> bool:
     names = [link.name for link in piece.chain]
-    return any((first_match(n, GUN) or hints(n, GUN_HINTS)) and not first_match(n, NOT_GUN) for n in names)
+    return any((first_match(n, GUN) or hinted_stem(n, GUN_HINTS)) and not first_match(n, NOT_GUN) for n in names)

@@ -10,11 +10,11 @@ from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import FIGURES, STAGES, first_match, words
+from hulldown.reading.pieces.naming import FIGURES, STAGES, first_match, name_words
 from hulldown.reading.pieces.roles import MAX_SUNK_SHARE, MUCH_LARGER, Piece
-from hulldown.reading.pieces.wording import as_key, quoted
+from hulldown.reading.pieces.wording import as_key, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
-from hulldown.reading.vehicle.things import patterns_of, triangle_areas
+from hulldown.reading.vehicle.things import piece_patterns, triangle_areas
 
 MAX_BELOW_SHARE = 0.03  # of the vehicle's height: a tire pressed into the ground
 MIN_OUTREACH_SHARE = 0.1  # of the length of the rest
@@ -67,7 +67,7 @@ def find_strays(
         # If much is below the wheels, they aren't on the ground: tracks are around them, or skirts.
         low = low if low.sum() <= max(2, count // 10) else none
         # What reaches beyond the wheels doesn't hang between them.
-        first, last = _around(bounds[wheeled])
+        first, last = _joint_bounds(bounds[wheeled])
         beyond_wheels = ((bounds[:, 0] < first) & (bounds[:, 1] > last))[:, :2].all(axis=1)
         under = loose & beyond_wheels & (bounds[:, 1, 2] < wheels.level + slack)
     hidden = np.array([piece.hidden for piece in pieces], bool)
@@ -77,7 +77,7 @@ def find_strays(
         rest, gap = np.empty_like(bounds), np.empty(count)  # around all others, and to the nearest of them
         for i, own in enumerate(bounds):
             others = np.delete(bounds, i, axis=0)
-            rest[i] = _around(others)
+            rest[i] = _joint_bounds(others)
             gap[i] = np.maximum(others[:, 0] - own[1], own[0] - others[:, 1]).max(axis=1).min()
         size, extent = np.ptp(bounds, axis=1), np.ptp(rest, axis=1)
         length = extent.max(axis=1)
@@ -127,8 +127,8 @@ def find_strays(
     for what, mask in signs.items():
         own = np.flatnonzero(mask & ~seen)
         share = float(area[own].sum() / max(area.sum(), 1e-30))
-        if len(own) and (drop := patterns_of(own.tolist(), [*pieces, *left_out])):
-            names = quoted((pieces[i].name for i in own), most=MAX_LISTED_NAMES)
+        if len(own) and (drop := piece_patterns(own.tolist(), [*pieces, *left_out])):
+            names = quote_names((pieces[i].name for i in own), most=MAX_LISTED_NAMES)
             much = share > MAX_DROPPED_SURFACE_SHARE
             text = f"{names}: {what}" + (f", {100 * share:.0f} % of its surface" if much else "")
             strays.append(Stray(text, drop, small=not much or bool(sheets[own].all())))
@@ -138,7 +138,7 @@ def find_strays(
 
 def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
     """Return whether it's named like a new cube or sphere, and as wide as high."""
-    named = [word for word in words(piece.name) if not word.isdigit()]
+    named = [word for word in name_words(piece.name) if not word.isdigit()]
     off = points - points.mean(axis=0)
     moments = np.linalg.eigvalsh(off.T @ off)
     alike = bool(moments[0] > 0.9 * moments[2] > 0)
@@ -152,7 +152,7 @@ def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarr
     """
     if not len(sure):
         return False
-    low, high = _around(sure)
+    low, high = _joint_bounds(sure)
     own_low, own_high = own.min(axis=0), own.max(axis=0)
     slack = MAX_SUNK_SHARE * (high - low)[2]
     wider = (own_low < low)[:2].all() and (own_high > high)[:2].all()
@@ -164,5 +164,5 @@ def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarr
     return bool(near.any() and (corners[near][..., 2] < low[2] + slack).all())
 
 
-def _around(bounds: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+def _joint_bounds(bounds: Float[np.ndarray, "n 2 3"]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     return bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)

@@ -12,12 +12,12 @@ from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.pieces.asset_report import Thing, xyz
+from hulldown.reading.pieces.asset_report import Thing, format_xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import VEHICLES, first_match, words
+from hulldown.reading.pieces.naming import VEHICLES, first_match, name_words
 from hulldown.reading.pieces.roles import Piece, is_wanted
-from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quoted
-from hulldown.reading.vehicle.solids import PlacedPieces, touching
+from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
+from hulldown.reading.vehicle.solids import PlacedPieces, touching_clusters
 
 MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: pieces closer than this are one thing
 MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's diagonal: smaller ones belong to the nearest thing
@@ -43,43 +43,49 @@ def find_things(
     """Find what should be read by itself, as entries of a config, and doubts that propose their keys."""
     pieces = [*whole.pieces, *rest]
     groups = side_by_side(whole.bounds) if len(whole.pieces) <= MAX_PIECES else []
-    if groups := groups or _library(whole):
-        things = [_thing(whole, group, keep=patterns_of(group, pieces)) for group in groups]
+    if groups := groups or _vehicle_library(whole):
+        things = [_make_thing(whole, group, keep=piece_patterns(group, pieces)) for group in groups]
         head = f"it holds {len(things)} things that share one label; if they're vehicles of their own,"
         if not all(thing.keep for thing in things):
-            return (), [_several(f"{head} give the objects of each a name in common, and list the file once for each")]
-        listed = ", ".join(f"keep = {as_key(thing.keep)} ({_said(thing)})" for thing in things[:MAX_LISTED_NAMES])
+            return (), [
+                _several_doubt(f"{head} give the objects of each a name in common, and list the file once for each")
+            ]
+        listed = ", ".join(
+            f"keep = {as_key(thing.keep)} ({_thing_words(thing)})" for thing in things[:MAX_LISTED_NAMES]
+        )
         more = f" and {len(things) - MAX_LISTED_NAMES} more" if len(things) > MAX_LISTED_NAMES else ""
         text = f'{head} list the file once for each, with drop = ["*"] and {listed}{more}'
-        return tuple(things), [_several(text)]
+        return tuple(things), [_several_doubt(text)]
     if joined := side_by_side(whole.solids.bounds):
         text = f"{len(joined)} things side by side share an object, and a label; make each a file of its own in Blender"
-        return (), [_several(text)]
-    spare = copies(whole, meshes) if 1 < len(whole.pieces) <= MAX_PIECES else []
+        return (), [_several_doubt(text)]
+    spare = surface_copies(whole, meshes) if 1 < len(whole.pieces) <= MAX_PIECES else []
     if not spare:
         return (), []
-    drop = patterns_of(spare, pieces)
-    names = quoted((whole.pieces[i].name for i in spare), most=MAX_LISTED_NAMES)
+    drop = piece_patterns(spare, pieces)
+    names = quote_names((whole.pieces[i].name for i in spare), most=MAX_LISTED_NAMES)
     what = "other levels of detail, or meshes for collisions or shadows"
     key = f"set drop = {as_key(drop)}" if drop else "rename and drop them"
     text = f"{names}: drawn over the rest, and nearly as large; {key} if that's {what}"
     left = np.delete(np.arange(len(whole.pieces)), spare).tolist()
-    return ((_thing(whole, left, drop=drop),) if drop else ()), [_several(text)]
+    return ((_make_thing(whole, left, drop=drop),) if drop else ()), [_several_doubt(text)]
 
 
-def _several(text: str) -> Doubt:
+def _several_doubt(text: str) -> Doubt:
     return Doubt(DoubtKind.SEVERAL, text)
 
 
-def _thing(whole: PlacedPieces, group: list[int], *, keep: tuple[str, ...] = (), drop: tuple[str, ...] = ()) -> Thing:
+def _make_thing(
+    whole: PlacedPieces, group: list[int], *, keep: tuple[str, ...] = (), drop: tuple[str, ...] = ()
+) -> Thing:
     box = whole.bounds[group]
-    size = xyz(box[:, 1].max(axis=0) - box[:, 0].min(axis=0))
+    size = format_xyz(box[:, 1].max(axis=0) - box[:, 0].min(axis=0))
     if drop:
         return Thing("", size, drop=drop)
     return Thing(keep[0].strip("*[]_-. ") if len(keep) == 1 else whole.pieces[group[0]].name, size, keep, ("*",))
 
 
-def _said(thing: Thing) -> str:
+def _thing_words(thing: Thing) -> str:
     return " x ".join(f"{length:.1f}" for length in thing.size) + " m"
 
 
@@ -87,7 +93,7 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
     """Return groups of pieces that are things of comparable size apart from each other; empty if it's one thing."""
     if len(bounds) < 2:
         return []
-    label = touching(bounds, MAX_PIECE_GAP_SHARE * float(np.ptp(bounds, axis=1).max()))
+    label = touching_clusters(bounds, MAX_PIECE_GAP_SHARE * float(np.ptp(bounds, axis=1).max()))
     boxes = np.array([[bounds[label == k, 0].min(axis=0), bounds[label == k, 1].max(axis=0)] for k in np.unique(label)])
     size = np.ptp(boxes, axis=1)
     diagonal, volume = np.linalg.norm(size, axis=1), size.prod(axis=1)
@@ -99,12 +105,12 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
     gaps = np.maximum(boxes[:, None, 0] - boxes[None, large, 1], boxes[None, large, 0] - boxes[:, None, 1]).max(axis=2)
     owner = gaps.argmin(axis=1)
     owner[large] = np.arange(len(large))
-    if len(large) == 2 and _coupled(*boxes[large]):
+    if len(large) == 2 and _are_coupled(*boxes[large]):
         return []
     return [np.flatnonzero(owner[label] == k).tolist() for k in range(len(large))]
 
 
-def _library(whole: PlacedPieces) -> list[list[int]]:
+def _vehicle_library(whole: PlacedPieces) -> list[list[int]]:
     """Return pieces in one place that are all called vehicles, of several kinds, and are all as large as one."""
     size = np.ptp(whole.bounds, axis=1)
     large = (size >= MIN_THING_DIAGONAL_SHARE * size.max(axis=0)).all(axis=1)
@@ -113,7 +119,7 @@ def _library(whole: PlacedPieces) -> list[list[int]]:
     return [[i] for i in range(len(kinds))] if several else []
 
 
-def _coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
+def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
     """Return whether one follows the other in line and close, like a trailer, or is above it."""
     gap = np.maximum(a[0] - b[1], b[0] - a[1])
     shared = (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])) / np.minimum(a[1] - a[0], b[1] - b[0])
@@ -129,19 +135,19 @@ def _coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
     )
 
 
-def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
+def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
     """Return pieces that repeat the surface of others in place, the coarser ones; empty if most of it is drawn once."""
-    if spare := _levels(whole):
+    if spare := _coarse_levels(whole):
         return spare
     pieces, bounds = whole.pieces, whole.bounds
     faces = np.array([piece.faces for piece in pieces])
     triangles = [points[meshes[p.mesh].faces] for p, points in zip(pieces, whole.points, strict=True)]
     area = np.array([triangle_areas(corners).sum() for corners in triangles])
-    samples = cache(lambda i: _samples(triangles[i]))
+    samples = cache(lambda i: _surface_samples(triangles[i]))
     kept, spare, doubled = list[int](), list[int](), np.zeros(len(pieces), bool)
     for i in np.argsort(-faces, kind="stable").tolist():
-        near = np.flatnonzero(_agree(bounds[kept], bounds[i])).tolist()
-        twin = next((kept[j] for j in near if _alike(samples(i), samples(kept[j]))), None)
+        near = np.flatnonzero(_bounds_agree(bounds[kept], bounds[i])).tolist()
+        twin = next((kept[j] for j in near if _surfaces_agree(samples(i), samples(kept[j]))), None)
         if twin is None:
             kept.append(i)
         else:
@@ -150,42 +156,44 @@ def copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
     if area[doubled].sum() >= MIN_COPIED_SURFACE_SHARE * area.sum():
         return sorted(spare)
     around = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
-    for i in np.flatnonzero(_agree(bounds, around)).tolist():
+    for i in np.flatnonzero(_bounds_agree(bounds, around)).tolist():
         others = np.delete(np.arange(len(pieces)), i)
-        if not _agree(bounds[i], np.array([bounds[others, 0].min(axis=0), bounds[others, 1].max(axis=0)])):
+        if not _bounds_agree(bounds[i], np.array([bounds[others, 0].min(axis=0), bounds[others, 1].max(axis=0)])):
             continue
-        cloud = _samples(np.concatenate([triangles[j] for j in others]))
+        cloud = _surface_samples(np.concatenate([triangles[j] for j in others]))
         finer, much_finer = (faces[i] <= share * faces[others].sum() for share in (1.0, MAX_COARSE_TRIANGLE_SHARE))
-        if (finer and _alike(samples(i), cloud)) or (much_finer and _encloses(whole.points[i], float(area[i]), cloud)):
+        if (finer and _surfaces_agree(samples(i), cloud)) or (
+            much_finer and _encloses_cloud(whole.points[i], float(area[i]), cloud)
+        ):
             return [i]
     return []
 
 
-def _levels(whole: PlacedPieces) -> list[int]:
+def _coarse_levels(whole: PlacedPieces) -> list[int]:
     """Return pieces whose names, or their parents', give a level of detail beside a finer one of like extent."""
-    level = np.array([_level(piece) for piece in whole.pieces])
+    level = np.array([_detail_level(piece) for piece in whole.pieces])
     found = np.unique(level[level >= 0])
     boxes = [whole.bounds[level == k] for k in found]
     boxes = [np.array([box[:, 0].min(axis=0), box[:, 1].max(axis=0)]) for box in boxes]
     coarse = [
         k
         for k, box in zip(found[1:], boxes[1:], strict=True)
-        if _agree(box, boxes[0], within=3 * COPY_BOUNDS_TOLERANCE)
+        if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_TOLERANCE)
     ]
     return np.flatnonzero(np.isin(level, coarse)).tolist()
 
 
-def _level(piece: Piece) -> int:
+def _detail_level(piece: Piece) -> int:
     for link in piece.chain:
         for name in (link.name, *link.collections):
-            parts = words(name)
+            parts = name_words(name)
             for before, number in pairwise(parts):
                 if before == "lod" and number.isdigit():
                     return int(number)
     return -1
 
 
-def _agree(
+def _bounds_agree(
     a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = COPY_BOUNDS_TOLERANCE
 ) -> Bool[np.ndarray, "*n"]:
     return np.abs(a - b).max(axis=(-1, -2)) <= within * float(np.ptp(b, axis=0).max())
@@ -196,7 +204,7 @@ def triangle_areas(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, " f
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
 
 
-def _samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
+def _surface_samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
     """Return points all over triangles, always the same."""
     area = triangle_areas(corners)
     if not area.sum() > 0:
@@ -207,7 +215,7 @@ def _samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
     return u * a + (v - u) * b + (1 - v) * c
 
 
-def _alike(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
+def _surfaces_agree(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
     """Return whether two surfaces are close to each other nearly everywhere."""
     close = COPY_SURFACE_TOLERANCE * float(np.linalg.norm(np.ptp(a, axis=0)))
     return all(
@@ -215,7 +223,7 @@ def _alike(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
     )
 
 
-def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
+def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
     """Return whether a mesh of this area is convex and around nearly all of the cloud."""
     try:
         hull = ConvexHull(points)
@@ -226,7 +234,7 @@ def _encloses(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.nda
     return bool(area >= MIN_CONVEX_AREA_SHARE * hull.area and inside.mean() >= MIN_COPIED_AREA_SHARE)
 
 
-def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
+def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
     """Return patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
 
     Examples
@@ -234,7 +242,7 @@ def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, .
     >>> from types import SimpleNamespace
     >>> def piece(name):
     ...     return SimpleNamespace(name=name, data="", chain=[SimpleNamespace(name=name, collections=())])
-    >>> patterns_of([0, 1], [piece("hull_LOD1"), piece("gun_LOD1"), piece("hull_LOD0"), piece("gun_LOD0")])
+    >>> piece_patterns([0, 1], [piece("hull_LOD1"), piece("gun_LOD1"), piece("hull_LOD0"), piece("gun_LOD0")])
     ('*_LOD1',)
     """
     inside = np.isin(np.arange(len(pieces)), members)
@@ -242,7 +250,7 @@ def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, .
     open_ = inside.copy()
     while open_.any() and len(found) < MOST_NAMES:
         best, most = "", 0
-        for candidate in _candidates([pieces[i] for i in np.flatnonzero(open_)]):
+        for candidate in _candidate_patterns([pieces[i] for i in np.flatnonzero(open_)]):
             matched = np.array([is_wanted(piece, (candidate,)) for piece in pieces])
             if not (matched & ~inside).any() and (count := int((matched & open_).sum())) > most:
                 best, most, covered = candidate, count, matched
@@ -253,12 +261,12 @@ def patterns_of(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, .
     return () if open_.any() else tuple(found)
 
 
-def _candidates(pieces: Sequence[Piece]) -> list[str]:
+def _candidate_patterns(pieces: Sequence[Piece]) -> list[str]:
     """Return patterns that may match the first of these pieces and others: names around them, words, and globs."""
     first, names = pieces[0], [piece.name for piece in pieces]
-    own = words(first.name)
+    own = name_words(first.name)
     around = [name for link in first.chain[::-1] for name in (*link.collections[::-1], link.name)]
-    prefix, suffix = _common(names), _common([name[::-1] for name in names])[::-1]
+    prefix, suffix = _common_beginning(names), _common_beginning([name[::-1] for name in names])[::-1]
     joined = ["".join(own[i:k]) for i in range(len(own)) for k in range(i + 1, len(own) + 1)]
     globs = [f"{escape(prefix)}*", f"*{escape(suffix)}"] if len(pieces) > 1 else [first.name]
     whole = escape(first.name[:1]) if first.name[:1] in "*?[" else f"[{first.name[:1]}]"
@@ -266,7 +274,7 @@ def _candidates(pieces: Sequence[Piece]) -> list[str]:
     return [one for one in (*around[:-1], *globs, *joined, literal) if one.strip("*") and not one.isdigit()]
 
 
-def _common(names: Sequence[str]) -> str:
+def _common_beginning(names: Sequence[str]) -> str:
     """Return the longest common beginning."""
     low, high = min(names), max(names)
     return low[: next((i for i, (x, y) in enumerate(zip(low, high, strict=False)) if x != y), len(low))]

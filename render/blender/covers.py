@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.blender.api.add_nodes import add_node, feed, maths
+from hulldown.reading.blender.api.add_nodes import add_math, add_node, feed_input
 
 SHARE = "hulldown share"
 UP = (0.0, 0.0, 1.0)
@@ -64,13 +64,13 @@ class Group:
 
     def maths(self, operation: str, *values: Any, clamp: bool = False) -> Any:
         """Return one operation on numbers."""
-        return maths(self.tree, operation, *values, clamp=clamp)
+        return add_math(self.tree, operation, *values, clamp=clamp)
 
-    def dot(self, a: Any, b: Any) -> Any:
+    def add_dot(self, a: Any, b: Any) -> Any:
         """Return the scalar product of two vectors."""
         return self.add("VectorMath", {0: a, 1: b}, operation="DOT_PRODUCT").outputs["Value"]
 
-    def ramp(self, value: Any, low: float, high: float) -> Any:
+    def add_ramp(self, value: Any, low: float, high: float) -> Any:
         """0 at `low` to 1 at `high`, smoothly."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
@@ -85,16 +85,16 @@ class Group:
             noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, **NOISE})
             total = self.maths("MULTIPLY_ADD", noise.outputs[0], weight, total)
         reach = 2.1 * NOISE_SPREAD  # of a smooth step that is nearly the normal distribution
-        return self.ramp(total, NOISE_MEAN - reach, NOISE_MEAN + reach)
+        return self.add_ramp(total, NOISE_MEAN - reach, NOISE_MEAN + reach)
 
-    def end(self, **outputs: Any) -> Any:
+    def finish_tree(self, **outputs: Any) -> Any:
         """Link the outputs, and return the finished tree."""
         for name, value in outputs.items():
-            feed(self.tree, self._end.inputs[name.replace("_", " ")], value)
+            feed_input(self.tree, self._end.inputs[name.replace("_", " ")], value)
         return self.tree
 
 
-def wetting(name: str, *, film: bool) -> Any:
+def wetting_group(name: str, *, film: bool) -> Any:
     """Return a group before a principled shader's color, roughness, and coat; `film`: with a film of water on top."""
     floats = ("Roughness", "Specular IOR Level", "Coat Weight", "Coat Roughness")
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
@@ -104,35 +104,39 @@ def wetting(name: str, *, film: bool) -> Any:
     soaks = g.maths("MULTIPLY_ADD", rough, scale, -POROUS_FROM * scale, clamp=True)
     soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
     soaked = g.maths("MULTIPLY", soaks, g.share)
-    color = _times(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_DIFFUSE - 1, 1.0))
+    color = _scale_vector(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_DIFFUSE - 1, 1.0))
     rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, WET_ROUGHNESS - 1, 1.0))
     shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR - 1, 1.0))
     coat, blur = g.given["Coat Weight"], g.given["Coat Roughness"]
     if film:
         coat = g.maths("MAXIMUM", coat, g.maths("MULTIPLY", g.share, FILM_COAT))
         blur = g.maths("MAXIMUM", blur, g.maths("MULTIPLY", g.share, FILM_ROUGHNESS))
-    return g.end(Base_Color=color, Roughness=rough, Specular_IOR_Level=shine, Coat_Weight=coat, Coat_Roughness=blur)
+    return g.finish_tree(
+        Base_Color=color, Roughness=rough, Specular_IOR_Level=shine, Coat_Weight=coat, Coat_Roughness=blur
+    )
 
 
-def soaking(name: str) -> Any:
+def soaking_group(name: str) -> Any:
     """Return a group before a diffuse shader's color; such a surface is fully porous."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
-    return g.end(Color=_times(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_DIFFUSE - 1, 1.0)))
+    return g.finish_tree(
+        Color=_scale_vector(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_DIFFUSE - 1, 1.0))
+    )
 
 
-def _times(g: Group, vector: Any, factor: Any) -> Any:
+def _scale_vector(g: Group, vector: Any, factor: Any) -> Any:
     return g.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE").outputs[0]
 
 
-def snow(name: str) -> Any:
+def snow_group(name: str) -> Any:
     """Return a group between a surface and the output: white where it's level enough, and open to the sky.
 
     Only camera rays test for open sky; bounced light sees snow under roofs too.
     """
-    g = _cover(name)
+    g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
     low, high = (math.cos(math.radians(slope)) for slope in (SNOW_SLIDES_FROM, SNOW_LIES_TO))
-    lies = g.ramp(g.dot(seen["Normal"], UP), low, high)
+    lies = g.add_ramp(g.add_dot(seen["Normal"], UP), low, high)
     # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
@@ -143,7 +147,7 @@ def snow(name: str) -> Any:
     )
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
-    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.ramp(sky, SKY_HIDDEN, SKY_OPEN))
+    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, SKY_HIDDEN, SKY_OPEN))
     patches = g.even_noise(seen["Position"], PATCHES, PATCH_WEIGHTS)
     # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
@@ -151,31 +155,31 @@ def snow(name: str) -> Any:
     inside = g.maths("SUBTRACT", share, patches)
     covered = g.maths("ADD", g.maths("DIVIDE", inside, edge), 0.5, clamp=True)
     some = g.maths("GREATER_THAN", share, 0.0)
-    return _covered(g, g.maths("MULTIPLY", covered, some), SNOW_ALBEDO)
+    return _finish_cover(g, g.maths("MULTIPLY", covered, some), SNOW_ALBEDO)
 
 
-def dust(name: str, *, climbs: bool) -> Any:
+def dust_group(name: str, *, climbs: bool) -> Any:
     """Return a group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`."""
-    g = _cover(name)
+    g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
     uneven = g.even_noise(seen["Position"], (DUST_PATCH,))
-    lies = g.maths("MULTIPLY", g.ramp(g.dot(seen["Normal"], UP), 0.5, 1.0), DUST_ON_TOPS)
+    lies = g.maths("MULTIPLY", g.add_ramp(g.add_dot(seen["Normal"], UP), 0.5, 1.0), DUST_ON_TOPS)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
-        height = g.maths("ADD", g.dot(seen["Position"], plane["Vector"]), plane["Alpha"])
+        height = g.maths("ADD", g.add_dot(seen["Position"], plane["Vector"]), plane["Alpha"])
         ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
-        low = g.maths("SUBTRACT", 1.0, g.ramp(ragged, DUST_FULL_TO, DUST_TO))
+        low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, DUST_FULL_TO, DUST_TO))
         lies = g.maths("MAXIMUM", lies, low)
     thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
-    return _covered(g, g.maths("MULTIPLY", thick, g.share), DUST_ALBEDO)
+    return _finish_cover(g, g.maths("MULTIPLY", thick, g.share), DUST_ALBEDO)
 
 
-def _cover(name: str) -> Group:
+def _cover_group(name: str) -> Group:
     return Group(name, {"Surface": "Shader", "Opacity": "Float"}, {"Surface": "Shader"})
 
 
-def _covered(g: Group, share: Any, albedo: tuple[float, float, float]) -> Any:
+def _finish_cover(g: Group, share: Any, albedo: tuple[float, float, float]) -> Any:
     """Finish a cover; holes in the surface stay holes."""
     matt = g.add("BsdfDiffuse", {"Color": (*albedo, 1.0)}).outputs[0]
     solid = g.maths("MULTIPLY", share, g.given["Opacity"])
-    return g.end(Surface=g.add("MixShader", {0: solid, 1: g.given["Surface"], 2: matt}).outputs[0])
+    return g.finish_tree(Surface=g.add("MixShader", {0: solid, 1: g.given["Surface"], 2: matt}).outputs[0])

@@ -32,18 +32,22 @@ class Unusable(Exception):
 
 def available_devices() -> list[dict[str, str]]:
     """`kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
-    preferences = _preferences()
-    devices = [{"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _cards(preferences, kind)]
+    preferences = _cycles_preferences()
+    devices = [
+        {"kind": device.type, "name": device.name}
+        for kind in GPU_KINDS
+        for device in _graphics_cards(preferences, kind)
+    ]
     preferences.compute_device_type = "NONE"
     return [*devices, {"kind": "CPU", "name": platform.processor() or platform.machine()}]
 
 
 def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
     """Make Cycles render on the device `wanted`; return its name, and the number of devices of its kind."""
-    preferences = _preferences()
+    preferences = _cycles_preferences()
     kinds: tuple[str, ...] = {"auto": GPU_KINDS, "gpu": GPU_KINDS, "cpu": ()}.get(wanted, (wanted.upper(),))
     for kind in kinds:
-        if cards := _cards(preferences, kind):
+        if cards := _graphics_cards(preferences, kind):
             own_card = cards[index % len(cards)]
             for device in preferences.devices:
                 device.use = device == own_card
@@ -54,14 +58,14 @@ def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
     return "CPU", 1
 
 
-def _preferences() -> Any:
+def _cycles_preferences() -> Any:
     addon = bpy.context.preferences.addons.get("cycles")
     if addon is None:
         raise Unusable(f"Blender {bpy.app.version_string} was built without Cycles", "use one from blender.org")
     return addon.preferences
 
 
-def _cards(preferences: Any, kind: str) -> list[Any]:
+def _graphics_cards(preferences: Any, kind: str) -> list[Any]:
     try:
         preferences.compute_device_type = kind
     except TypeError:  # this build of Blender does not know the kind
@@ -70,7 +74,7 @@ def _cards(preferences: Any, kind: str) -> list[Any]:
     return [device for device in preferences.devices if device.type == kind]
 
 
-def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
+def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
     """Configure `scene` as planned.
 
     `threads`: CPU threads; 0 for all.
@@ -91,7 +95,7 @@ def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int
         cycles.adaptive_threshold = settings.adaptive_threshold
     cycles.use_denoising = settings.denoise
     if cycles.use_denoising:
-        _denoise(cycles, gpu=device != "CPU")
+        _enable_denoiser(cycles, gpu=device != "CPU")
     # Blender's own proportions, with `bounces` on top: 12 gives exactly Blender's defaults.
     cycles.max_bounces = cycles.transmission_bounces = settings.bounces
     cycles.diffuse_bounces = cycles.glossy_bounces = min(4, settings.bounces)
@@ -101,7 +105,7 @@ def configure(scene: Any, settings: CyclesSettings, *, device: str, threads: int
     render.use_persistent_data = True
 
 
-def expose(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
+def set_exposure(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
     """Set a configured scene to a picture's exposure in EV, and to its offset of white balance in kelvin.
 
     The view transform applies both, so they affect all light, lamps of the scenery too. Cycles' own
@@ -120,7 +124,7 @@ def expose(scene: Any, settings: CyclesSettings, exposure: float, white_balance:
         setattr(scene.cycles, name, value)
 
 
-def _denoise(cycles: Any, *, gpu: bool) -> None:
+def _enable_denoiser(cycles: Any, *, gpu: bool) -> None:
     try:
         cycles.denoiser = OIDN
     except TypeError:  # the distributions' builds often lack it

@@ -12,7 +12,7 @@ import numpy as np
 
 from hulldown.camera.weather.kinds import air_layers
 from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.frames import pose
+from hulldown.reading.blender.frames import set_pose
 from hulldown.render.blender.hdri_light import HdriWorld
 
 
@@ -25,7 +25,7 @@ class Fog:
     in a world volume hides the sky, which is infinitely far away.
 
     Only rays of the camera meet the box, which is as high as the lowest layer of air. Others would cost a quarter of a
-    render, and what is left of the air is in the light (`HdriWorld.dim`): what the fog takes from the sun comes back as
+    render, and the light has the rest of the air (`HdriWorld.dim_light`): what the fog takes from the sun comes back as
     airlight.
     """
 
@@ -47,9 +47,9 @@ class Fog:
     def clear(self) -> None:
         """No fog."""
         set_hidden(self._object, True)
-        self._world.dim([], 0.0, np.zeros(3))
+        self._world.dim_light([], 0.0, np.zeros(3))
 
-    def fill(self, kind: str, visibility: float, glow: np.ndarray, camera: np.ndarray, *, below: float) -> None:
+    def fill_air(self, kind: str, visibility: float, glow: np.ndarray, camera: np.ndarray, *, below: float) -> None:
         """Fill the air.
 
         `visibility`: in meters.
@@ -66,9 +66,9 @@ class Fog:
         _, above, reach = air[0]
         box = np.diag([reach, reach, (reach + above) / 2, 1.0])
         box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
-        pose(self._object, box)
+        set_pose(self._object, box)
         set_hidden(self._object, False)
-        self._world.dim(air, below, glow)
+        self._world.dim_light(air, below, glow)
 
 
 def set_hidden(obj: Any, hidden: bool) -> None:

@@ -14,10 +14,10 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.camera.backdrop import HIGH, even_color, fade
+from hulldown.camera.backdrop import HIGH, even_color, fade_sines
 from hulldown.camera.weather.kinds import DUST_LAYERS, AirLayer, even_sky
-from hulldown.reading.blender.api.add_nodes import add_node, maths
-from hulldown.reading.blender.api.buffers import pixels
+from hulldown.reading.blender.api.add_nodes import add_math, add_node
+from hulldown.reading.blender.api.buffers import image_pixels
 from hulldown.render.blender.messages import LightInput
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
@@ -72,19 +72,19 @@ class HdriWorld:
             # Without pixels Cycles would light the scene with magenta.
             if 0 in self._texture.image.size:
                 raise RuntimeError(f"{path}: Blender cannot read this picture")
-            self._search_by(sky_map(self._texture.image.size[0]))
+            self._set_map_columns(sky_map(self._texture.image.size[0]))
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
         self._mapping.inputs["Rotation"].default_value = (0.0, 0.0, -light.yaw)
         self._background.inputs["Strength"].default_value = light.strength
-        seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.at(horizon)
-        self._link(seen, self._texture.inputs["Vector"])
+        seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.lifted_directions(horizon)
+        self._link_nodes(seen, self._texture.inputs["Vector"])
         color = self._texture.outputs["Color"]
         if horizon is not None and horizon > HIGH:
-            color = self._veil.at(min(horizon, HIGHEST), even_color(self._map_of_path(), horizon))
-        self._link(color, self._background.inputs["Color"])
+            color = self._veil.visible_color(min(horizon, HIGHEST), even_color(self._map_of_path(), horizon))
+        self._link_nodes(color, self._background.inputs["Color"])
 
-    def _link(self, output: Any, socket: Any) -> None:
+    def _link_nodes(self, output: Any, socket: Any) -> None:
         if socket.links[0].from_socket != output:  # new links make Cycles compile the sky anew
             self._tree.links.new(output, socket)
 
@@ -95,31 +95,31 @@ class HdriWorld:
             self._colors[path] = bpy.data.images.load(path).colorspace_settings.name
         return self._colors[path]
 
-    def _search_by(self, columns: int) -> None:
+    def _set_map_columns(self, columns: int) -> None:
         """Set the size of Cycles' importance map of the sky."""
         if self._world.cycles.sample_map_resolution != columns:
             self._world.cycles.sample_map_resolution = columns
             self._world.update_tag()  # or the first map's width stays, and a picture depends on those before it
 
-    def airlight(self) -> np.ndarray:
+    def airlight_radiance(self) -> np.ndarray:
         """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
         return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
 
-    def dim(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
+    def dim_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
         """Dim light by air; the camera sees the sky through the air above the box of `Fog`.
 
         `below`: meters from the camera down to what is lit.
         `glow`: radiance of endless air.
         """
-        light = self._dimmed.by(air, below, glow) if air else self._background.outputs["Background"]
-        self._link(light, self._output)
+        light = self._dimmed.dimmed_light(air, below, glow) if air else self._background.outputs["Background"]
+        self._link_nodes(light, self._output)
 
     def _map_of_path(self) -> np.ndarray:
         """Radiance (128, 256, 3) of the HDRI, the zenith in the first row."""
         if self._path not in self._small:
             small = self._texture.image.copy()
             small.scale(256, 128)
-            radiance = pixels(small)[::-1, :, :3].astype(np.float64)
+            radiance = image_pixels(small)[::-1, :, :3].astype(np.float64)
             small.buffers_free()  # and stays, as of `_color_space`
             if len(self._small) >= MOST_MAPS:
                 del self._small[next(iter(self._small))]
@@ -144,12 +144,12 @@ class _Veil:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
         self._share = add_node(tree, "MapRange", {0: z, "To Min": 1.0, "To Max": 0.0}, clamp=True)
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
-        share = maths(tree, "MULTIPLY", camera, self._share.outputs[0])
+        share = add_math(tree, "MULTIPLY", camera, self._share.outputs[0])
         self._mix = add_node(tree, "Mix", {0: share, 6: color}, data_type="RGBA")
 
-    def at(self, horizon: float, color: np.ndarray) -> Any:
+    def visible_color(self, horizon: float, color: np.ndarray) -> Any:
         """Return the visible color: even below an elevation in radians, the HDRI above."""
-        self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade(horizon)
+        self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade_sines(horizon)
         self._mix.inputs[7].default_value = (*color, 1.0)
         return self._mix.outputs[2]
 
@@ -159,15 +159,15 @@ class _Lifted:
 
     def __init__(self, tree: Any, direction: Any) -> None:
         x, y, z = add_node(tree, "SeparateXYZ", {0: direction}).outputs
-        squared = maths(tree, "ADD", maths(tree, "MULTIPLY", x, x), maths(tree, "MULTIPLY", y, y))
-        flat = maths(tree, "SQRT", squared)
+        squared = add_math(tree, "ADD", add_math(tree, "MULTIPLY", x, x), add_math(tree, "MULTIPLY", y, y))
+        flat = add_math(tree, "SQRT", squared)
         self._slope = add_node(tree, "Math", {0: flat}, operation="MULTIPLY")
-        lifted = maths(tree, "MAXIMUM", z, self._slope.outputs[0])
+        lifted = add_math(tree, "MAXIMUM", z, self._slope.outputs[0])
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
         seen = add_node(tree, "Mix", {0: camera, 2: z, 3: lifted}, data_type="FLOAT").outputs[0]
         self._lifted = add_node(tree, "CombineXYZ", {0: x, 1: y, 2: seen})
 
-    def at(self, horizon: float) -> Any:
+    def lifted_directions(self, horizon: float) -> Any:
         """Return the directions, lifted to an elevation in radians."""
         self._slope.inputs[1].default_value = math.tan(min(horizon, HIGHEST))
         return self._lifted.outputs[0]
@@ -185,15 +185,15 @@ class _Dimmed:
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
         self._layers, depths = [], []
         for _ in range(DUST_LAYERS):
-            overhead, steepness = maths(tree, "MULTIPLY_ADD", camera, 0.0, 0.0), maths(tree, "MAXIMUM", z, 1.0)
+            overhead, steepness = add_math(tree, "MULTIPLY_ADD", camera, 0.0, 0.0), add_math(tree, "MAXIMUM", z, 1.0)
             self._layers.append((*overhead.node.inputs[1:], steepness.node.inputs[1]))
-            depths.append(maths(tree, "DIVIDE", overhead, steepness))
-        share = maths(tree, "EXPONENT", reduce(partial(maths, tree, "ADD"), depths))
+            depths.append(add_math(tree, "DIVIDE", overhead, steepness))
+        share = add_math(tree, "EXPONENT", reduce(partial(add_math, tree, "ADD"), depths))
         self._glow = add_node(tree, "Background")
         self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
 
-    def by(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
-        """Return the dimmed light; see `HdriWorld.dim`."""
+    def dimmed_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
+        """Return the dimmed light; see `HdriWorld.dim_light`."""
         whole = sum(layer.extinction for layer in air)
         for number, (more, overhead, steepness) in enumerate(self._layers):
             layer = air[number] if number < len(air) else AirLayer(0.0, 0.0, 1.0)

@@ -13,7 +13,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
+from hulldown.reading.blender.api.light_pictures import render_light, see_pixel_centers
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.render.blender import cycles
@@ -37,7 +37,7 @@ class IndexPictures:
         dark = bpy.data.worlds.new("hulldown dark")
         dark.node_tree.nodes.clear()
         for scene in (stage.scene, self._bare):
-            cycles.configure(scene, ONE_RAY, device=device, threads=threads)
+            cycles.configure_scene(scene, ONE_RAY, device=device, threads=threads)
             see_pixel_centers(scene)
             scene.world = dark
         for obj in stage.scene.objects:
@@ -45,32 +45,32 @@ class IndexPictures:
                 obj.hide_render = True
         self._plain = bpy.data.materials.new("hulldown index")
 
-    def maps(self, vehicles: Sequence[Sequence[Any]]) -> np.ndarray:
+    def index_maps(self, vehicles: Sequence[Sequence[Any]]) -> np.ndarray:
         """Return the vehicle at each pixel's center."""
         for number, objects in enumerate(vehicles):
             for obj in objects:
                 obj.pass_index = FIRST_OBJECT_NUMBER + number
-        self._dress()
-        pictures = [_numbers(self.stage.scene)]
+        self._emit_numbers()
+        pictures = [_object_numbers(self.stage.scene)]
         render, bare = self.stage.scene.render, self._bare
         for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
             setattr(bare.render, name, getattr(render, name))
         for objects in vehicles:
             for obj in objects:
                 bare.collection.objects.link(obj)
-            pictures.append(_numbers(bare))
+            pictures.append(_object_numbers(bare))
             for obj in objects:
                 bare.collection.objects.unlink(obj)
         numbers = np.stack(pictures)
         return np.where(numbers >= FIRST_OBJECT_NUMBER, numbers - FIRST_OBJECT_NUMBER + 1, 0).astype(np.uint8)
 
-    def _dress(self) -> None:
+    def _emit_numbers(self) -> None:
         """Make all materials emit their objects' numbers, those of newly placed vehicles too."""
         for material in bpy.data.materials:
             if DRESSED not in material and not material.is_grease_pencil:
                 if material.node_tree is None:  # before Blender 5.0 it may have none
                     material.use_nodes = True
-                show_opacity(material, _index)
+                show_opacity(material, _emit_index)
                 material[DRESSED] = True
         for blocks in (bpy.data.meshes, bpy.data.curves, bpy.data.hair_curves, bpy.data.metaballs):
             for data in blocks:
@@ -84,11 +84,11 @@ class IndexPictures:
                     slot.material = self._plain
 
 
-def _numbers(scene: Any) -> np.ndarray:
-    return np.rint(rendered(scene)[::-1, :, 0]).astype(np.int64)
+def _object_numbers(scene: Any) -> np.ndarray:
+    return np.rint(render_light(scene)[::-1, :, 0]).astype(np.int64)
 
 
-def _index(tree: Any) -> Any:
+def _emit_index(tree: Any) -> Any:
     return tree.nodes.new("ShaderNodeObjectInfo").outputs["Object Index"]
 
 

@@ -13,8 +13,8 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.blender.api.add_nodes import add_node, maths
-from hulldown.reading.blender.surfaces.nodes import trees
+from hulldown.reading.blender.api.add_nodes import add_math, add_node
+from hulldown.reading.blender.surfaces.nodes import nested_trees
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS
 
 MID_GRAY = 0.18  # linear; a painted surface of this brightness has the paint's own, black half of it, white 1.35 times
@@ -56,7 +56,7 @@ class PaintedMaterials:
         """Return the name of the property with a material's color, which the material's nodes read."""
         if material not in self._properties:
             self._properties[material] = f"{PREFIX}{len(self._properties)}"
-            _insert(self._own(material).node_tree, self._properties[material])
+            _insert_paint(self._own(material).node_tree, self._properties[material])
         return self._properties[material]
 
     def _own(self, name: str) -> Any:
@@ -72,27 +72,27 @@ class PaintedMaterials:
         return copy
 
 
-def _insert(tree: Any, name: str) -> None:
+def _insert_paint(tree: Any, name: str) -> None:
     """Insert a tint before all base colors of a tree and of copies of its groups."""
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree is not None:
-            if any(inner.type in BASE_COLORS for below in trees(node.node_tree) for inner in below.nodes):
+            if any(inner.type in BASE_COLORS for below in nested_trees(node.node_tree) for inner in below.nodes):
                 node.node_tree = node.node_tree.copy()
-                _insert(node.node_tree, name)
+                _insert_paint(node.node_tree, name)
         elif node.type in BASE_COLORS:
             socket = node.inputs[BASE_COLORS[node.type]]
             own = socket.links[0].from_socket if socket.is_linked else tuple(socket.default_value)
             color = add_node(tree, "Attribute", attribute_type="OBJECT", attribute_name=name).outputs
-            inputs = {0: color["Alpha"], 6: own, 7: _tinted(tree, color["Color"], own)}
+            inputs = {0: color["Alpha"], 6: own, 7: _tint_color(tree, color["Color"], own)}
             tree.links.new(add_node(tree, "Mix", inputs, data_type="RGBA").outputs[2], socket)
 
 
-def _tinted(tree: Any, color: Any, own: Any) -> Any:
+def _tint_color(tree: Any, color: Any, own: Any) -> Any:
     """Return the color where the material's own is mid-gray, and darker or brighter where it is, so that dirt remains.
 
     It's at most 1, so that no surface adds light.
     """
     gray = add_node(tree, "RGBToBW", {0: own}).outputs[0]
-    factor = maths(tree, "ADD", 0.5, maths(tree, "DIVIDE", gray, maths(tree, "ADD", gray, MID_GRAY)))
+    factor = add_math(tree, "ADD", 0.5, add_math(tree, "DIVIDE", gray, add_math(tree, "ADD", gray, MID_GRAY)))
     scaled = add_node(tree, "VectorMath", {0: color, "Scale": factor}, operation="SCALE").outputs[0]
     return add_node(tree, "VectorMath", {0: scaled, 1: (1.0, 1.0, 1.0)}, operation="MINIMUM").outputs[0]

@@ -32,7 +32,7 @@ class Renderer:
         self._device = "CPU"
         self._threads = 0
 
-    def reset(self) -> None:
+    def forget_assets(self) -> None:
         """Forget everything in memory: the next job loads its assets again."""
         self._stage = self._index = self._loaded = None
         self._inputs = {}
@@ -40,37 +40,39 @@ class Renderer:
     def do(self, job: Job) -> Reply:
         """Do a job; return the reply."""
         if isinstance(job, StartJob):
-            return self._start(job)
-        return self._render(job) if isinstance(job, RenderJob) else self._mask(job)
+            return self._start_job(job)
+        return self._render_picture(job) if isinstance(job, RenderJob) else self._render_mask(job)
 
-    def _start(self, job: StartJob) -> Reply:
+    def _start_job(self, job: StartJob) -> Reply:
         self._device, count = cycles.choose_device(job.device, job.index)
         self._threads = job.threads
         return Reply(device=self._device, devices=count)
 
-    def _ready(self, job: RenderJob | MaskJob) -> Stage:
+    def _prepare_stage(self, job: RenderJob | MaskJob) -> Stage:
         """Return the stage for a job, loaded if it isn't the last job's."""
         wanted = type(job), job.scenery
         if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
             problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
             raise cycles.Unusable(problem, "use --device cpu or optix")
         if self._stage is None or self._loaded != wanted:
-            self.reset()
+            self.forget_assets()
             self._stage = Stage(job.scenery)
             if isinstance(job, MaskJob):
                 self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
             self._loaded = wanted
         return self._stage
 
-    def _render(self, job: RenderJob) -> Reply:
+    def _render_picture(self, job: RenderJob) -> Reply:
         start = time.monotonic()
-        stage = self._ready(job)
-        self._set("settings", self._configure, job.settings)
-        self._set("vehicles", stage.place_vehicles, job.vehicles)
-        self._set("camera", stage.set_camera, job.camera)
-        self._set("light", stage.world.set, job.light)
+        stage = self._prepare_stage(job)
+        self._set_part("settings", self._configure_scene, job.settings)
+        self._set_part("vehicles", stage.place_vehicles, job.vehicles)
+        self._set_part("camera", stage.set_camera, job.camera)
+        self._set_part("light", stage.world.set, job.light)
         camera = job.camera
-        self._set("exposure", cycles.expose, stage.scene, job.settings, camera.exposure, camera.white_balance)
+        self._set_part(
+            "exposure", cycles.set_exposure, stage.scene, job.settings, camera.exposure, camera.white_balance
+        )
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         output = Path(job.output)
@@ -90,12 +92,12 @@ class Renderer:
         }
         return Reply(seconds=seconds)
 
-    def _configure(self, settings: CyclesSettings) -> None:
+    def _configure_scene(self, settings: CyclesSettings) -> None:
         assert self._stage is not None
         self._inputs.clear()  # the settings include some of the others
-        cycles.configure(self._stage.scene, settings, device=self._device, threads=self._threads)
+        cycles.configure_scene(self._stage.scene, settings, device=self._device, threads=self._threads)
 
-    def _set(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
+    def _set_part(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
         """Set up a part of the scene, unless the job before had the same inputs.
 
         Blender tags what is set, even to the same value, and Cycles builds it anew. Shots of one position share
@@ -106,12 +108,12 @@ class Renderer:
             setter(*inputs)
             self._inputs[part] = inputs
 
-    def _mask(self, job: MaskJob) -> Reply:
-        stage = self._ready(job)
+    def _render_mask(self, job: MaskJob) -> Reply:
+        stage = self._prepare_stage(job)
         assert self._index is not None
         vehicles = stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
-        np.save(job.output, self._index.maps(vehicles))
+        np.save(job.output, self._index.index_maps(vehicles))
         return Reply()
 
 
@@ -120,15 +122,15 @@ class _Stopwatch:
 
     def __enter__(self) -> _Stopwatch:
         self.sampling = self.finished = 0.0
-        bpy.app.handlers.render_stats.append(self._hear)
+        bpy.app.handlers.render_stats.append(self._note_stats)
         return self
 
     def __exit__(self, *_: object) -> None:
-        bpy.app.handlers.render_stats.remove(self._hear)
+        bpy.app.handlers.render_stats.remove(self._note_stats)
         self.finished = self.finished or time.monotonic()
         self.sampling = self.sampling or self.finished
 
-    def _hear(self, stats: str, *_: object) -> None:
+    def _note_stats(self, stats: str, *_: object) -> None:
         if "Sample " in stats and not self.sampling:
             self.sampling = time.monotonic()
         if "Finished" in stats:

@@ -17,9 +17,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.camera.weather.kinds import KINDS, Weather, airlight
-from hulldown.reading.blender.frames import pose, world_from_blender_camera
-from hulldown.reading.blender.opening import disarm
+from hulldown.camera.weather.kinds import KINDS, Weather, airlight_radiance
+from hulldown.reading.blender.frames import set_pose, world_from_blender_camera
+from hulldown.reading.blender.opening import disarm_file
 from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender.covers import PLANE
 from hulldown.render.blender.cycles import Unusable
@@ -28,7 +28,7 @@ from hulldown.render.blender.hdri_light import HdriWorld
 from hulldown.render.blender.lens import set_lens
 from hulldown.render.blender.messages import CameraInput, VehicleInput
 from hulldown.render.blender.paint_nodes import PaintedMaterials
-from hulldown.render.blender.streaks import Precipitation, falling
+from hulldown.render.blender.streaks import Precipitation, falling_streaks
 from hulldown.render.blender.surfaces import Surfaces
 
 MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
@@ -43,22 +43,24 @@ class Stage:
     def __init__(self, tidy: str) -> None:
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
         self.scene = bpy.data.scenes.new("hulldown")  # that of the startup file has settings of earlier Blenders
-        self.scene.collection.children.link(appended(tidy)[0])
+        self.scene.collection.children.link(append_twin(tidy)[0])
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
-        self.camera = self._add("hulldown camera", bpy.data.cameras.new("hulldown camera"))
+        self.camera = self._add_object("hulldown camera", bpy.data.cameras.new("hulldown camera"))
         self.scene.camera = self.camera
         self.world = HdriWorld(self.scene)
-        fog = self._add("hulldown fog", bpy.data.meshes.new("hulldown fog"))
+        fog = self._add_object("hulldown fog", bpy.data.meshes.new("hulldown fog"))
         self.fog = Fog(fog, self.world)
-        self.precipitation = Precipitation(self._add("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
+        self.precipitation = Precipitation(
+            self._add_object("hulldown precipitation", bpy.data.meshes.new("hulldown drops"))
+        )
         self.surfaces = Surfaces()
         self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
         self._painted: dict[str, PaintedMaterials] = {}  # of each of them
         self._companions = False  # whether any row has had more than one vehicle file
         self._lowest = math.inf  # meters: height of the lowest vehicle
 
-    def _add(self, name: str, data: Any) -> Any:
+    def _add_object(self, name: str, data: Any) -> Any:
         obj = bpy.data.objects.new(name, data)
         obj.parent = self.root
         self.scene.collection.objects.link(obj)
@@ -73,12 +75,12 @@ class Stage:
             path = vehicle.tidy
             copy = used.get(path, 0)
             used[path] = copy + 1
-            collection = self._vehicle(path, copy)
+            collection = self._load_vehicle(path, copy)
             parts = np.asarray(vehicle.world_from_parts, dtype=np.float64)
             above = np.linalg.inv(parts[0])[2].tolist()
             for obj in collection.objects:
                 obj[PLANE] = above
-                pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
+                set_pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
             if self._painted[path].is_first(vehicle.paint):
                 self.surfaces.clear()  # paint is inserted below water and snow
             self._painted[path].paint(collection.objects, vehicle.paint)
@@ -91,17 +93,17 @@ class Stage:
         self._forget_all_but(used)
         return placed
 
-    def _vehicle(self, path: str, copy: int) -> Any:
+    def _load_vehicle(self, path: str, copy: int) -> Any:
         copies = self._vehicles.pop(path, [])
         self._vehicles[path] = copies
         if not copies:
-            collection, materials = appended(path)
+            collection, materials = append_twin(path)
             self._painted[path] = PaintedMaterials(collection.objects, materials)
             copies.append(collection)
             copies[0].use_fake_user = True  # keeps it from being purged while it's in no scene
             for obj in copies[0].objects:
                 obj.parent = self.root
-                obj.matrix_basis.identity()  # `pose` has the whole transform
+                obj.matrix_basis.identity()  # `set_pose` has the whole transform
         while len(copies) <= copy:
             twin = bpy.data.collections.new(copies[0].name)
             for obj in copies[0].objects:
@@ -122,7 +124,7 @@ class Stage:
     def set_camera(self, camera: CameraInput) -> None:
         """Set the row's camera."""
         self._view = camera
-        pose(self.camera, world_from_blender_camera(camera.world_from_camera))
+        set_pose(self.camera, world_from_blender_camera(camera.world_from_camera))
         data = self.camera.data
         data.sensor_fit = "HORIZONTAL"
         data.lens_unit = "MILLIMETERS"
@@ -158,18 +160,18 @@ class Stage:
         vehicles = [obj for copies in self._vehicles.values() for copy in copies for obj in copy.objects]
         self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         pose = np.array(self._view.world_from_camera)
-        glow = airlight(weather.kind, self.world.airlight())
+        glow = airlight_radiance(weather.kind, self.world.airlight_radiance())
         below = max(0.0, pose[2, 3] - self._lowest)
-        self.fog.fill(weather.kind, weather.visibility_m, glow, pose[:3, 3], below=below)
-        streaks = falling(weather, self._view, seed)
+        self.fog.fill_air(weather.kind, weather.visibility_m, glow, pose[:3, 3], below=below)
+        streaks = falling_streaks(weather, self._view, seed)
         if streaks is None:
             self.precipitation.clear()
         else:
             radiance = glow * KINDS[weather.kind].share_of_sky
-            self.precipitation.fill(streaks, radiance, pose[:3, 3])
+            self.precipitation.draw_streaks(streaks, radiance, pose[:3, 3])
 
 
-def appended(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
+def append_twin(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
     """Append the collection of a tidy twin, and its materials, by their names in it."""
     with bpy.data.libraries.load(tidy, link=False) as (source, target):
         if source.version[:2] > bpy.app.version[:2]:
@@ -181,5 +183,5 @@ def appended(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Mater
         target.collections = source.collections[:1]
         names = list(source.materials)
         target.materials = list(names)
-    disarm()  # twins don't need it, but the cache may have come with the plan: see docs/safety.md
+    disarm_file()  # twins don't need it, but the cache may have come with the plan: see docs/safety.md
     return target.collections[0], dict(zip(names, target.materials, strict=True))

@@ -12,23 +12,23 @@ import bpy
 import numpy as np
 
 from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.camera.weather.precipitation import Streaks, drops_in_view, streaks, view_of
-from hulldown.reading.blender.api.add_nodes import add_node, maths
-from hulldown.reading.blender.frames import pose
+from hulldown.camera.weather.precipitation import Streaks, drops_in_view, streak_quads, symmetric_view
+from hulldown.reading.blender.api.add_nodes import add_math, add_node
+from hulldown.reading.blender.frames import set_pose
 from hulldown.render.blender.fog import set_hidden
 from hulldown.render.blender.messages import CameraInput
 
 NAME = "hulldown precipitation"
 
 
-def falling(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
+def falling_streaks(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
     """Streaks in front of a camera; None in weather without rain or snow."""
     sizes_of = KINDS[weather.kind].sizes
     if sizes_of is None:
         return None
     pose = np.array(camera.world_from_camera)
-    view = view_of(pose, camera.intrinsics, weather.exposure_s)
-    return streaks(drops_in_view(sizes_of(weather), view, weather.wind_m_s, seed=seed), view)
+    view = symmetric_view(pose, camera.intrinsics, weather.exposure_s)
+    return streak_quads(drops_in_view(sizes_of(weather), view, weather.wind_m_s, seed=seed), view)
 
 
 class Precipitation:
@@ -48,7 +48,7 @@ class Precipitation:
         """Remove all streaks."""
         set_hidden(self._object, True)
 
-    def fill(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray) -> None:
+    def draw_streaks(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray) -> None:
         """Draw streaks.
 
         `eye`: the camera's position in the scenery, in meters.
@@ -69,14 +69,14 @@ class Precipitation:
         self._emission.inputs["Color"].default_value = (*radiance, 1.0)
         around = np.eye(4)
         around[:3, 3] = eye
-        pose(self._object, around)
+        set_pose(self._object, around)
         set_hidden(self._object, False)
 
 
 def _glow_by_opacity(tree: Any) -> Any:
     """Build the material: an emission with the mean opacity of a moving disc, in closed form, times the gain."""
     tree.nodes.clear()
-    math = partial(maths, tree)
+    math = partial(add_math, tree)
     profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]
     gain = add_node(tree, "Attribute", attribute_name="gain").outputs["Fac"]
     u, v, way = add_node(tree, "SeparateXYZ", {0: profile}).outputs

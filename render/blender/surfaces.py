@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.reading.blender.surfaces.nodes import material_output, trees
+from hulldown.reading.blender.surfaces.nodes import material_output, nested_trees
 from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
 from hulldown.reading.blender.surfaces.shaders import is_clear
 from hulldown.reading.pieces.naming import NOT_WATER, WATER, WATERS, first_match
@@ -27,9 +27,9 @@ UNTOUCHED = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "B
 
 # By the name of a cover, the node groups that make it, of a name and for vehicles or not.
 COVERS: Mapping[str, Callable[[str, bool], list[Any]]] = {
-    "water": lambda name, vehicles: [covers.wetting(name, film=vehicles), covers.soaking(f"{name}, matt")],
-    "snow": lambda name, vehicles: [covers.snow(name)],
-    "dust": lambda name, vehicles: [covers.dust(name, climbs=vehicles)],
+    "water": lambda name, vehicles: [covers.wetting_group(name, film=vehicles), covers.soaking_group(f"{name}, matt")],
+    "snow": lambda name, vehicles: [covers.snow_group(name)],
+    "dust": lambda name, vehicles: [covers.dust_group(name, climbs=vehicles)],
 }
 Shape = tuple[tuple[str, int], ...]  # names of a material's node tree and the groups in it, with their nodes
 
@@ -49,14 +49,14 @@ class Surfaces:
         `ground`, `vehicle`: shares from 0 to 1 of water in pores, snow on level ground, or dust.
         """
         kind = kind if KINDS[kind].surfaces and max(ground, vehicle) > 0 else ""
-        if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _materials()):
+        if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _scene_materials()):
             self.clear()
             self._kind = kind
         if not kind:
             return
         self._dress_new({slot.material for obj in vehicles for slot in obj.material_slots})
         for wearer, share in ((SCENERY, ground), (VEHICLES, vehicle)):
-            for group in self._group(wearer):
+            for group in self._cover_group(wearer):
                 value = group.nodes[covers.SHARE].outputs[0]
                 if value.default_value != np.float32(share):  # setting it would have Cycles compile all shaders anew
                     value.default_value = share
@@ -64,10 +64,10 @@ class Surfaces:
     def clear(self) -> None:
         """Remove all inserted nodes."""
         if self._kind:
-            for material, _ in _materials():
-                _undress(material.node_tree)
+            for material, _ in _scene_materials():
+                _remove_nodes(material.node_tree)
             for tree in bpy.data.node_groups:
-                _undress(tree)
+                _remove_nodes(tree)
         self._kind = ""
         self._dressed.clear()
         self.left.clear()
@@ -75,35 +75,35 @@ class Surfaces:
     def _dress_new(self, worn: Set[Any]) -> None:
         """Insert groups into materials without them; those in `worn` are vehicles'."""
         known = len(self.left)
-        if new := [material for material, _ in _materials() if material.session_uid not in self._dressed]:
+        if new := [material for material, _ in _scene_materials() if material.session_uid not in self._dressed]:
             for material in new:
-                self._dress(material, VEHICLES if material in worn else SCENERY)
-            self._dressed = {material.session_uid: shape for material, shape in _materials()}
+                self._cover_material(material, VEHICLES if material in worn else SCENERY)
+            self._dressed = {material.session_uid: shape for material, shape in _scene_materials()}
         if self.left[known:]:  # in the log
             print(f"rain leaves materials as they are, whose shaders are not understood: {self.left[known:]}")
 
-    def _group(self, wearer: str) -> list[Any]:
+    def _cover_group(self, wearer: str) -> list[Any]:
         key = self._kind, wearer
         if key not in self._groups:
             name = f"{OURS} {self._kind} on {wearer}"
             self._groups[key] = COVERS[KINDS[self._kind].surfaces](name, wearer == VEHICLES)
         return self._groups[key]
 
-    def _dress(self, material: Any, wearer: str) -> None:
-        groups, cover = self._group(wearer), KINDS[self._kind].surfaces
+    def _cover_material(self, material: Any, wearer: str) -> None:
+        groups, cover = self._cover_group(wearer), KINDS[self._kind].surfaces
         if cover == "water":
-            wetted = [_wet(tree, *groups) for tree in trees(material.node_tree)]
+            wetted = [_wet_shaders(tree, *groups) for tree in nested_trees(material.node_tree)]
             if not any(wetted):
                 self.left.append(material.name)
         elif cover != "snow" or wearer == VEHICLES or not _is_water(material):
-            _cover(material, groups[0])
+            _cover_output(material, groups[0])
 
 
-def _materials() -> Iterator[tuple[Any, Shape]]:
+def _scene_materials() -> Iterator[tuple[Any, Shape]]:
     """Yield the materials of scenery and vehicles, and the shape of their trees, which changes with new nodes."""
     for material in list(bpy.data.materials):
         if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
-            yield material, tuple((tree.name, len(tree.nodes)) for tree in trees(material.node_tree))
+            yield material, tuple((tree.name, len(tree.nodes)) for tree in nested_trees(material.node_tree))
 
 
 def _is_water(material: Any) -> bool:
@@ -112,7 +112,7 @@ def _is_water(material: Any) -> bool:
     return bool(wet) or is_clear(material)
 
 
-def _wet(tree: Any, principled: Any, matt: Any) -> int:
+def _wet_shaders(tree: Any, principled: Any, matt: Any) -> int:
     """Wet the dry shaders of one tree; return the number of supported ones."""
     understood = 0
     for node in list(tree.nodes):
@@ -120,14 +120,14 @@ def _wet(tree: Any, principled: Any, matt: Any) -> int:
             group = principled if node.type == "BSDF_PRINCIPLED" else matt
             outputs = [item.name for item in group.interface.items_tree if item.in_out == "OUTPUT"]
             if not any(link.from_node.label == MARK for link in node.inputs[outputs[0]].links):
-                _insert(tree, node, group, outputs)
+                _insert_group(tree, node, group, outputs)
         understood += node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE", *UNTOUCHED)
     return understood
 
 
-def _insert(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
+def _insert_group(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
     """Insert a group before the shader's inputs of the same names."""
-    node = _node(tree, group)
+    node = _group_node(tree, group)
     for socket in node.inputs:
         shader_input = shader.inputs[socket.name]
         if shader_input.is_linked:
@@ -138,17 +138,17 @@ def _insert(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
         tree.links.new(node.outputs[name], shader.inputs[name])
 
 
-def _cover(material: Any, group: Any) -> None:
+def _cover_output(material: Any, group: Any) -> None:
     tree, output = material.node_tree, material_output(material)
     if output is None or not output.inputs["Surface"].is_linked:
         return
-    before = [(inner, {node.as_pointer() for node in inner.nodes}) for inner in trees(tree)]
+    before = [(inner, {node.as_pointer() for node in inner.nodes}) for inner in nested_trees(tree)]
     opacity = opacity_socket(material)
     for inner, nodes in before:
         for node in inner.nodes:
             if node.as_pointer() not in nodes:
                 node.label = MARK
-    node, surface = _node(tree, group), output.inputs["Surface"]
+    node, surface = _group_node(tree, group), output.inputs["Surface"]
     tree.links.new(surface.links[0].from_socket, node.inputs["Surface"])
     tree.links.new(node.outputs["Surface"], surface)
     if isinstance(opacity, float):
@@ -157,13 +157,13 @@ def _cover(material: Any, group: Any) -> None:
         tree.links.new(opacity, node.inputs["Opacity"])
 
 
-def _node(tree: Any, group: Any) -> Any:
+def _group_node(tree: Any, group: Any) -> Any:
     node = tree.nodes.new("ShaderNodeGroup")
     node.node_tree, node.label = group, MARK
     return node
 
 
-def _undress(tree: Any) -> None:
+def _remove_nodes(tree: Any) -> None:
     """Remove the marked nodes, and restore the links."""
     marked = [node for node in tree.nodes if node.label == MARK]
     for node in marked:

@@ -69,7 +69,7 @@ def main() -> int:
         except Exception as error:
             traceback.print_exc()
             message = Reply(failed=f"{type(error).__name__}: {error}")
-            renderer.reset()
+            renderer.forget_assets()
         reply(message)
     return 0
 

@@ -11,9 +11,9 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from hulldown.camera.backdrop import HIGH, even_color, fade
-from hulldown.camera.response import displayed, white_balance
-from hulldown.camera.weather.kinds import air_layers, airlight, even_sky
+from hulldown.camera.backdrop import HIGH, even_color, fade_sines
+from hulldown.camera.response import display_levels, white_balance
+from hulldown.camera.weather.kinds import air_layers, airlight_radiance, even_sky
 from hulldown.dataset.row_records import Segmenter
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation, plan_key
@@ -64,7 +64,7 @@ def sky_difference(picture, row, scene, sky):
         sky, along, yaw=math.radians(row.hdri_yaw_deg), strength=row.strength, weather=row.weather,
         horizon_deg=row.horizon_deg,
     )  # fmt: skip
-    expected = displayed(seen @ (white_balance(row.white_balance_k).T * 2.0**row.exposure_ev))
+    expected = display_levels(seen @ (white_balance(row.white_balance_k).T * 2.0**row.exposure_ev))
     smoothed = ndimage.uniform_filter((picture - expected.reshape(picture.shape)) * free[..., None], (5, 5, 0))
     share = ndimage.uniform_filter(free.astype(np.float64), 5)
     return float(np.median(np.abs(smoothed[free] / share[free][:, None]).max(axis=1)))
@@ -85,7 +85,7 @@ def radiance(sky, along, *, yaw, strength, weather=None, horizon_deg=None):
     row = (0.5 - elevation / np.pi) * height
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
     if horizon is not None and horizon > HIGH:
-        low, high = fade(horizon)
+        low, high = fade_sines(horizon)
         share = np.clip((high - z) / (high - low), 0.0, 1.0)[..., None]
         seen = (1.0 - share) * seen + share * even_color(sky, horizon) * strength
     if weather is None:
@@ -97,7 +97,7 @@ def radiance(sky, along, *, yaw, strength, weather=None, horizon_deg=None):
             sides = np.stack([layer.reach / np.abs(x), layer.reach / np.abs(y), down / np.abs(z)])
         depth += layer.extinction * sides.min(axis=0)
     clear = np.exp(-depth)[..., None]
-    return clear * seen + (1.0 - clear) * airlight(weather.kind, even_sky(sky)) * strength
+    return clear * seen + (1.0 - clear) * airlight_radiance(weather.kind, even_sky(sky)) * strength
 
 
 def outline_steps(picture, masks):

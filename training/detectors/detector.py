@@ -20,7 +20,7 @@ from msgspec import Struct
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular
-from hulldown.base.outside import read_json, sha256_of
+from hulldown.base.outside import file_sha256, read_json
 
 if TYPE_CHECKING:
     import torch
@@ -107,7 +107,7 @@ def read_run(folder: Path) -> Run:
     return read_json(folder / RUN_NAME, Run, refuse, what="a hulldown run")
 
 
-def weights_of(path: Path) -> Path:
+def find_weights(path: Path) -> Path:
     """Return the weights of a finished run, a file or a folder; other paths are returned unchanged."""
     if not path.is_dir() or (path / TRANSFORMERS_FILES[-1]).exists():
         return path
@@ -120,8 +120,8 @@ def weights_of(path: Path) -> Path:
 
 def weights_digest(path: Path) -> str:
     """Return the SHA-256 of the weights of a run, of a file, or of the tensors in a folder."""
-    weights = weights_of(path)
-    return sha256_of(weights / TRANSFORMERS_FILES[-1] if weights.is_dir() else weights)
+    weights = find_weights(path)
+    return file_sha256(weights / TRANSFORMERS_FILES[-1] if weights.is_dir() else weights)
 
 
 def read_weights(path: Path) -> dict[str, object]:
@@ -134,7 +134,7 @@ def read_weights(path: Path) -> dict[str, object]:
     except FileNotFoundError:
         raise refuse("no such run folder or checkpoint") from None
     except DAMAGED as error:  # its text advises loading code
-        kind = f"unreadable ({error.strerror})" if isinstance(error, OSError) else _kind(path, head)
+        kind = f"unreadable ({error.strerror})" if isinstance(error, OSError) else _guess_file_kind(path, head)
         raise refuse(f"is {kind}, not the weights of a detector") from None
     if not isinstance(found, dict):
         raise refuse("is a PyTorch file, but not the weights of a detector")
@@ -163,7 +163,7 @@ def refuse_odd_numbers(network: torch.nn.Module, path: Path) -> None:
             raise HulldownError(f"{name} has values that aren't finite", path=path, remedy="name other weights")
 
 
-def _kind(path: Path, head: bytes) -> str:
+def _guess_file_kind(path: Path, head: bytes) -> str:
     """Guess the kind of a file that can't be loaded from its first bytes."""
     for start, kind in _KINDS.items():
         if head.startswith(start):

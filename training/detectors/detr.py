@@ -29,16 +29,16 @@ from hulldown.base.errors import HulldownError
 from hulldown.training.detectors.detector import (
     DAMAGED,
     Detections,
+    find_weights,
     first_line,
     read_weights,
     refuse_odd_numbers,
-    weights_of,
 )
 from hulldown.training.inputs.data import network_pictures
-from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings, rate_factor
 
-with quiet():  # its dependencies give deprecation warnings
+with silence_libraries():  # its dependencies give deprecation warnings
     import rfdetr.config as rf_config
     from rfdetr import RFDETR
     from rfdetr.assets.coco_classes import COCO_CLASSES
@@ -60,7 +60,7 @@ def starting_module(
     settings: Settings, classes: Sequence[str], device: torch.device, folder: Path
 ) -> RFDETRModelModule:
     """Return RF-DETR's module with the weights to start from; RF-DETR downloads its own."""
-    named = None if settings.weights in (None, "none") else weights_of(Path(str(settings.weights)))
+    named = None if settings.weights in (None, "none") else find_weights(Path(str(settings.weights)))
     own = Path(get_model_cache_dir()) / str(CONFIGS[settings.model].model_fields["pretrain_weights"].default)
     weights = None if settings.weights == "none" else named or own
     if named is not None:
@@ -129,7 +129,7 @@ def detr_configs(
     return model, train
 
 
-def normalized(pictures: Tensor) -> Tensor:
+def normalize_pictures(pictures: Tensor) -> Tensor:
     """Normalize pictures (..., 3, h, w) of 0 to 255 for RF-DETR."""
     return normalize(pictures.float() / 255, MEAN, DEVIATION)
 
@@ -167,7 +167,7 @@ class DetrDetector:
         """Detect objects in RGB pictures."""
         if not images:
             return []
-        pictures = normalized(network_pictures(images, self._size).to(self._device))
+        pictures = normalize_pictures(network_pictures(images, self._size).to(self._device))
         sizes = torch.tensor([image.shape[:2] for image in images], device=self._device)
         known = torch.tensor(list(self._index), device=self._device)
         detections = []
@@ -184,7 +184,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     """Load the detector of an RF-DETR checkpoint, from hulldown or elsewhere."""
     _check_kind(path, read_weights(path))
     try:
-        with quiet():
+        with silence_libraries():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
     except DAMAGED as error:  # a shape or an entry of the file
         raise HulldownError(

@@ -40,12 +40,12 @@ from hulldown.training.detectors.detector import (
     DAMAGED,
     TRANSFORMERS_FILES,
     Detections,
+    find_weights,
     first_line,
     refuse_odd_numbers,
-    weights_of,
 )
 from hulldown.training.inputs.data import network_pictures
-from hulldown.training.inputs.extra import quiet
+from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings
 
 D_FINE_NANO = "ustc-community/dfine-nano-coco"  # at the Hugging Face hub
@@ -83,7 +83,7 @@ def starting_network(settings: Settings, classes: Sequence[str]) -> tuple[Any, A
         return AutoModelForObjectDetection.from_config(config), RTDetrImageProcessor(size=size)
     source = settings.weights or D_FINE_NANO
     if Path(source).is_dir():
-        source = str(weights_of(Path(source)))
+        source = str(find_weights(Path(source)))
     elif source.count("/") != 1:  # names at the hub have one
         raise HulldownError("no such run, or folder of weights", path=source, remedy=_REMEDY)
     network, processor, lost = _read_pretrained(source, settings, **names)
@@ -123,7 +123,7 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
     try:
         for name in TRANSFORMERS_FILES if Path(source).exists() else ():
             open_regular(Path(source, name)).close()
-        with quiet():
+        with silence_libraries():
             config = AutoConfig.from_pretrained(source, trust_remote_code=False, **names)
             processor = AutoImageProcessor.from_pretrained(source, trust_remote_code=False)
             network, found = AutoModelForObjectDetection.from_pretrained(

@@ -17,13 +17,13 @@ from jaxtyping import Bool, Float
 
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching, loaded_evaluation
-from hulldown.training.evaluation.metrics import ratio
+from hulldown.training.evaluation.metrics import safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
 RECALLS = np.linspace(0.0, 1.0, 101)
 IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
 AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
-CELLS = 1 << 22  # approximate largest size of an array
+MAX_ARRAY_CELLS = 1 << 22  # approximate largest size of an array
 AVERAGES = ("ap", "ap50", "ap75")
 SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
@@ -65,7 +65,7 @@ def resampled_averages(
         wanted_at = np.bincount(wanted, minlength=weights.shape[1]).astype(np.float64)
         counts = np.stack([~one.ignored[rows] for one in matchings])
         true = np.stack([one.true[rows] for one in matchings])
-        at_once = max(1, CELLS // max(1, len(rows)))
+        at_once = max(1, MAX_ARRAY_CELLS // max(1, len(rows)))
         parts = np.split(weights, range(at_once, len(weights), at_once))
         found = np.concatenate([weighted_averages(true, counts, some[:, where], some @ wanted_at) for some in parts])
         each.append(np.stack([found.mean(axis=1), found[:, AT_50], found[:, AT_75]], axis=1))
@@ -108,4 +108,4 @@ def weighted_averages(
 
 def class_mean(each: Float[np.ndarray, "r c *more"]) -> Float[np.ndarray, "r *more"]:
     """Return the mean over classes with labels, as in COCO; nan without any."""
-    return ratio(np.nansum(each, axis=1), (~np.isnan(each)).sum(axis=1))
+    return safe_ratio(np.nansum(each, axis=1), (~np.isnan(each)).sum(axis=1))

@@ -10,11 +10,11 @@ from itertools import compress
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from hulldown.dataset.attributes import SCALES, SIZE, bins_of, numbers_of
+from hulldown.dataset.attributes import SCALES, SIZE, label_numbers, value_bins
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
-from hulldown.training.evaluation.metrics import ratio, sums_by
+from hulldown.training.evaluation.metrics import grouped_sums, safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
 BINNED = ("visible_fraction", "distance")  # of `SCALES`
@@ -32,16 +32,16 @@ class BinnedField:
     of_detection: Int[np.ndarray, " d"] | None
 
 
-def fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
+def binned_fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
     """Return all attributes with bins; those that no label has are left out, as are empty bins."""
-    numbers = numbers_of(labels.annotations, labels.images, labels.image)
+    numbers = label_numbers(labels.annotations, labels.images, labels.image)
     classes = np.where(labels.crowd, -1, labels.class_index)
-    sizes = (bins_of(_side_length(boxes), SIZE) for boxes in (labels, predictions))
+    sizes = (value_bins(_side_length(boxes), SIZE) for boxes in (labels, predictions))
     found = [
-        _field("class", "class", predictions.class_names, classes, predictions.class_index),
-        _field(SIZE.name, SIZE.title, SIZE.bins, *sizes),
+        _make_field("class", "class", predictions.class_names, classes, predictions.class_index),
+        _make_field(SIZE.name, SIZE.title, SIZE.bins, *sizes),
         *(
-            _field(one.name, one.title, one.bins, bins_of(numbers[one.name], one), None)
+            _make_field(one.name, one.title, one.bins, value_bins(numbers[one.name], one), None)
             for one in SCALES
             if one.name in BINNED
         ),
@@ -53,7 +53,7 @@ def _side_length(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
     return np.sqrt(np.abs(boxes.xywh[:, 2] * boxes.xywh[:, 3]))
 
 
-def _field(
+def _make_field(
     name: str,
     title: str,
     bins: Sequence[str],
@@ -85,10 +85,10 @@ class BinFigures:
     precision_interval: Float[np.ndarray, "b 2"]
 
 
-def figures_of(field: BinnedField, seen: Matching) -> BinFigures:
+def bin_figures(field: BinnedField, seen: Matching) -> BinFigures:
     """Recall, precision if defined, and mean IoU in every bin."""
     n = len(field.bins)
-    sums = partial(sums_by, seen, of_label=field.of_label, bins=n)
+    sums = partial(grouped_sums, seen, of_label=field.of_label, bins=n)
     # A match is in its label's bin.
     tp, _, fn, iou, *_ = np.moveaxis(sums(of_detection=np.append(field.of_label, -1)[seen.box]), -1, 0)
     if field.of_detection is None:
@@ -101,18 +101,18 @@ def figures_of(field: BinnedField, seen: Matching) -> BinFigures:
         field,
         (tp + fn).sum(axis=0).astype(np.int64),
         tp.sum(axis=0).astype(np.int64),
-        *_share(tp, tp + fn),
-        ratio(iou.sum(axis=0), tp.sum(axis=0)),
+        *_ratio_interval(tp, tp + fn),
+        safe_ratio(iou.sum(axis=0), tp.sum(axis=0)),
         detections,
-        *_share(right, counted),
+        *_ratio_interval(right, counted),
     )
 
 
-def _share(
+def _ratio_interval(
     part: Float[np.ndarray, "positions b"], whole: Float[np.ndarray, "positions b"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 2"]]:
     """Return a ratio of sums over positions, with its interval."""
     trials = whole.sum(axis=0)
-    value = ratio(part.sum(axis=0), trials)
+    value = safe_ratio(part.sum(axis=0), trials)
     ends = share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
     return value, ends.T

@@ -25,7 +25,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from hulldown.training.evaluation.metrics import MEANS, ratio
+from hulldown.training.evaluation.metrics import MEANS, safe_ratio
 
 RESAMPLE_COUNT = 2000
 LEAST_ERROR = 1e-150  # smallest error whose square doesn't underflow
@@ -34,7 +34,7 @@ MIN_POSITIONS = 5  # positions: with fewer, coverage wasn't measured, so there i
 DRAWN_AT_ONCE = 1 << 22
 
 
-def resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Float[np.ndarray, "r groups"]]:
+def draw_resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Float[np.ndarray, "r groups"]]:
     """Yield batches of resamples, `times` in all: the count of each group in each resample."""
     random = np.random.default_rng(0)
     rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
@@ -48,7 +48,7 @@ def resampled_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLE_COUNT
 ) -> Float[np.ndarray, "r *columns"]:
     """Sum over the groups of each resample; the resamples depend on the number of groups alone."""
-    return np.concatenate([np.tensordot(weights, sums, 1) for weights in resamples(len(sums), times=times)])
+    return np.concatenate([np.tensordot(weights, sums, 1) for weights in draw_resamples(len(sums), times=times)])
 
 
 def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
@@ -68,8 +68,8 @@ def ratio_error(
     """Return the standard error of a ratio of sums by the delta method, without resampling."""
     groups = (whole > 0).sum(axis=0)
     total = whole.sum(axis=0)
-    off = part - ratio(part.sum(axis=0), total) * whole
-    variance = ratio((off**2).sum(axis=0), total**2)
+    off = part - safe_ratio(part.sum(axis=0), total) * whole
+    variance = safe_ratio((off**2).sum(axis=0), total**2)
     return np.where(groups >= MIN_POSITIONS, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
 
 
@@ -93,8 +93,8 @@ def share_interval(
     value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
     spread = value * (1.0 - value)
     variance = np.maximum(error, LEAST_ERROR) ** 2
-    worth = np.where((error > 0) & (spread > 0), ratio(spread, variance), freedom + 1.0)
-    scale = ratio(_quantile(freedom) ** 2, np.minimum(worth, trials))
+    worth = np.where((error > 0) & (spread > 0), safe_ratio(spread, variance), freedom + 1.0)
+    scale = safe_ratio(_t_quantile(freedom) ** 2, np.minimum(worth, trials))
     middle = (value + scale / 2.0) / (1.0 + scale)
     reach = np.sqrt(np.maximum(spread * scale + scale * scale / 4.0, 0.0)) / (1.0 + scale)
     ends = np.clip(np.stack([middle - reach, middle + reach]), 0.0, 1.0)
@@ -112,7 +112,7 @@ def difference_interval(
     """
     value, error, labels = (np.asarray(n, dtype=np.float64) for n in (value, error, labels))
     middle = value * labels / (labels + 2.0)
-    reach = _quantile(freedom) * np.sqrt(error**2 + 2.0 / (labels + 2.0) ** 2)
+    reach = _t_quantile(freedom) * np.sqrt(error**2 + 2.0 / (labels + 2.0) ** 2)
     return np.clip(np.stack([middle - reach, middle + reach]), -1.0, 1.0)
 
 
@@ -122,8 +122,8 @@ def combined_error(
     """Return standard error from test pictures and from seeds together, and its degrees of freedom (Satterthwaite)."""
     first, second = np.asarray(tests, dtype=np.float64) ** 2, np.asarray(seeds, dtype=np.float64) ** 2
     both = first + second
-    shrink = ratio(first**2, test_freedom) + np.where(second > 0, ratio(second**2, seed_freedom), 0.0)
-    return np.asarray(np.sqrt(both)), np.where(shrink > 0, ratio(both**2, shrink), test_freedom)
+    shrink = safe_ratio(first**2, test_freedom) + np.where(second > 0, safe_ratio(second**2, seed_freedom), 0.0)
+    return np.asarray(np.sqrt(both)), np.where(shrink > 0, safe_ratio(both**2, shrink), test_freedom)
 
 
 def figure_intervals(
@@ -142,5 +142,5 @@ def figure_intervals(
     return found
 
 
-def _quantile(freedom: ArrayLike) -> Float[np.ndarray, "..."]:
+def _t_quantile(freedom: ArrayLike) -> Float[np.ndarray, "..."]:
     return np.asarray(stdtrit(np.maximum(freedom, 1.0), 0.5 + CONFIDENCE_LEVEL / 2))

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET, Struct, UnsetType
 
-from hulldown.geometry.indices import spread
+from hulldown.geometry.indices import even_sample
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
-from hulldown.training.evaluation.metrics import COUNTS, confusion, curves
+from hulldown.training.evaluation.metrics import COUNTS, confusion_matrix, threshold_curves
 
 DECIMAL_DIGITS = 6
 CURVE_POINTS = 200
@@ -109,13 +109,13 @@ class DetectorReports(Struct, frozen=True):
         return [line for one in self.runs.values() for line in one.lines()]
 
 
-def report(one: Evaluation) -> DetectorReport:
+def detector_report(one: Evaluation) -> DetectorReport:
     """Return the report about one file of detections."""
     predictions = one.predictions
     listed = predictions.class_names
     names = [name if listed.count(name) == 1 else f"{name} ({c + 1})" for c, name in enumerate(listed)]
-    curve = curves(one.matching)
-    shown = spread(len(curve["threshold"]), CURVE_POINTS)
+    curve = threshold_curves(one.matching)
+    shown = even_sample(len(curve["threshold"]), CURVE_POINTS)
     return DetectorReport(
         dataset=str(one.labels.path),
         predictions=predictions.name,
@@ -125,43 +125,43 @@ def report(one: Evaluation) -> DetectorReport:
         images=len(one.labels.images),
         positions=one.labels.positions,
         labels=int((~one.labels.crowd).sum()),
-        overall=_figures(one),
-        per_class={name: _figures(one, c) for c, name in enumerate(names)},
-        confusion=Confusion([*names, "background"], confusion(one.seen).tolist()),
-        curves={key: plain(values[shown]) for key, values in curve.items()},
-        bins={found.field.name: _bins(found) for found in one.bins},
+        overall=_report_figures(one),
+        per_class={name: _report_figures(one, c) for c, name in enumerate(names)},
+        confusion=Confusion([*names, "background"], confusion_matrix(one.seen).tolist()),
+        curves={key: plain_json(values[shown]) for key, values in curve.items()},
+        bins={found.field.name: _report_bins(found) for found in one.bins},
     )
 
 
 def reported_comparison(found: DetectorComparison) -> ReportedComparison:
     """Return a comparison for the report."""
-    return ReportedComparison(**plain(asdict(found)))
+    return ReportedComparison(**plain_json(asdict(found)))
 
 
-def plain(value: Any) -> Any:
+def plain_json(value: Any) -> Any:
     """Numbers and arrays as JSON values, rounded; None for nan and infinity."""
     if isinstance(value, Mapping):
-        return {key: plain(item) for key, item in value.items()}
+        return {key: plain_json(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return plain_json(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
+        return [plain_json(item) for item in value]
     if isinstance(value, float | np.floating):
         return round(float(value), DECIMAL_DIGITS) if math.isfinite(value) else None
     return value
 
 
-def _figures(one: Evaluation, label: int | None = None) -> ReportedFigures:
+def _report_figures(one: Evaluation, label: int | None = None) -> ReportedFigures:
     return ReportedFigures(
-        **{key: int(value) if key in COUNTS else plain(value) for key, value in one.values(label).items()},
+        **{key: int(value) if key in COUNTS else plain_json(value) for key, value in one.values(label).items()},
         threshold=one.threshold.value,
         threshold_source=one.threshold.source,
         iou=one.matching.iou_threshold,
-        average_precision=plain(one.summary) if label is None else UNSET,
-        intervals=plain(one.intervals(label)),
+        average_precision=plain_json(one.summary) if label is None else UNSET,
+        intervals=plain_json(one.intervals(label)),
     )
 
 
-def _bins(found: BinFigures) -> list[ReportedBin]:
-    figures = (plain(getattr(found, key)) for key in BinFigures.__slots__ if key != "field")
+def _report_bins(found: BinFigures) -> list[ReportedBin]:
+    figures = (plain_json(getattr(found, key)) for key in BinFigures.__slots__ if key != "field")
     return [ReportedBin(*row) for row in zip(found.field.bins, *figures, strict=True)]

@@ -15,17 +15,25 @@ from hulldown.training.evaluation.average_precision import (
     coco_averages,
     resampled_averages,
 )
-from hulldown.training.evaluation.bins import BinFigures, fields, figures_of
+from hulldown.training.evaluation.bins import BinFigures, bin_figures, binned_fields
 from hulldown.training.evaluation.bootstrap import (
     difference_interval,
+    draw_resamples,
     figure_intervals,
     resampled_sums,
-    resamples,
     standard_error,
 )
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import match, match_repeatedly
-from hulldown.training.evaluation.metrics import COUNTS, FIGURES, SUMS, curves, denominators, figures, sums_by
+from hulldown.training.evaluation.matching import match_detections, match_repeatedly
+from hulldown.training.evaluation.metrics import (
+    COUNTS,
+    FIGURES,
+    SUMS,
+    figure_denominators,
+    figures_from_sums,
+    grouped_sums,
+    threshold_curves,
+)
 from hulldown.training.evaluation.predictions import Predictions
 
 AP_RESAMPLES = 400  # enough for a standard error; each passes over all detections
@@ -44,15 +52,15 @@ class Evaluation:
 
     def __init__(self, labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> None:
         self.labels, self.predictions, self.threshold = labels, predictions, threshold
-        self.matching = match(labels, predictions, iou=iou)
-        self.seen = self.matching.above(threshold.value)
+        self.matching = match_detections(labels, predictions, iou=iou)
+        self.seen = self.matching.above_threshold(threshold.value)
 
     @cached_property
     def position_sums(self) -> Float[np.ndarray, "positions c 6"]:
         """`metrics.SUMS` of each class in each position."""
         classes = len(self.predictions.class_names)
         by_class = {"of_detection": self.predictions.class_index, "of_label": self.labels.class_index}
-        return sums_by(self.seen, **by_class, bins=classes)
+        return grouped_sums(self.seen, **by_class, bins=classes)
 
     @cached_property
     def resampled_sums(self) -> Float[np.ndarray, "r c 6"]:
@@ -62,7 +70,7 @@ class Evaluation:
     @cached_property
     def position_labels(self) -> Float[np.ndarray, " positions"]:
         """Number of labels in each position, without crowds."""
-        return denominators(self.position_sums.sum(axis=1))["recall"]
+        return figure_denominators(self.position_sums.sum(axis=1))["recall"]
 
     @property
     def summary(self) -> dict[str, float]:
@@ -76,36 +84,40 @@ class Evaluation:
     @cached_property
     def _resampled_averages(self) -> Float[np.ndarray, "r c 3"]:
         matchings = match_repeatedly(self.labels, self.predictions, IOUS)
-        some = resamples(self.labels.positions, times=AP_RESAMPLES)
+        some = draw_resamples(self.labels.positions, times=AP_RESAMPLES)
         return np.concatenate([resampled_averages(matchings, weights) for weights in some])
 
     @cached_property
     def bins(self) -> list[BinFigures]:
         """Figures in the bins of each field."""
-        return [figures_of(field, self.seen) for field in fields(self.labels, self.predictions)]
+        return [bin_figures(field, self.seen) for field in binned_fields(self.labels, self.predictions)]
 
     def values(self, label: int | None = None) -> dict[str, float]:
         """`metrics.COUNTS`, `metrics.FIGURES`, and `AVERAGES`, over all classes or of one; nan if undefined."""
-        sums = self.position_sums[:, _among(label)].sum(axis=0).sum(axis=0)
+        sums = self.position_sums[:, _describe_label(label)].sum(axis=0).sum(axis=0)
         summary, of_classes = self._averages
         averages = [summary[key] for key in AVERAGES] if label is None else of_classes[label]
-        found = {**dict(zip(SUMS, sums, strict=True)), **figures(sums), **dict(zip(AVERAGES, averages, strict=True))}
+        found = {
+            **dict(zip(SUMS, sums, strict=True)),
+            **figures_from_sums(sums),
+            **dict(zip(AVERAGES, averages, strict=True)),
+        }
         return {key: float(found[key]) for key in (*COUNTS, *FIGURES, *AVERAGES)}
 
     def resampled(self, label: int | None = None) -> dict[str, Float[np.ndarray, " r"]]:
         """`metrics.FIGURES` in every resample of positions, and `AVERAGES` in `AP_RESAMPLES` resamples."""
-        averages = class_mean(self._resampled_averages[:, _among(label)])
-        found = figures(self.resampled_sums[:, _among(label)].sum(axis=1))
+        averages = class_mean(self._resampled_averages[:, _describe_label(label)])
+        found = figures_from_sums(self.resampled_sums[:, _describe_label(label)].sum(axis=1))
         return found | dict(zip(AVERAGES, averages.T, strict=True))
 
     def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
         """Of all figures, over all classes or of one."""
-        wholes = denominators(self.position_sums[:, _among(label)].sum(axis=1))
+        wholes = figure_denominators(self.position_sums[:, _describe_label(label)].sum(axis=1))
         wholes |= dict.fromkeys(AVERAGES, wholes["recall"])
         return figure_intervals(self.values(label), self.resampled(label), wholes)
 
 
-def _among(label: int | None) -> slice:
+def _describe_label(label: int | None) -> slice:
     return slice(None) if label is None else slice(label, label + 1)
 
 
@@ -121,7 +133,7 @@ class DetectorComparison:
 
 def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> float | None:
     """Return the highest confidence with the highest F1 over all classes; None without detections."""
-    curve = curves(match(labels, predictions, iou=iou))
+    curve = threshold_curves(match_detections(labels, predictions, iou=iou))
     return float(curve["threshold"][np.argmax(curve["f1"])]) if len(curve["f1"]) else None
 
 
@@ -131,7 +143,7 @@ def equal_count(labels: Labels, predictions: Predictions) -> float:
     return float(np.sort(predictions.score)[-wanted]) if 0 < wanted <= len(predictions.score) else 0.0
 
 
-def compare(first: Evaluation, second: Evaluation) -> DetectorComparison:
+def compare_detectors(first: Evaluation, second: Evaluation) -> DetectorComparison:
     """Compare two detectors on one dataset, second minus first, on the same resamples of positions."""
     before, after = first.values(), second.values()
     again, later = first.resampled(), second.resampled()

@@ -16,13 +16,13 @@ from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
-from hulldown.dataset.reports.charts import BLUE, COLORS, GREEN, INK, MAX_NAME_CHARACTERS, RED, axes_of, short
-from hulldown.dataset.reports.page import render
+from hulldown.dataset.reports.charts import BLUE, COLORS, GREEN, INK, MAX_NAME_CHARACTERS, RED, make_axes, shorten_name
+from hulldown.dataset.reports.page import render_page
 from hulldown.pictures.sheets import BACKGROUND, contact_sheet
 from hulldown.training.evaluation.detector_report import DetectorReport
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.metrics import curves
+from hulldown.training.evaluation.metrics import threshold_curves
 from hulldown.training.evaluation.predictions import Predictions
 
 TEMPLATE = "training/evaluation/evaluation_page.html"
@@ -52,7 +52,7 @@ LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 def evaluation_page(one: Evaluation, report: DetectorReport, sheets: Mapping[str, bytes]) -> str:
     """Return the page about one file of detections, from its evaluation, its report, and its `write_sheets`."""
-    return render(
+    return render_page(
         TEMPLATE,
         {
             "figures": FIGURES,
@@ -73,7 +73,7 @@ def comparison_page(
     evaluations: Sequence[Evaluation], reports: Mapping[str, DetectorReport], compared: Sequence[DetectorComparison]
 ) -> str:
     """Return the page that compares files of detections, which have their own pages in folders of their names."""
-    return render(
+    return render_page(
         TEMPLATE,
         {
             "figures": FIGURES,
@@ -96,17 +96,17 @@ def comparison_page(
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
     """Precision over recall, with the operating points: of each class for one detector, of each of several."""
-    figure, axes = axes_of("precision over recall", 5.4, 3.6)
+    figure, axes = make_axes("precision over recall", 5.4, 3.6)
     colors = cycle(COLORS)
     for one in evaluations:
         alone = len(evaluations) == 1
-        curve, color = curves(one.matching), next(colors)
-        name = "all classes" if alone else short(one.predictions.name)
-        axes.plot(curve["recall"], curve["precision"], marker_of(curve["recall"]), color=color, label=name)
+        curve, color = threshold_curves(one.matching), next(colors)
+        name = "all classes" if alone else shorten_name(one.predictions.name)
+        axes.plot(curve["recall"], curve["precision"], find_marker(curve["recall"]), color=color, label=name)
         for label, name in enumerate(one.predictions.class_names if alone else ()):
-            each = curves(one.matching, label=label)
-            line, own = marker_of(each["recall"]), next(colors)
-            axes.plot(each["recall"], each["precision"], line, color=own, linewidth=0.9, label=short(name))
+            each = threshold_curves(one.matching, label=label)
+            line, own = find_marker(each["recall"]), next(colors)
+            axes.plot(each["recall"], each["precision"], line, color=own, linewidth=0.9, label=shorten_name(name))
         at = np.searchsorted(-curve["threshold"], -one.threshold.value, side="right") - 1
         if at >= 0:
             axes.plot(curve["recall"][at], curve["precision"][at], "o", color=color)
@@ -115,17 +115,17 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
     return figure
 
 
-def marker_of(values: np.ndarray) -> str:
+def find_marker(values: np.ndarray) -> str:
     """Return the marker of a curve: a dot if it has one point."""
     return "-" if len(values) > 1 else "."
 
 
 def over_thresholds(one: Evaluation) -> Figure:
     """Precision, recall and F1 over the confidence from which detections count."""
-    figure, axes = axes_of("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
-    curve = curves(one.matching)
+    figure, axes = make_axes("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
+    curve = threshold_curves(one.matching)
     for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
-        axes.plot(curve["threshold"], curve[key], marker_of(curve[key]), color=color, label=FIGURES[key])
+        axes.plot(curve["threshold"], curve[key], find_marker(curve[key]), color=color, label=FIGURES[key])
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="confidence threshold", ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower center")
@@ -136,8 +136,10 @@ def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
     """Write and return sheets of the largest misses and of the most confident false positives; old ones are removed."""
     sizes = np.sqrt(one.labels.xywh[:, 2] * one.labels.xywh[:, 3])
     chosen = {
-        "misses.png": _tiles(one, one.labels, one.seen.missed, sizes, "size {:.0f} px"),
-        "false_alarms.png": _tiles(one, one.predictions, one.seen.false, one.predictions.score, "confidence {:.2f}"),
+        "misses.png": _ranked_tiles(one, one.labels, one.seen.missed, sizes, "size {:.0f} px"),
+        "false_alarms.png": _ranked_tiles(
+            one, one.predictions, one.seen.false, one.predictions.score, "confidence {:.2f}"
+        ),
     }
     sheets = {}
     for name, tiles in chosen.items():
@@ -150,7 +152,7 @@ def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
     return sheets
 
 
-def _tiles(
+def _ranked_tiles(
     one: Evaluation,
     boxes: Labels | Predictions,
     among: Bool[np.ndarray, " n"],
@@ -161,13 +163,13 @@ def _tiles(
     rows = np.flatnonzero(among)
     tiles = {}
     for number, k in enumerate(rows[np.argsort(-rank[rows], kind="stable")][:MAX_TILES].tolist(), start=1):
-        tile, problem = _cut(one, int(boxes.image[k]), boxes.xywh[k])
+        tile, problem = _cut_picture(one, int(boxes.image[k]), boxes.xywh[k])
         name = one.predictions.class_names[boxes.class_index[k]]
         tiles[", ".join((f"{number}. {name}", word.format(rank[k]), *problem))] = tile
     return tiles
 
 
-def _cut(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[Image.Image, tuple[str, ...]]:
+def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[Image.Image, tuple[str, ...]]:
     """Return a box's surroundings with the boxes of all labels and counted detections, and why it can't be read."""
     tile, name = Image.new("RGB", TILE, BACKGROUND), one.labels.images[image].file_name
     try:
@@ -184,7 +186,7 @@ def _cut(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[I
     pen = ImageDraw.Draw(cut)
     shown = np.flatnonzero((one.labels.image == image) & ~one.labels.crowd)
     counted = ~one.seen.ignored & (one.predictions.image == image)
-    true, found = list(_outlines(one.labels.xywh[shown])), _outlines(one.predictions.xywh[counted])
+    true, found = list(_draw_outlines(one.labels.xywh[shown])), _draw_outlines(one.predictions.xywh[counted])
     if one.predictions.corners is not None:
         true = [visible_corners(one.labels.annotations[k], one.labels.images[image]) for k in shown.tolist()]
         found = one.predictions.corners[counted]
@@ -195,5 +197,5 @@ def _cut(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[I
     return tile, ()
 
 
-def _outlines(xywh: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4 2"]:
+def _draw_outlines(xywh: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4 2"]:
     return xywh[:, None, :2] + xywh[:, None, 2:] * [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]

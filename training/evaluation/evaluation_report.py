@@ -17,16 +17,16 @@ from msgspec.structs import asdict
 
 from hulldown.base.arguments import AnyPath, Overlap, Share
 from hulldown.base.errors import DatasetError, HulldownError
-from hulldown.base.files import make_room, replace_file
-from hulldown.base.terminal import reporting
+from hulldown.base.files import prepare_output_file, replace_file
+from hulldown.base.terminal import progress_bar
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.detector_report import (
     DetectorReport,
     DetectorReports,
-    report,
+    detector_report,
     reported_comparison,
 )
-from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare_detectors
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, write_sheets
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.metrics import COUNTS, FIGURES
@@ -102,9 +102,9 @@ def evaluate_detections(
             f"--validation names {len(validation) - 1} files of detections where {len(paths)} are evaluated",
             remedy="name a dataset and then the detections of each detector in it",
         )
-    with reporting("evaluating", progress) as advance:
+    with progress_bar("evaluating", progress) as advance:
         labels = read_labels(Path(dataset))
-        read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _names(paths), strict=True)]
+        read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _file_names(paths), strict=True)]
         if validation:
             valid = read_labels(Path(validation[0]))
             others = [read_predictions(Path(path), valid, name=str(path)) for path in validation[1:]]
@@ -112,21 +112,23 @@ def evaluate_detections(
         else:
             thresholds = [Threshold(float(threshold), "given")] * len(read)
         reports, evaluations = {}, []
-        make_room(output / "report.html")
+        prepare_output_file(output / "report.html")
         for k, (detections, at) in enumerate(zip(read, thresholds, strict=True), start=1):
             one = Evaluation(labels, detections, threshold=at, iou=iou)
-            found = report(one)
+            found = detector_report(one)
             evaluations.append(one)
             reports[detections.name] = found
             folder = output / detections.name if len(paths) > 1 else output
-            make_room(folder / "report.html")
-            _write(folder, {detections.name: found}, found, evaluation_page(one, found, write_sheets(folder, one)))
+            prepare_output_file(folder / "report.html")
+            _write_reports(
+                folder, {detections.name: found}, found, evaluation_page(one, found, write_sheets(folder, one))
+            )
             advance(k, len(paths))
     if len(evaluations) == 1:
         return found
-    compared = [compare(evaluations[0], other) for other in evaluations[1:]]
+    compared = [compare_detectors(evaluations[0], other) for other in evaluations[1:]]
     written = DetectorReports(reports, [reported_comparison(one) for one in compared])
-    _write(output, reports, written, comparison_page(evaluations, reports, compared))
+    _write_reports(output, reports, written, comparison_page(evaluations, reports, compared))
     return written
 
 
@@ -138,7 +140,7 @@ def _best_threshold(labels: Labels, predictions: Predictions, iou: float) -> Thr
     return Threshold(best, "validation")
 
 
-def _names(paths: Sequence[Path]) -> list[str]:
+def _file_names(paths: Sequence[Path]) -> list[str]:
     """Return names of files of detections: the file's, with its folder if needed to distinguish them, else numbered."""
     for names in (
         [path.stem for path in paths],
@@ -150,7 +152,7 @@ def _names(paths: Sequence[Path]) -> list[str]:
     return [f"{path.stem}-{k}" for k, path in enumerate(paths, start=1)]
 
 
-def _write(
+def _write_reports(
     folder: Path, reports: Mapping[str, DetectorReport], written: DetectorReport | DetectorReports, page: str
 ) -> None:
     replace_file(folder / "metrics.csv", metrics_csv(reports).encode())

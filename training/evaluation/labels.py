@@ -14,7 +14,7 @@ from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.labels.mask import area_of
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.image_positions import group_of
+from hulldown.dataset.image_positions import position_group
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
 
@@ -38,7 +38,7 @@ class Labels(BoxTable):
     @cached_property
     def position(self) -> Int[np.ndarray, " n"]:
         """(n,) position of each image; an image without one is its own."""
-        return np.unique([group_of(image) for image in self.images], return_inverse=True)[1]
+        return np.unique([position_group(image) for image in self.images], return_inverse=True)[1]
 
     @property
     def positions(self) -> int:
@@ -48,10 +48,10 @@ class Labels(BoxTable):
 
 def read_labels(path: Path | str) -> Labels:
     """Read the labels of a dataset."""
-    return labels_of(read_usable(Path(path)), path=Path(path))
+    return evaluation_labels(read_usable(Path(path)), path=Path(path))
 
 
-def labels_of(found: LabeledImages, *, path: Path) -> Labels:
+def evaluation_labels(found: LabeledImages, *, path: Path) -> Labels:
     """Labels of a dataset's images."""
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)

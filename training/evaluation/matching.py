@@ -59,7 +59,7 @@ class Matching:
         """Labels without a detection; a crowd is neither found nor missed."""
         return (self.detection < 0) & ~self.labels.crowd
 
-    def above(self, threshold: float) -> Matching:
+    def above_threshold(self, threshold: float) -> Matching:
         """Ignore detections with scores below a threshold; the matches of the others don't depend on them."""
         ignored = self.ignored | (self.predictions.score < threshold)
         detection = self.detection.copy()
@@ -120,7 +120,7 @@ def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_fast
     return kind(*loaded, "bbox", print_function=lambda *text: None, extra_calc=True)
 
 
-def match(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> Matching:
+def match_detections(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> Matching:
     """Match detections with labels of their class as COCO does."""
     return match_repeatedly(labels, predictions, [iou])[0]
 
@@ -128,10 +128,10 @@ def match(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> Matc
 def match_repeatedly(labels: Labels, predictions: Predictions, ious: Sequence[float]) -> list[Matching]:
     """Match with each of several least IoUs."""
     evaluation = loaded_evaluation(labels, predictions) if len(predictions.score) else None
-    return [_matching(labels, predictions, evaluation, iou) for iou in ious]
+    return [_match_class(labels, predictions, evaluation, iou) for iou in ious]
 
 
-def _matching(labels: Labels, predictions: Predictions, evaluation: COCOeval_faster | None, iou: float) -> Matching:
+def _match_class(labels: Labels, predictions: Predictions, evaluation: COCOeval_faster | None, iou: float) -> Matching:
     box = np.full(len(predictions.score), -1, dtype=np.int64)
     overlap = np.full(len(predictions.score), np.nan)
     detection = np.full(len(labels.class_index), -1, dtype=np.int64)

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.training.evaluation.matching import Matching, match
+from hulldown.training.evaluation.matching import Matching, match_detections
 
 COUNTS = ("tp", "fp", "fn")
 SUMS = (*COUNTS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
@@ -22,7 +22,7 @@ MEANS = ("mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_f
 FIGURES = (*SHARES, *MEANS)
 
 
-def sums_by(
+def grouped_sums(
     matching: Matching, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
 ) -> Float[np.ndarray, "positions bins 6"]:
     """Return `SUMS` of each bin in each position."""
@@ -40,7 +40,7 @@ def sums_by(
     return np.stack([tp, fp, *fn, *rest], axis=1, dtype=np.float64).reshape(labels.positions, bins, len(SUMS))
 
 
-def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
+def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
     """`FIGURES` from `SUMS` in the last axis; nan if undefined.
 
     Examples
@@ -48,29 +48,32 @@ def figures(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, 
     The paper's Figure 9, real images alone, in percent:
 
     >>> import numpy as np
-    >>> found = figures(np.array([688.0, 49, 391, 0, 0, 0]))
+    >>> found = figures_from_sums(np.array([688.0, 49, 391, 0, 0, 0]))
     >>> [round(100 * float(found[key]), 1) for key in ("precision", "recall", "f1")]
     [93.4, 63.8, 75.8]
     """
     tp, _, _, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
     parts = (tp, tp, 2.0 * tp, iou, sure_tp + sure_fp, sure_tp, sure_fp)
-    return {key: ratio(part, whole) for part, (key, whole) in zip(parts, denominators(sums).items(), strict=True)}
+    return {
+        key: safe_ratio(part, whole)
+        for part, (key, whole) in zip(parts, figure_denominators(sums).items(), strict=True)
+    }
 
 
-def denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
+def figure_denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
     """Denominators of `FIGURES`."""
     tp, fp, fn = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)[:3]
     each = map(np.asarray, (tp + fp, tp + fn, 2.0 * tp + fp + fn, tp, tp + fp, tp, fp))
     return dict(zip(FIGURES, each, strict=True))
 
 
-def ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
+def safe_ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
     """`part / whole`, nan if the whole is 0."""
     part, whole = np.asarray(part, dtype=np.float64), np.asarray(whole, dtype=np.float64)
     return np.divide(part, whole, out=np.full(np.broadcast(part, whole).shape, np.nan), where=whole != 0.0)
 
 
-def curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[np.ndarray, " k"]]:
+def threshold_curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[np.ndarray, " k"]]:
     """``precision``, ``recall``, and ``f1`` at k values of ``threshold``: all scores, falling; of a class or of all."""
     labels, score = matching.labels, matching.predictions.score
     counted, wanted = ~matching.ignored, ~labels.crowd
@@ -83,13 +86,13 @@ def curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[n
     fp, fn = last + 1 - tp, int(wanted.sum()) - tp
     return {
         "threshold": score[rows][last],
-        "precision": ratio(tp, tp + fp),
-        "recall": ratio(tp, tp + fn),
-        "f1": ratio(2 * tp, 2 * tp + fp + fn),
+        "precision": safe_ratio(tp, tp + fp),
+        "recall": safe_ratio(tp, tp + fn),
+        "f1": safe_ratio(2 * tp, 2 * tp + fp + fn),
     }
 
 
-def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
+def confusion_matrix(matching: Matching) -> Int[np.ndarray, "k k"]:
     """Return the confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
 
     The diagonal has the true positives. The rest is matched again, ignoring classes, by the same rule; what
@@ -107,7 +110,7 @@ def confusion(matching: Matching) -> Int[np.ndarray, "k k"]:
     )  # fmt: skip
     # Found labels and crowds are of another class, so nothing matches them.
     others = replace(labels, class_index=np.where(missed, 0, 1))
-    mixed = match(others, rest, iou=matching.iou_threshold).box
+    mixed = match_detections(others, rest, iou=matching.iou_threshold).box
     meant = np.where(matching.true, predictions.class_index, background)
     meant[wrong[mixed >= 0]] = labels.class_index[mixed[mixed >= 0]]
     missed[mixed[mixed >= 0]] = False

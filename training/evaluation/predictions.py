@@ -17,7 +17,7 @@ from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import Pixel, Share, Side, misfits
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, read_json, typed
+from hulldown.base.outside import DATA, parse_value, read_json
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # of a file next to the results, a `PredictionInfo`
@@ -74,37 +74,37 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
     `name`: their name; None: the file's name without its extension.
     """
     path = Path(path)
-    found, names = _read(path), {}
+    found, names = _read_file(path), {}
     if isinstance(found, dict):
         _check_images(path, found.get("images"), labels)
-        names, found = _names(found), found.get("annotations")
+        names, found = _category_names(found), found.get("annotations")
     info = path.with_name(path.name + INFO_SUFFIX)
-    if info.exists() and isinstance(listed := _read(info), dict):
+    if info.exists() and isinstance(listed := _read_file(info), dict):
         _check_images(info, listed.get("images"), labels)
-        names |= _names(listed)
+        names |= _category_names(listed)
     if not isinstance(found, list):
         raise DatasetError(
             "isn't COCO results: expected a list of detections", path=path, remedy="name a file of detections"
         )
-    return predictions_of(found, labels, path=path, name=name or path.stem, names=names)
+    return read_checked_predictions(found, labels, path=path, name=name or path.stem, names=names)
 
 
-def predictions_of(
+def read_checked_predictions(
     found: Sequence[object], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
 ) -> Predictions:
     """Return detections from a list; `names` are those of categories that the dataset lacks."""
     try:
-        rows = typed(found, list[_Detection])
+        rows = parse_value(found, list[_Detection])
     except ValueError:
-        number, problem = next((i, problem) for i, each in enumerate(found) for problem in _misfits(each))
-        raise _unusable(f"{number}: {problem}", path, labels) from None
+        number, problem = next((i, problem) for i, each in enumerate(found) for problem in _find_misfits(each))
+        raise _refuse_file(f"{number}: {problem}", path, labels) from None
     index = {image.id: i for i, image in enumerate(labels.images)}
     oriented = any(row.obb is not None for row in rows)
     for i, row in enumerate(rows):
         if row.image_id not in index:
-            raise _unusable(f"{i}: image {row.image_id} is not in the dataset", path, labels)
+            raise _refuse_file(f"{i}: image {row.image_id} is not in the dataset", path, labels)
         if (row.obb if oriented else row.bbox) is None:
-            raise _unusable(f"{i}: has no {'obb, which others have' if oriented else 'bbox'}", path, labels)
+            raise _refuse_file(f"{i}: has no {'obb, which others have' if oriented else 'bbox'}", path, labels)
     known = labels.class_id.tolist()
     others = sorted({row.category_id for row in rows} - set(known))
     class_index = {category: i for i, category in enumerate([*known, *others])}
@@ -131,7 +131,7 @@ def predictions_of(
     )
 
 
-def _misfits(detection: object) -> Iterator[str]:
+def _find_misfits(detection: object) -> Iterator[str]:
     """Find what is wrong with a detection."""
     if isinstance(detection, dict):
         yield from misfits(detection, _Detection)
@@ -139,11 +139,11 @@ def _misfits(detection: object) -> Iterator[str]:
         yield f"{detection!r:.60} isn't an object"
 
 
-def _unusable(problem: str, path: Path, labels: Labels) -> DatasetError:
+def _refuse_file(problem: str, path: Path, labels: Labels) -> DatasetError:
     return DatasetError(f"detection {problem}", path=path, remedy=f"give results of {labels.path}")
 
 
-def _names(info: Mapping[str, object]) -> dict[int, str]:
+def _category_names(info: Mapping[str, object]) -> dict[int, str]:
     """Return names of the listed categories by id."""
     listed = info.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
@@ -175,6 +175,6 @@ def _check_images(path: Path, listed: object, labels: Labels) -> None:
         )
 
 
-def _read(path: Path) -> object:
+def _read_file(path: Path) -> object:
     refuse = partial(DatasetError, path=path, remedy="name a file of COCO results")
     return read_json(path, object, refuse, what="valid JSON", most=DATA)

@@ -53,7 +53,7 @@ class DrawnExamples(Dataset[Example | HulldownError]):
         """Return draw k, or why it can't be read: PyTorch's loader would add its traceback to an exception."""
         cv2.setNumThreads(0)  # its threads compete with the loader's workers and the network
         try:
-            return example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
+            return make_example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
         except HulldownError as error:
             return error
 
@@ -80,7 +80,7 @@ def at_work_size(sample: Sample, size: tuple[int, int]) -> Sample:
     return sample if scale >= 1.0 else sample.resized(round(width * scale), round(height * scale))
 
 
-def example(sample: Sample, size: tuple[int, int]) -> Example:
+def make_example(sample: Sample, size: tuple[int, int]) -> Example:
     """Return a sample at a network's size (width, height)."""
     seen = replace(sample, masks=()).resized(*size)
     corners = np.concatenate((seen.xywh[:, :2], seen.xywh[:, :2] + seen.xywh[:, 2:]), axis=1)
@@ -110,4 +110,4 @@ def network_pictures(
 ) -> UInt8[torch.Tensor, "n 3 h w"]:
     """Pictures of any sizes at a network's size (width, height), as in training."""
     nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
-    return torch.stack([example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])
+    return torch.stack([make_example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])

@@ -23,7 +23,7 @@ def require_extra() -> None:
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
+def silence_libraries() -> Iterator[None]:
     """Silence routine messages of Lightning, RF-DETR, and transformers; errors are shown."""
     names = ("pytorch_lightning", "lightning_fabric", "rf-detr", "transformers", "huggingface_hub")
     loggers = [logging.getLogger(name) for name in names]

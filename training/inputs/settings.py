@@ -14,8 +14,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.outside import json_of, read_text, typed, yaml_of
-from hulldown.base.toml_files import read_toml, validated
+from hulldown.base.outside import parse_json, parse_value, parse_yaml, read_text
+from hulldown.base.toml_files import read_toml, validate_model
 
 Model = Literal["small", "nano", "rf-small", "medium", "large"]
 
@@ -89,7 +89,7 @@ class Settings(BaseModel):
 _OPTIONS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
 
 
-def _option(field: FieldInfo) -> object:
+def _setting_option(field: FieldInfo) -> object:
     shown = str(field.default) if isinstance(field.default, str | int) else False
     kind: Any = field.annotation
     return Annotated[kind | None, Parameter(help=field.description, show_default=shown)]
@@ -99,7 +99,7 @@ def _option(field: FieldInfo) -> object:
 SettingOptions = Parameter(name="*")(
     make_dataclass(
         "SettingOptions",
-        [(name, _option(Settings.model_fields[name]), None) for name in _OPTIONS],
+        [(name, _setting_option(Settings.model_fields[name]), None) for name in _OPTIONS],
         namespace={"__module__": __name__},
     )
 )
@@ -116,7 +116,9 @@ def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> 
     refuse = partial(ConfigError, path=path, remedy=_NAME_A_FILE)
     text = read_text(path, refuse)
     try:
-        document = typed(json_of(text.encode(), object) if path.suffix == ".json" else yaml_of(text), dict[str, object])
+        document = parse_value(
+            parse_json(text.encode(), object) if path.suffix == ".json" else parse_yaml(text), dict[str, object]
+        )
     except ValueError as error:
         raise refuse(f"isn't an Albumentations file ({error})") from None
     if "transform" not in document:
@@ -131,7 +133,7 @@ def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
     """
     data = {} if path is None else resolved_augmentation(read_toml(path), path.parent)
     data.update({key: value for key, value in changes.items() if value is not None})
-    return validated(Settings, data, path)
+    return validate_model(Settings, data, path)
 
 
 def rate_factor(step: int, settings: Settings, steps: int) -> float:

@@ -16,13 +16,13 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import decode, run_lengths
+from hulldown.annotate.masks import decode_mask, run_lengths
 from hulldown.annotate.records import Label
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
-from hulldown.dataset.usable_labels import clipped
+from hulldown.dataset.usable_labels import clip_labels
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 
 READER_THREADS = 4  # threads that check pictures before training
@@ -79,7 +79,7 @@ class LabeledPictures(BoxTable):
         """Picture i with its labels, without masks or with those of all boxes, which must have one."""
         boxes = slice(*np.searchsorted(self.image, [i, i + 1]))
         width, height = self.sizes[i]
-        decoded = (decode(segmentation, width, height) for segmentation in self.segmentations[boxes] if masks)
+        decoded = (decode_mask(segmentation, width, height) for segmentation in self.segmentations[boxes] if masks)
         pixels = read_pixels(self.folder / self.file_names[i], (width, height))
         return Sample(pixels, self.xywh[boxes], self.class_index[boxes], tuple(decoded))
 
@@ -94,18 +94,18 @@ def read_sources(
 
     `classes`: required classes, in order; None: those of the first dataset, in the order of their ids.
     """
-    sources = {name: _checked(Path(folder)) for name, folder in folders.items()}
+    sources = {name: _read_checked(Path(folder)) for name, folder in folders.items()}
     known, of = (list(classes), "the detector") if classes is not None else ([], "")
     for name, found in sources.items():
-        own = _classes(found)
+        own = _class_names(found)
         if not of:
             known, of = own, name
         if sorted(own) != sorted(known):
             raise DatasetError(
-                f"the classes of {name} are {_listed(own)}, those of {of} are {_listed(known)}",
+                f"the classes of {name} are {_list_names(own)}, those of {of} are {_list_names(known)}",
                 path=Path(folders[name]), remedy="give the same classes the same names in both, and leave none out",
             )  # fmt: skip
-    return tuple(known), tuple(_source(name, Path(folders[name]), found, known) for name, found in sources.items())
+    return tuple(known), tuple(_make_source(name, Path(folders[name]), found, known) for name, found in sources.items())
 
 
 def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
@@ -141,7 +141,7 @@ def check_pictures(
         for source in sources:
             found: list[tuple[bytes, Bool[np.ndarray, "256"] | None]] = []
             paths = [source.folder / name for name in source.file_names]
-            for one in pool.map(_hashes, paths, source.sizes):
+            for one in pool.map(_source_hashes, paths, source.sizes):
                 found.append(one)
                 done += 1
                 if progress is not None:
@@ -166,13 +166,13 @@ def shared_pictures(
     ]
 
 
-def _hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, "256"] | None]:
+def _source_hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, "256"] | None]:
     picture = read_picture(path, size)
     assert picture.pixels is not None
     return hashlib.sha256(picture.content).digest(), picture_hash(picture.pixels)
 
 
-def _checked(folder: Path) -> LabeledImages:
+def _read_checked(folder: Path) -> LabeledImages:
     """Read a dataset, and check that all records are usable for training."""
     found = read_usable(folder)
     if not found.images:
@@ -186,20 +186,21 @@ def _checked(folder: Path) -> LabeledImages:
                     raise DatasetError(
                         f"{image.file_name}: annotation {label.id}: {error}", path=folder, remedy="correct or remove it"
                     ) from None
-    return replace(found, images=tuple(clipped(found.images, folder=folder, clip=False)))
+    return replace(found, images=tuple(clip_labels(found.images, folder=folder, clip=False)))
 
 
-def _classes(found: LabeledImages) -> list[str]:
+def _class_names(found: LabeledImages) -> list[str]:
     """Return names of the boxes' classes, each once, in the order of ids."""
     return list(dict.fromkeys(category.name for category in found.classes))
 
 
-def _source(name: str, folder: Path, found: LabeledImages, classes: Sequence[str]) -> LabeledPictures:
+def _make_source(name: str, folder: Path, found: LabeledImages, classes: Sequence[str]) -> LabeledPictures:
     images = sorted(found.images, key=lambda image: image.file_name)
     counted = [[label for label in image.labels if not label.crowd] for image in images]
     boxes = [sorted(labels, key=lambda label: label.id) for labels in counted]
     learned = [
-        [image.file_name, *image.size, list(map(_learned, labels))] for image, labels in zip(images, boxes, strict=True)
+        [image.file_name, *image.size, list(map(_training_label, labels))]
+        for image, labels in zip(images, boxes, strict=True)
     ]
     return LabeledPictures(
         class_names=tuple(classes),
@@ -215,10 +216,10 @@ def _source(name: str, folder: Path, found: LabeledImages, classes: Sequence[str
     )
 
 
-def _learned(label: Label) -> list[object]:
+def _training_label(label: Label) -> list[object]:
     """Return what training sees of a label."""
     return [label.record["bbox"], label.category, label.read(VisibleMask).segmentation]
 
 
-def _listed(names: Sequence[str]) -> str:
+def _list_names(names: Sequence[str]) -> str:
     return ", ".join(repr(name) for name in sorted(names)) or "none"

@@ -11,8 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError, HulldownError
-from hulldown.base.files import make_room, replacing
-from hulldown.base.toml_files import read_toml, validated
+from hulldown.base.files import atomic_writer, prepare_output_file
+from hulldown.base.toml_files import read_toml, validate_model
 from hulldown.training.inputs.settings import Settings, resolved_augmentation
 from hulldown.training.study.arms import ARM_KINDS, Arm
 from hulldown.training.subset import FRACTIONS
@@ -80,7 +80,7 @@ def load_study(path: Path | str) -> StudyConfig:
     data = read_toml(path)
     if isinstance(data.get("train"), dict):
         data["train"] = resolved_augmentation(data["train"], path.parent)
-    study = validated(StudyConfig, data, path)
+    study = validate_model(StudyConfig, data, path)
     for key, instead in (("seed", "seeds"), ("shares", "arms")):
         if key in data.get("train", {}):
             raise ConfigError(f"train.{key}: the study sets this", path=path, remedy=f"set {instead} above [train]")
@@ -94,11 +94,11 @@ def load_study(path: Path | str) -> StudyConfig:
                 raise ConfigError(f"arms: {arm.name} is taken", path=path, remedy="choose another name")
             # Another model has other defaults, which the keys of [train] replace.
             asked = resolved_augmentation(arm.train, path.parent)
-            own = validated(Settings, {**data.get("train", {}), **asked}, path)
+            own = validate_model(Settings, {**data.get("train", {}), **asked}, path)
             differing = {key: value for key, value in own.model_dump().items() if value != getattr(study.train, key)}
             changes = asked | differing
             if "weights" in changes:
-                changes["weights"] = _weights_seen_from(path.parent, own.weights)
+                changes["weights"] = _resolve_weights(path.parent, own.weights)
             arm = arm.model_copy(update={"train": changes})
         arms.append(arm)
     if study.valid is not None and "threshold" in data:
@@ -108,11 +108,11 @@ def load_study(path: Path | str) -> StudyConfig:
     for key, folder in folders.items():
         if not folder.is_dir():
             raise ConfigError(f"{key} = {str(getattr(study, key))!r}: no such folder", path=path)
-    train = study.train.model_copy(update={"weights": _weights_seen_from(path.parent, study.train.weights)})
+    train = study.train.model_copy(update={"weights": _resolve_weights(path.parent, study.train.weights)})
     return study.model_copy(update={**folders, "train": train, "arms": tuple(arms)})
 
 
-def _weights_seen_from(folder: Path, weights: str | None) -> str | None:
+def _resolve_weights(folder: Path, weights: str | None) -> str | None:
     """`Settings.weights`, of which files and folders are relative to a folder."""
     return str(folder / weights) if weights is not None and (folder / weights).exists() else weights
 
@@ -140,24 +140,24 @@ def write_study(
     path = Path(output)
     if path.exists():
         raise HulldownError("is there already", path=path, remedy="delete it or name another file")
-    make_room(path)
+    prepare_output_file(path)
     given = {"real": real, "synthetic": synthetic, "test": test, "valid": valid}
     folders = {key: Path(folder) for key, folder in given.items() if folder is not None}
     for folder in folders.values():
         if not folder.is_dir():
             raise HulldownError("no such folder", path=folder, remedy="name the folder of a COCO dataset")
     # JSON and TOML write these values in the same way.
-    named = {key: json.dumps(_seen_from(path.parent, folder), ensure_ascii=False) for key, folder in folders.items()}
+    named = {key: json.dumps(_resolve_path(path.parent, folder), ensure_ascii=False) for key, folder in folders.items()}
     if valid:
         named |= {"valid": f"valid = {named['valid']}"}
     else:
         named |= {"valid": '# valid = "photographs/valid"'}
-    with replacing(path) as file:
+    with atomic_writer(path) as file:
         file.write(_TEXT.format(**named).encode())
     return path
 
 
-def _seen_from(start: Path, folder: Path) -> str:
+def _resolve_path(start: Path, folder: Path) -> str:
     try:
         return Path(os.path.relpath(folder.resolve(), start.resolve())).as_posix()
     except ValueError:  # another drive

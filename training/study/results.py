@@ -88,7 +88,7 @@ class Estimate:
         return bool(self.ends[0] > 0.0 or self.ends[1] < 0.0)
 
 
-def judge(
+def evaluate_run(
     run: StudyRun,
     labels: Mapping[str, Labels],
     detections: Mapping[str, Path],
@@ -118,7 +118,7 @@ def judge(
     )
 
 
-def cells(runs: Sequence[Judged]) -> list[Cell]:
+def group_cells(runs: Sequence[Judged]) -> list[Cell]:
     """Group runs by arm and fraction, in the study's order."""
     groups: dict[tuple[str, float | None], dict[int, Judged]] = {}
     for one in runs:
@@ -129,7 +129,7 @@ def cells(runs: Sequence[Judged]) -> list[Cell]:
     ]
 
 
-def estimate(cell: Cell, measure: str, *, minus: Cell | None = None) -> Estimate:
+def estimate_measure(cell: Cell, measure: str, *, minus: Cell | None = None) -> Estimate:
     """Return a measure of a cell; with `minus`, its difference from that cell over their common seeds, at least one."""
     seeds = sorted(cell.judged.keys() & (minus or cell).judged.keys())
     values, again = _of_seeds(cell, measure, seeds)
@@ -159,7 +159,7 @@ def _of_seeds(
     return np.array([one.values[measure] for one in runs]), np.stack([one.resampled[measure] for one in runs])
 
 
-def pairs(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
+def compared_cells(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
     """Pairs of cells to compare: each with real at its fraction, synthetic at the largest; later arms also with mixed.
 
     Named arms are compared with their base. Both cells must share a seed.
@@ -199,21 +199,21 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     """
     seeds = sorted(set(cell.judged).intersection(*(one.judged for one in real)))
     ordered = sorted(real, key=lambda one: one.photographs)
-    if len(ordered) < 2 or not seeds or not estimate(ordered[-1], measure, minus=ordered[0]).ends[0] > 0.0:
+    if len(ordered) < 2 or not seeds or not estimate_measure(ordered[-1], measure, minus=ordered[0]).ends[0] > 0.0:
         return None
     same = next((one for one in ordered if one.fraction == cell.fraction), None)
-    if cell.fraction is not None and (same is None or not estimate(cell, measure, minus=same).shown):
+    if cell.fraction is not None and (same is None or not estimate_measure(cell, measure, minus=same).shown):
         return None
     of_seeds = [_of_seeds(one, measure, seeds) for one in (*ordered, cell)]
     counts = np.array([one.photographs for one in ordered])
     own = cell.photographs if cell.fraction is not None else 0.0
     values = np.array([[each.mean()] for each, _ in of_seeds])
-    at = needed(counts, values[:-1], values[-1])[0] - own
+    at = photographs_needed(counts, values[:-1], values[-1])[0] - own
     # Seeds are resampled too, the same ones in every cell.
     times = of_seeds[0][1].shape[1]
     chosen = np.random.default_rng([len(seeds), 3]).integers(0, len(seeds), (len(seeds), times))
     again = np.stack([each[chosen, np.arange(times)].mean(axis=0) for _, each in of_seeds])
-    in_resamples = needed(counts, again[:-1], again[-1]) - own
+    in_resamples = photographs_needed(counts, again[:-1], again[-1]) - own
     # Some resamples are infinite, so interval ends are resamples themselves, without interpolation.
     ends = np.quantile(in_resamples, [0.025, 0.975], method="inverted_cdf")
     if ends[0] <= 0.0 <= ends[1]:
@@ -221,7 +221,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     return Equivalent(float(at), ends.tolist(), float(counts[-1] - own))
 
 
-def needed(
+def photographs_needed(
     counts: Float[np.ndarray, " n"], curve: Float[np.ndarray, "n r"], wanted: Float[np.ndarray, " r"]
 ) -> Float[np.ndarray, " r"]:
     """Return the least number of photographs for a wanted value of a curve; inf if it's never reached.
@@ -231,7 +231,8 @@ def needed(
 
     Examples
     --------
-    >>> needed(np.array([10.0, 100.0]), np.array([[0.2, 0.2, 0.2], [0.4] * 3]), np.array([0.1, 0.3, 0.5])).round(1)
+    >>> curve = np.array([[0.2, 0.2, 0.2], [0.4] * 3])
+    >>> photographs_needed(np.array([10.0, 100.0]), curve, np.array([0.1, 0.3, 0.5])).round(1)
     array([ 5. , 31.6,  inf])
     """
     rising = np.maximum.accumulate(np.nan_to_num(curve), axis=0)

@@ -8,9 +8,9 @@ import numpy as np
 from msgspec import Struct
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import tracked
+from hulldown.base.terminal import track_items
 from hulldown.training.detectors.detector import read_run
-from hulldown.training.evaluation.detector_report import Ends, plain
+from hulldown.training.evaluation.detector_report import Ends, plain_json
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.results import (
     COUNTS,
@@ -19,12 +19,12 @@ from hulldown.training.study.results import (
     Cell,
     Equivalent,
     Estimate,
-    cells,
+    compared_cells,
     equivalent_photographs,
-    estimate,
-    judge,
+    estimate_measure,
+    evaluate_run,
+    group_cells,
     known_ends,
-    pairs,
 )
 from hulldown.training.study.study_folder import RUNS_NAME, Study, is_finished, read_study, study_runs
 
@@ -145,32 +145,33 @@ def compared_runs(study: Path | str) -> StudyReport:
     drawn = {name: {key: source.drawn for key, source in run.sources.items()} for name, run in trained.items()}
     labels = {which: read_labels(known.datasets[which].folder) for which in known.judged}
     runs = [
-        judge(
+        evaluate_run(
             run, labels, {which: folders[run.name] / f"{which}.json" for which in labels},
             photographs=trained[run.name].sources["real"].images if "real" in drawn[run.name] else 0,
             threshold=config.threshold, iou=config.iou,
         )
-        for run in tracked("evaluating", finished, len(finished))
+        for run in track_items("evaluating", finished, len(finished))
     ]  # fmt: skip
-    found = cells(runs)
-    compared, real = pairs(found), [cell for cell in found if cell.arm == "real"]
+    found = group_cells(runs)
+    compared, real = compared_cells(found), [cell for cell in found if cell.arm == "real"]
     records = [_pair_record(first, second) for first, second in compared]
     summary = [record.measures["ap50"].words for record in records]
     largest = max(real, key=lambda cell: cell.photographs, default=None)
-    if largest is not None and (reached := estimate(largest, "ap50").value) < 0.5:
+    if largest is not None and (reached := estimate_measure(largest, "ap50").value) < 0.5:
         summary.append(
             f"{largest.name} reaches an AP50 of {reached:.2f} only. A study whose best photographs teach "
             "so little can't show the worth of synthetic images. Use a larger budget, or clearer pictures."
         )
     return StudyReport(
-        study=_facts(known, len(planned)),
+        study=_study_facts(known, len(planned)),
         summary=summary,
-        sureness=sureness(known, len(records) * len(MEASURES)),
+        sureness=interval_note(known, len(records) * len(MEASURES)),
         cells=[_cell_record(cell) for cell in found],
         pairs=records,
         worth=[
             ReportedWorth(
-                cell.arm, cell.name, plain(cell.fraction), measure, plain(one.photographs), plain(one.interval),
+                cell.arm, cell.name, plain_json(cell.fraction), measure, plain_json(one.photographs),
+                plain_json(one.interval),
                 worth_words(cell.name, measure, one),
             )
             for cell in found
@@ -179,53 +180,53 @@ def compared_runs(study: Path | str) -> StudyReport:
         ],
         runs=[
             ReportedRun(
-                name=one.run.name, arm=one.run.arm, fraction=plain(one.run.fraction), seed=one.run.seed,
+                name=one.run.name, arm=one.run.arm, fraction=plain_json(one.run.fraction), seed=one.run.seed,
                 photographs=one.photographs, drawn=drawn[one.run.name],
-                threshold=plain(one.evaluation.threshold.value), **plain(one.values),
+                threshold=plain_json(one.evaluation.threshold.value), **plain_json(one.values),
             )
             for one in runs
         ],
         missing=[run.name for run in planned if run not in finished],
-        times={name: plain(run.figures.seconds) for name, run in trained.items()},
+        times={name: plain_json(run.figures.seconds) for name, run in trained.items()},
     )  # fmt: skip
 
 
-def _facts(study: Study, runs: int) -> StudyFacts:
+def _study_facts(study: Study, runs: int) -> StudyFacts:
     config = study.config
     return StudyFacts(
         classes=list(study.classes),
         datasets={name: one.model_dump(mode="json", exclude={"folder"}) for name, one in study.datasets.items()},
         arms=[arm.name for arm in config.named_arms],
-        **plain(config.model_dump(include={"fractions", "seeds", "iou"})),
-        threshold=plain(config.threshold or ("count" if config.valid is None else "validation")),
-        train=plain(config.train.model_dump(mode="json", exclude={"seed", "weights"})),
+        **plain_json(config.model_dump(include={"fractions", "seeds", "iou"})),
+        threshold=plain_json(config.threshold or ("count" if config.valid is None else "validation")),
+        train=plain_json(config.train.model_dump(mode="json", exclude={"seed", "weights"})),
         runs=runs,
     )
 
 
 def _cell_record(cell: Cell) -> ReportedCell:
-    seeds, estimates = sorted(cell.judged), {key: estimate(cell, key) for key in MEASURES}
+    seeds, estimates = sorted(cell.judged), {key: estimate_measure(cell, key) for key in MEASURES}
     return ReportedCell(
         arm=cell.arm,
-        fraction=plain(cell.fraction),
+        fraction=plain_json(cell.fraction),
         name=cell.name,
-        photographs=plain(cell.photographs),
+        photographs=plain_json(cell.photographs),
         seeds=seeds,
-        **{key: plain(np.mean([cell.judged[seed].values[key] for seed in seeds])) for key in COUNTS},
-        **{key: plain(one.value) for key, one in estimates.items()},
-        intervals={key: plain(known_ends(one.ends)) for key, one in estimates.items()},
-        of_seeds={key: [plain(cell.judged[seed].values[key]) for seed in seeds] for key in MEASURES},
+        **{key: plain_json(np.mean([cell.judged[seed].values[key] for seed in seeds])) for key in COUNTS},
+        **{key: plain_json(one.value) for key, one in estimates.items()},
+        intervals={key: plain_json(known_ends(one.ends)) for key, one in estimates.items()},
+        of_seeds={key: [plain_json(cell.judged[seed].values[key]) for seed in seeds] for key in MEASURES},
     )
 
 
 def _pair_record(first: Cell, second: Cell) -> ReportedPair:
     measures = {
         key: ReportedDifference(
-            plain(one.value), plain(known_ends(one.ends)), difference_words(first, second, key, one)
+            plain_json(one.value), plain_json(known_ends(one.ends)), difference_words(first, second, key, one)
         )
-        for key, one in ((key, estimate(second, key, minus=first)) for key in MEASURES)
+        for key, one in ((key, estimate_measure(second, key, minus=first)) for key in MEASURES)
     }
-    return ReportedPair(first.name, second.name, plain(second.fraction), measures)
+    return ReportedPair(first.name, second.name, plain_json(second.fraction), measures)
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:
@@ -264,7 +265,7 @@ def worth_words(name: str, measure: str, found: Equivalent) -> str:
     return f"By {title} the synthetic images of {name} are worth {much} (95 % interval: {interval})."
 
 
-def sureness(study: Study, compared: int) -> str:
+def interval_note(study: Study, compared: int) -> str:
     """Return a note on the meaning of the intervals, of which `compared` are of differences."""
     seeds, images = len(study.config.seeds), study.datasets["test"].images
     trainings = (

@@ -15,8 +15,8 @@ from pydantic import BaseModel, ConfigDict
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.base.files import replace_file
 from hulldown.base.outside import read_json
-from hulldown.base.terminal import reporting
-from hulldown.base.toml_files import validated
+from hulldown.base.terminal import progress_bar
+from hulldown.base.toml_files import validate_model
 from hulldown.dataset.records import read_usable
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
@@ -134,7 +134,7 @@ def prepare_study(config: StudyConfig, folder: Path) -> Study:
                 f"{name} has no box of the class {', '.join(lacking)}", path=sources[name].folder,
                 remedy="add pictures of it, or leave the class out of every dataset",
             )  # fmt: skip
-    with reporting("checking pictures") as advance:
+    with progress_bar("checking pictures") as advance:
         checked = check_pictures(found, progress=advance)
     _check_apart(found, checked)
     masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
@@ -162,7 +162,7 @@ def read_study(folder: Path) -> Study:
     """Read study.json of a study's folder."""
     path = folder / STUDY_NAME
     refuse = partial(ConfigError, path=path, remedy="name a folder of `hulldown study run`")
-    return validated(Study, read_json(path, dict[str, object], refuse, what="a study"), path)
+    return validate_model(Study, read_json(path, dict[str, object], refuse, what="a study"), path)
 
 
 def study_warnings(study: Study, folder: Path) -> list[str]:

@@ -11,8 +11,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from hulldown.dataset.reports.charts import COLORS, INK, SOFT, tidy
-from hulldown.dataset.reports.page import number, ranged, render
+from hulldown.dataset.reports.charts import COLORS, INK, SOFT, tidy_axes
+from hulldown.dataset.reports.page import format_interval, format_number, render_page
 from hulldown.training.study.arms import ARM_KINDS
 from hulldown.training.study.results import COUNTS, MEASURES, TITLES
 from hulldown.training.study.study_comparison import ReportedCell, StudyReport
@@ -33,7 +33,7 @@ PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("me
 BARS_WIDTH_SHARE = 0.8  # share of the width for the bars of one measure
 
 
-def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
+def draw_charts(report: StudyReport) -> dict[str, tuple[str, Figure]]:
     """Return the charts of a report by name, with descriptions."""
     found = {}
     of_shares = sorted((cell for cell in report.cells if cell.fraction is not None), key=attrgetter("fraction"))
@@ -48,24 +48,24 @@ def charts_of(report: StudyReport) -> dict[str, tuple[str, Figure]]:
     return found
 
 
-def page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) -> str:
-    """Return the report as HTML, with the charts of `charts_of`."""
+def study_page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) -> str:
+    """Return the report as HTML, with the charts of `draw_charts`."""
     data = {
         "report": report,
         "charts": charts,
         "titles": TITLES,
         "figures": [
-            [cell.name, *(number(getattr(cell, key), digits=0) for key in COUNTS),
-             *(ranged(getattr(cell, key), cell.intervals[key]) for key in MEASURES)]
+            [cell.name, *(format_number(getattr(cell, key), digits=0) for key in COUNTS),
+             *(format_interval(getattr(cell, key), cell.intervals[key]) for key in MEASURES)]
             for cell in report.cells
         ],
         "pairs": [[pair.measures[key].words for key in OVER] for pair in report.pairs],
-        "paper": _paper(report),
+        "paper": _paper_rows(report),
     }  # fmt: skip
-    return render("training/study/page.html", data)
+    return render_page("training/study/page.html", data)
 
 
-def _paper(report: StudyReport) -> list[list[str]]:
+def _paper_rows(report: StudyReport) -> list[list[str]]:
     """Return rows of the paper's figures, each followed by the study's."""
     cell_of = {(cell.fraction, cell.arm): cell for cell in report.cells}
     rows = []
@@ -73,12 +73,12 @@ def _paper(report: StudyReport) -> list[list[str]]:
         for arm, figures in arms.items():
             cell = cell_of.get((fraction, arm))
             own = (getattr(cell, key, None) for key in PAPER_FIGURES)
-            pairs = [(number(value), number(here)) for value, here in zip(figures, own, strict=True)]
+            pairs = [(format_number(value), format_number(here)) for value, here in zip(figures, own, strict=True)]
             rows.append([f"{arm} at {100 * fraction:g} %", *chain(*pairs)])
     return rows
 
 
-def color_of(arm: str) -> str:
+def arm_color(arm: str) -> str:
     """Return the color of an arm, the same in every chart; of a named arm by its name."""
     return dict(zip(ARM_KINDS, COLORS, strict=False)).get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
 
@@ -86,16 +86,16 @@ def color_of(arm: str) -> str:
 def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
     """Bars of arms in four panels, as in the paper's Figures 5 to 9.
 
-    `cells` has a cell for each arm; None is unknown.
+    `group_cells` has a cell for each arm; None is unknown.
     """
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
     for axis, keys in zip(axes, PANELS, strict=True):
         for k, cell in enumerate(cells):
             width = BARS_WIDTH_SHARE / len(cells)
-            _bars(axis, cell, keys, shift=(k - (len(cells) - 1) / 2) * width, width=width)
+            _draw_bars(axis, cell, keys, shift=(k - (len(cells) - 1) / 2) * width, width=width)
         axis.set_xticks(range(len(keys)), [TITLES[key] for key in keys])
-        tidy(axis)
+        tidy_axes(axis)
         axis.set_ylim(0.0, None if keys == PANELS[0] else 1.09)
         axis.set_xlim(-0.6, len(keys) - 0.4)
         axis.margins(y=0.12)
@@ -106,10 +106,10 @@ def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
     return figure
 
 
-def _bars(axis: Axes, cell: ReportedCell, keys: Sequence[str], *, shift: float, width: float) -> None:
+def _draw_bars(axis: Axes, cell: ReportedCell, keys: Sequence[str], *, shift: float, width: float) -> None:
     places = np.arange(len(keys)) + shift
     heights = [getattr(cell, key) or 0.0 for key in keys]
-    axis.bar(places, heights, width * 0.92, color=color_of(cell.arm), label=cell.arm)
+    axis.bar(places, heights, width * 0.92, color=arm_color(cell.arm), label=cell.arm)
     for place, key in zip(places, keys, strict=True):
         value, ends = getattr(cell, key), cell.intervals.get(key)
         top = value
@@ -132,7 +132,7 @@ def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> 
     axes = figure.subplots(1, len(measures), squeeze=False)[0]
     for axis, measure in zip(axes, measures, strict=True):
         for arm in dict.fromkeys(cell.arm for cell in cells):
-            color = color_of(arm)
+            color = arm_color(arm)
             own = sorted((cell for cell in cells if cell.arm == arm), key=attrgetter("photographs"))
             counts = np.array([cell.photographs for cell in own])
             values = np.array([getattr(cell, measure) for cell in own], dtype=float)
@@ -154,12 +154,12 @@ def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> 
         axis.minorticks_off()
         axis.set(xlabel="photographs", title=TITLES[measure], ylim=(0.0, 1.0))
         axis.grid(axis="y", color="#e6e9ec", linewidth=0.7)
-        tidy(axis)
+        tidy_axes(axis)
     axes[0].legend(fontsize=8, frameon=False, loc="lower right")
     return figure
 
 
-def png(figure: Figure) -> bytes:
+def figure_png(figure: Figure) -> bytes:
     """Return a figure as PNG, with the same bytes each time."""
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=150, metadata={"Software": None})

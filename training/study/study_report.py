@@ -10,7 +10,7 @@ import msgspec
 from hulldown.base.arguments import AnyPath
 from hulldown.base.files import replace_file
 from hulldown.training.study.study_comparison import StudyReport, compared_runs
-from hulldown.training.study.study_page import charts_of, page, png
+from hulldown.training.study.study_page import draw_charts, figure_png, study_page
 
 
 def write_report(study: AnyPath) -> StudyReport:
@@ -25,10 +25,10 @@ def write_report(study: AnyPath) -> StudyReport:
     """
     study = Path(study)
     report = compared_runs(study)
-    charts = charts_of(report)
+    charts = draw_charts(report)
     for name, (_, figure) in charts.items():
-        replace_file(study / f"{name}.png", png(figure))
+        replace_file(study / f"{name}.png", figure_png(figure))
     text = json.dumps(msgspec.to_builtins(report), indent=2, ensure_ascii=False)
     replace_file(study / "report.json", text.encode() + b"\n")
-    replace_file(study / "report.html", page(report, charts).encode())
+    replace_file(study / "report.html", study_page(report, charts).encode())
     return report

@@ -15,12 +15,12 @@ from typing import TypeAlias
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import HulldownError
+from hulldown.base.terminal import print_message as show_line
 from hulldown.base.terminal import progress_bars
-from hulldown.base.terminal import say as show_line
 from hulldown.training.detectors.detector import chosen_device
 from hulldown.training.inputs.extra import require_extra
 from hulldown.training.predict import predict_detections
-from hulldown.training.run_folder import FolderBusy, alone_in
+from hulldown.training.run_folder import FolderBusy, lock_folder
 from hulldown.training.study.config import load_study
 from hulldown.training.study.study_folder import (
     RUNS_NAME,
@@ -85,7 +85,7 @@ def train_study(
         with progress_bars() as bars:
             return train_study(config, output, device=device, workers=workers, progress=bars, say=say)
     Augmenter(asked.train.augmentation)  # refuses a wrong one
-    with alone_in(out, marker=STUDY_NAME, what="study"):
+    with lock_folder(out, marker=STUDY_NAME, what="study"):
         study = prepare_study(asked, out)
     # Downloads the weights once, or refuses them, before a run begins.
     prepare_trainee(asked.train, study.classes, chosen_device(device), out)
@@ -98,7 +98,7 @@ def train_study(
     for number, run in enumerate(runs, start=1):
         if run.name in already:
             continue
-        told = partial(_tell, progress, f"{run.name} ({number} of {len(runs)})")
+        told = partial(_report_progress, progress, f"{run.name} ({number} of {len(runs)})")
         try:
             _train_and_predict(run, study, out, device=device, workers=workers, progress=told)
         except FolderBusy:
@@ -112,7 +112,7 @@ def train_study(
     return Done(tuple(finished), already, tuple(elsewhere), failed)
 
 
-def _tell(progress: Progress, run: str, what: str, done: int, total: int) -> None:
+def _report_progress(progress: Progress, run: str, what: str, done: int, total: int) -> None:
     progress(f"{run}: {what}", done, total)
 
 

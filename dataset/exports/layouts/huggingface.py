@@ -14,12 +14,12 @@ import orjson
 
 from hulldown.annotate.labels.mask import VisibleMask, area_of
 from hulldown.annotate.records import Label
-from hulldown.dataset.exports.layouts.splits import Splits, rings_of
+from hulldown.dataset.exports.layouts.splits import Splits, label_rings
 
 FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
 
-def write(splits: Splits, out: Path) -> None:
+def write_huggingface(splits: Splits, out: Path) -> None:
     """Write ``train``, ``validation`` and ``test``, each with its pictures and ``metadata.jsonl``.
 
     A line has ``file_name``, ``image_id``, ``width``, ``height`` and ``objects``: lists of ``id``, ``area``, ``bbox``
@@ -37,12 +37,12 @@ def write(splits: Splits, out: Path) -> None:
                 record = {
                     **{"file_name": item.name, "image_id": item.image.id},
                     **{"width": item.image.width, "height": item.image.height},
-                    "objects": _objects(item.image.labels, outlined),
+                    "objects": _object_columns(item.image.labels, outlined),
                 }
                 lines.write(orjson.dumps(record) + b"\n")
 
 
-def _objects(labels: Sequence[Label], outlined: bool) -> dict[str, object]:
+def _object_columns(labels: Sequence[Label], outlined: bool) -> dict[str, object]:
     columns: dict[str, object] = {
         "id": [label.id for label in labels],
         "area": [area_of(label) for label in labels],
@@ -51,5 +51,5 @@ def _objects(labels: Sequence[Label], outlined: bool) -> dict[str, object]:
         "iscrowd": [int(label.crowd) for label in labels],
     }
     if outlined:
-        columns["segmentation"] = [rings_of(label) for label in labels]
+        columns["segmentation"] = [label_rings(label) for label in labels]
     return columns

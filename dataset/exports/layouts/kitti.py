@@ -27,7 +27,7 @@ CAMERA_FROM_LIDAR = "0 -1 0 0 0 0 -1 0 1 0 0 0"
 LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 
 
-def write(splits: Splits, out: Path) -> None:
+def write_kitti(splits: Splits, out: Path) -> None:
     """Write ``training/image_2``, ``label_2``, ``calib``, and ``ImageSets`` with the splits.
 
     Pictures without a known field of view, such as photographs, get no file in ``calib``.
@@ -48,7 +48,7 @@ def write(splits: Splits, out: Path) -> None:
                 if (intrinsics := item.image.intrinsics) is None:
                     without += 1
                 else:
-                    (cameras / f"{stem}.txt").write_text(_calibration(intrinsics), encoding="utf-8")
+                    (cameras / f"{stem}.txt").write_text(_calibration_text(intrinsics), encoding="utf-8")
                     curved += any(intrinsics.distortion)
                 stems.write(f"{stem}\n")
     if without:
@@ -86,7 +86,7 @@ def label_line(label: Label) -> str:
     )
 
 
-def _calibration(intrinsics: Intrinsics) -> str:
+def _calibration_text(intrinsics: Intrinsics) -> str:
     """Return the cameras' matrices."""
     camera = " ".join(f"{each:.9g}" for each in np.column_stack([intrinsics.matrix, np.zeros(3)]).ravel())
     lines = [f"P{i}: {camera}" for i in range(4)]

@@ -14,7 +14,7 @@ from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.picture_files import DECODER_THREADS, read_picture
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import sha256_of
+from hulldown.base.outside import file_sha256
 from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, own_picture
 from hulldown.dataset.usable_labels import refuse_all
 
@@ -53,14 +53,14 @@ class Splits:
         """Yield each split with its items."""
         done = count(1)
         for split, items in self.items.items():
-            yield split, self._counted(items, done)
+            yield split, self._count_items(items, done)
 
     @property
     def coco_head(self) -> dict[str, object]:
         """The COCO dictionary without images and annotations."""
         return {**self.head, "categories": [category.record for category in self.categories]}
 
-    def _counted(self, items: Sequence[Item], done: Iterator[int]) -> Iterator[Item]:
+    def _count_items(self, items: Sequence[Item], done: Iterator[int]) -> Iterator[Item]:
         for item in items:
             yield item
             self.progress(next(done), sum(map(len, self.items.values())))
@@ -73,7 +73,7 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
         name = image.file_name
         try:
             path, recorded = own_picture(folder, name, allowed), image.record.get(PICTURE_KEY)
-            known = recorded is not None and sha256_of(path) == recorded
+            known = recorded is not None and file_sha256(path) == recorded
             read_picture(path, image.size, largest=0 if known else None)
         except LinkError:
             raise
@@ -109,7 +109,7 @@ def flat_names(images: Sequence[Image]) -> list[str]:
     return names
 
 
-def rings_of(label: Label) -> list[list[float]]:
+def label_rings(label: Label) -> list[list[float]]:
     """Return a label's polygons, or the corners of its box if it has none."""
     if isinstance(rings := label.read(VisibleMask).segmentation, list) and rings:
         return rings

@@ -17,7 +17,7 @@ from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits
 TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
 
 
-def write(splits: Splits, out: Path) -> None:
+def write_voc(splits: Splits, out: Path) -> None:
     """Write ``JPEGImages`` (for pictures of any format), ``Annotations``, and ``ImageSets/Main``.
 
     Boxes are grown to whole pixels. Crowds are ``difficult``, VOC's mark for labels that aren't counted.
@@ -30,21 +30,21 @@ def write(splits: Splits, out: Path) -> None:
             for item in items:
                 item.link(pictures)
                 stems.write(f"{item.stem}\n")
-                tree = ElementTree.ElementTree(_annotation(item))
+                tree = ElementTree.ElementTree(_annotation_xml(item))
                 ElementTree.indent(tree)
                 tree.write(texts / f"{item.stem}.xml", encoding="utf-8")
 
 
-def _annotation(item: Item) -> ElementTree.Element:
+def _annotation_xml(item: Item) -> ElementTree.Element:
     root = ElementTree.Element("annotation")
-    _with(root, folder="JPEGImages", filename=item.name)
+    _add_elements(root, folder="JPEGImages", filename=item.name)
     width, height = item.image.size
-    _with(ElementTree.SubElement(root, "size"), width=width, height=height, depth=3)
-    _with(root, segmented=0)
+    _add_elements(ElementTree.SubElement(root, "size"), width=width, height=height, depth=3)
+    _add_elements(root, segmented=0)
     for label in item.image.labels:
         x, y, w, h = label.bbox.tolist()
         shown = ElementTree.SubElement(root, "object")
-        _with(
+        _add_elements(
             shown,
             name=label.category,
             pose="Unspecified",
@@ -52,7 +52,7 @@ def _annotation(item: Item) -> ElementTree.Element:
             occluded=int(label.visible_fraction < OCCLUDED),
             difficult=int(label.crowd),
         )
-        _with(
+        _add_elements(
             ElementTree.SubElement(shown, "bndbox"),
             xmin=min(max(math.floor(x), 0), width - 1) + 1,
             ymin=min(max(math.floor(y), 0), height - 1) + 1,
@@ -62,6 +62,6 @@ def _annotation(item: Item) -> ElementTree.Element:
     return root
 
 
-def _with(parent: ElementTree.Element, **texts: object) -> None:
+def _add_elements(parent: ElementTree.Element, **texts: object) -> None:
     for name, value in texts.items():
         ElementTree.SubElement(parent, name).text = str(value)

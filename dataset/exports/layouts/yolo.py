@@ -21,10 +21,10 @@ from jaxtyping import Float
 from hulldown.annotate.labels.keypoints import Keypoints
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.labels.oriented_box import visible_corners
-from hulldown.annotate.outlines import bridged
+from hulldown.annotate.outlines import bridge_rings
 from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits, rings_of
+from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits, label_rings
 
 Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
@@ -38,14 +38,14 @@ def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
     labels = [label for label in item.image.labels if not label.crowd]
     masks = [label.read(VisibleMask).segmentation for label in labels]
     if any(isinstance(mask, list) and mask for mask in masks):
-        corners = [bridged([np.reshape(ring, (-1, 2)) for ring in rings_of(label)]) for label in labels]
+        corners = [bridge_rings([np.reshape(ring, (-1, 2)) for ring in label_rings(label)]) for label in labels]
         shares = [(each / item.image.size).ravel() for each in corners]
     else:
-        shares = [_center(label, item.image.size) for label in labels]
-    return [_line(numbers[label.category_id], each) for label, each in zip(labels, shares, strict=True)]
+        shares = [_center_shares(label, item.image.size) for label in labels]
+    return [_label_line(numbers[label.category_id], each) for label, each in zip(labels, shares, strict=True)]
 
 
-def _center(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
+def _center_shares(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
     """Return center and size of a label's box in shares of the image."""
     (x, y, w, h), (width, height) = label.bbox, size
     return np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
@@ -59,16 +59,16 @@ def corner_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
             shares = visible_corners(label, item.image) / item.image.size
             if (np.ptp(shares, axis=0) > 1.0).any():  # Ultralytics leaves out pictures with labels larger than they
                 shares = shares.clip(0.0, 1.0)
-            lines.append(_line(numbers[label.category_id], shares.ravel()))
+            lines.append(_label_line(numbers[label.category_id], shares.ravel()))
     return lines
 
 
-def _line(number: int, shares: Float[np.ndarray, " n"]) -> str:
+def _label_line(number: int, shares: Float[np.ndarray, " n"]) -> str:
     # Nine digits: a millionth of a pixel of any image.
     return " ".join([str(number), *(f"{n:.9f}" for n in shares)])
 
 
-def write(
+def write_yolo(
     splits: Splits, out: Path, *, lines: Lines = label_lines, split_first: bool = False, more: Sequence[str] = ()
 ) -> None:
     """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them."""
@@ -99,7 +99,7 @@ def write_pose(splits: Splits, out: Path) -> None:
     swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
     mirrored = [names.index(partner) if partner in names else i for i, partner in enumerate(swapped)]
     more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
-    write(splits, out, lines=partial(_pose_lines, keypoints=len(names)), more=more)
+    write_yolo(splits, out, lines=partial(_pose_lines, keypoints=len(names)), more=more)
 
 
 def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
@@ -108,5 +108,5 @@ def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> li
         if not label.crowd:
             points = np.reshape(label.read(Keypoints).keypoints or np.zeros(3 * keypoints), (-1, 3))
             shares = " ".join(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.image.size, 1])
-            lines.append(f"{_line(numbers[label.category_id], _center(label, item.image.size))} {shares}")
+            lines.append(f"{_label_line(numbers[label.category_id], _center_shares(label, item.image.size))} {shares}")
     return lines

@@ -14,11 +14,11 @@ def add_node(tree: Any, kind: str, inputs: Mapping[Any, Any] | None = None, /, *
     for name, setting in settings.items():
         setattr(node, name, setting)
     for key, value in (inputs or {}).items():
-        feed(tree, node.inputs[key], value)
+        feed_input(tree, node.inputs[key], value)
     return node
 
 
-def feed(tree: Any, socket: Any, value: Any) -> None:
+def feed_input(tree: Any, socket: Any, value: Any) -> None:
     """Link an input to an output, or set it to a value."""
     if isinstance(value, bpy.types.NodeSocket):
         tree.links.new(value, socket)
@@ -26,6 +26,6 @@ def feed(tree: Any, socket: Any, value: Any) -> None:
         socket.default_value = value
 
 
-def maths(tree: Any, operation: str, *values: Any, clamp: bool = False) -> Any:
+def add_math(tree: Any, operation: str, *values: Any, clamp: bool = False) -> Any:
     """Add a math node; return its output."""
     return add_node(tree, "Math", dict(enumerate(values)), operation=operation, use_clamp=clamp).outputs[0]

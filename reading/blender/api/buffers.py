@@ -28,14 +28,14 @@ STORED = {
 }
 
 
-def read(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np.ndarray:
+def read_property(elements: Any, name: str, dtype: DTypeLike, width: int = 1) -> np.ndarray:
     """Return a property of all elements of a collection, `width` numbers each, one after the other."""
     values = np.empty(width * len(elements), dtype=dtype)
     elements.foreach_get(name, values)
     return values
 
 
-def coordinates(mesh: Any, layer: str) -> np.ndarray | None:
+def texture_coordinates(mesh: Any, layer: str) -> np.ndarray | None:
     """Texture coordinates (k, 2) of each face corner, 0 in place of NaN; None if there is no such layer.
 
     `layer`: its name; "" for the one that is rendered.
@@ -44,17 +44,17 @@ def coordinates(mesh: Any, layer: str) -> np.ndarray | None:
     found = layers.get(layer) if layer else next((each for each in layers if each.active_render), None)
     if found is None:
         return None
-    flat = read(found.uv, "vector", np.float32, 2)
+    flat = read_property(found.uv, "vector", np.float32, 2)
     return np.where(np.isfinite(flat), flat, 0.0).reshape(-1, 2).astype(np.float64)
 
 
-def pixels(image: Any, size: tuple[int, int] | None = None) -> np.ndarray:
+def image_pixels(image: Any, size: tuple[int, int] | None = None) -> np.ndarray:
     """Return pixels (h, w, 4), float32, of an image, resized to a width and height; the first row is the lowest."""
     if size and size != tuple(image.size):
         resized = image.copy()
         try:
             resized.scale(*size)
-            return pixels(resized)
+            return image_pixels(resized)
         finally:
             bpy.data.images.remove(resized)
     width, height = image.size

@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.buffers import pixels
+from hulldown.reading.blender.api.buffers import image_pixels
 
 PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 
@@ -30,13 +30,13 @@ def see_pixel_centers(scene: Any) -> None:
     store_light(scene)
 
 
-def rendered(scene: Any) -> np.ndarray:
+def render_light(scene: Any) -> np.ndarray:
     """Return the light (h, w, 4), float32, of a scene that writes light; the first row is the lowest."""
     with tempfile.TemporaryDirectory() as folder:
         scene.render.filepath = str(Path(folder, "light.exr"))
         bpy.ops.render.render(write_still=True, scene=scene.name)
         image = bpy.data.images.load(scene.render.filepath)
         image.colorspace_settings.name = "Non-Color"
-        light = pixels(image)
+        light = image_pixels(image)
     bpy.data.images.remove(image)
     return light

@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
-from hulldown.reading.blender.api.buffers import coordinates, read
-from hulldown.reading.blender.surfaces.bake import baked, opacities
+from hulldown.reading.blender.api.buffers import read_property, texture_coordinates
+from hulldown.reading.blender.surfaces.bake import bake_opacities, bake_opacity
 from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, Lookup, NotUnderstoodError, is_opaque
-from hulldown.reading.blender.surfaces.texels import texels
+from hulldown.reading.blender.surfaces.texels import channel_texels
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 
@@ -27,14 +27,14 @@ class CutoutReader:
         self._texels: dict[Any, np.ndarray] = {}
         self.doubts: list[Doubt] = []
 
-    def bake(self, materials: Iterable[Any]) -> None:
+    def bake_materials(self, materials: Iterable[Any]) -> None:
         """Bake the opacity of materials; call it while nothing is evaluated."""
         materials = [material for material in materials if not is_opaque(material)]
-        self._opacities = opacities(materials)
+        self._opacities = bake_opacities(materials)
         for material in materials:
             if material.as_pointer() not in self._opacities:
                 try:
-                    self._cutters[material.as_pointer()] = baked(material, self._longest)
+                    self._cutters[material.as_pointer()] = bake_opacity(material, self._longest)
                 except NotUnderstoodError as reason:
                     self.doubts.append(
                         Doubt(
@@ -43,32 +43,32 @@ class CutoutReader:
                         )
                     )
 
-    def cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
+    def mesh_cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
         """Cut-outs of an evaluated mesh with loop triangles."""
-        cutters = [self._cutter(material) if material else None for material in materials]
+        cutters = [self._material_cutter(material) if material else None for material in materials]
         if not any(cutters):
             return None
-        slot = read(data.loop_triangles, "material_index", np.int32).clip(0, len(materials) - 1)
+        slot = read_property(data.loop_triangles, "material_index", np.int32).clip(0, len(materials) - 1)
         face = np.flatnonzero(np.array([cutter is not None for cutter in cutters])[slot])
         if not len(face):
             return None
-        corners = read(data.loop_triangles, "loops", np.int32, 3).reshape(-1, 3)[face]
+        corners = read_property(data.loop_triangles, "loops", np.int32, 3).reshape(-1, 3)[face]
         uv, face_map = np.empty((len(face), 3, 2), dtype=np.float32), np.empty(len(face), dtype=np.int64)
         maps: dict[AlphaMap, int] = {}  # those that a face wears, and their numbers
         for number, cutter in enumerate(cutters):
             of_slot = slot[face] == number
             if cutter is not None and of_slot.any():
-                uv[of_slot] = _coordinates(data, cutter, corners[of_slot])
+                uv[of_slot] = _corner_coordinates(data, cutter, corners[of_slot])
                 face_map[of_slot] = maps.setdefault(cutter.alpha, len(maps))
         return Cutouts(face, uv, face_map, tuple(maps))
 
-    def _cutter(self, material: Any) -> Cutter | None:
+    def _material_cutter(self, material: Any) -> Cutter | None:
         key = material.original.as_pointer()
         if key not in self._cutters:
-            self._cutters[key] = self._cut(self._opacities[key]) if key in self._opacities else None
+            self._cutters[key] = self._make_cutter(self._opacities[key]) if key in self._opacities else None
         return self._cutters[key]
 
-    def _cut(self, opacity: Lookup | float) -> Cutter | None:
+    def _make_cutter(self, opacity: Lookup | float) -> Cutter | None:
         if isinstance(opacity, float):
             texel = np.full((1, 1), opacity, dtype=np.float32)
             return Cutter(AlphaMap(texel, Extension.EXTEND, smooth=False), "", IDENTITY) if opacity < 1.0 else None
@@ -77,7 +77,7 @@ class CutoutReader:
             return None  # Cycles renders it pink; the report lists it as missing
         key = (image.as_pointer(), channel, opacity.alpha_used)
         if key not in self._texels:
-            self._texels[key] = texels(image, channel, alpha_used=opacity.alpha_used)
+            self._texels[key] = channel_texels(image, channel, alpha_used=opacity.alpha_used)
         alpha = AlphaMap(self._texels[key], opacity.extension, opacity.smooth, opacity.curve)
         if max(alpha.texels.shape) > self._longest:
             small = (*key, opacity.curve is not None and opacity.curve.tobytes())
@@ -87,9 +87,9 @@ class CutoutReader:
         return Cutter(alpha, opacity.layer, opacity.image_from_uv)
 
 
-def _coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
+def _corner_coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
     """Coordinates of face corners; zeros if the mesh has no such layer, as in Cycles."""
-    found = coordinates(data, cutter.layer)
+    found = texture_coordinates(data, cutter.layer)
     uv = np.zeros((*corners.shape, 2)) if found is None else found[corners]
     onto = np.array(cutter.image_from_uv)
     return np.asarray(uv @ onto[:, :2].T + onto[:, 2], dtype=np.float32)

@@ -13,10 +13,10 @@ from jaxtyping import Float, Float32
 
 from hulldown.geometry.alpha import GRADES, AlphaMap, Extension
 from hulldown.geometry.color import linear_from_srgb
-from hulldown.reading.blender.api.buffers import coordinates
-from hulldown.reading.blender.api.light_pictures import rendered, see_pixel_centers
-from hulldown.reading.blender.surfaces.nodes import material_output, trees, upstream
-from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, lookup_of
+from hulldown.reading.blender.api.buffers import texture_coordinates
+from hulldown.reading.blender.api.light_pictures import render_light, see_pixel_centers
+from hulldown.reading.blender.surfaces.nodes import material_output, nested_trees, upstream_nodes
+from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, material_lookup
 from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
 CYCLES_NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
@@ -32,30 +32,30 @@ PLAIN = (
 TEXTURES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", "Checker", "Brick", "Gradient"))
 
 
-def opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
+def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
     """Return the opacity of materials by pointer, without those that aren't a monotone function of one lookup."""
     found: dict[int, Lookup | float] = {}
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
-        images = [copies.enter_context(_grades(values)) for values in (GRADES, linear_from_srgb(GRADES))]
-        for material, copy in zip(materials, copies.enter_context(_emitting(materials)), strict=True):
+        images = [copies.enter_context(_grade_image(values)) for values in (GRADES, linear_from_srgb(GRADES))]
+        for material, copy in zip(materials, copies.enter_context(_emit_opacity(materials)), strict=True):
             with suppress(NotUnderstoodError):
-                lookups[material.as_pointer()] = lookup = lookup_of(copy)
-                _look_up(copy, images[lookup is not None and lookup.curved])
+                lookups[material.as_pointer()] = lookup = material_lookup(copy)
+                _replace_lookups(copy, images[lookup is not None and lookup.is_srgb])
                 shown.append(copy)
-        rows = _render(shown, "", UNIT, (len(GRADES), 1))[:, 0] if shown else np.empty((0, 0))
+        rows = _render_materials(shown, "", UNIT, (len(GRADES), 1))[:, 0] if shown else np.empty((0, 0))
     for (key, lookup), curve in zip(lookups.items(), rows, strict=True):
         is_texel = bool(np.abs(curve - GRADES).max() <= CYCLES_NOISE)
         one_way = (np.diff(curve) >= -CYCLES_NOISE).all() or (np.diff(curve) <= CYCLES_NOISE).all()
-        if lookup is None or (np.ptp(curve) <= CYCLES_NOISE and lookup.bounded()):
+        if lookup is None or (np.ptp(curve) <= CYCLES_NOISE and lookup.is_bounded()):
             found[key] = round(float(curve[0]), 6)
-        elif one_way and (is_texel or lookup.bounded()):
+        elif one_way and (is_texel or lookup.is_bounded()):
             found[key] = replace(lookup, curve=None if is_texel else curve)
     return found
 
 
 @contextmanager
-def _emitting(materials: Sequence[Any]) -> Iterator[list[Any]]:
+def _emit_opacity(materials: Sequence[Any]) -> Iterator[list[Any]]:
     """Provide copies of materials that emit their opacity."""
     copies = [material.copy() for material in materials]
     groups = [group for copy in copies for group in _own_groups(copy.node_tree)]
@@ -68,7 +68,7 @@ def _emitting(materials: Sequence[Any]) -> Iterator[list[Any]]:
 
 
 @contextmanager
-def _grades(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
+def _grade_image(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
     """Provide an image of one row with these values in all channels."""
     image = bpy.data.images.new("hulldown grades", len(values), 1, alpha=True, float_buffer=True, is_data=True)
     image.alpha_mode = "CHANNEL_PACKED"
@@ -79,9 +79,9 @@ def _grades(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
         bpy.data.images.remove(image)
 
 
-def _look_up(material: Any, image: Any) -> None:
+def _replace_lookups(material: Any, image: Any) -> None:
     """Make all lookups of a material those of an image, from one end to the other."""
-    for tree in trees(material.node_tree):
+    for tree in nested_trees(material.node_tree):
         for node in tree.nodes:
             if node.bl_idname == "ShaderNodeTexImage":
                 node.image, node.interpolation, node.extension = image, "Closest", "EXTEND"
@@ -89,13 +89,13 @@ def _look_up(material: Any, image: Any) -> None:
                     tree.links.remove(link)
 
 
-def baked(material: Any, size: int) -> Cutter:
+def bake_opacity(material: Any, size: int) -> Cutter:
     """Return the opacity of a material, over the range of its coordinates."""
-    with _emitting([material]) as (copy,):
-        layer = _layer(copy)
-        low, high = uv = _range(material, layer)
+    with _emit_opacity([material]) as (copy,):
+        layer = _opacity_layer(copy)
+        low, high = uv = _coordinate_range(material, layer)
         extent = (high - low) / (high - low).max()
-        (texels,) = _render([copy], layer, uv, np.maximum(np.rint(extent * size), 1).astype(int).tolist())
+        (texels,) = _render_materials([copy], layer, uv, np.maximum(np.rint(extent * size), 1).astype(int).tolist())
     whole = (low == 0.0).all() and (high == 1.0).all()
     extension = Extension.REPEAT if whole else Extension.EXTEND
     (x_scale, y_scale), (x, y) = (1.0 / (high - low)).tolist(), (-low / (high - low)).tolist()
@@ -112,17 +112,17 @@ def _own_groups(tree: Any) -> Iterator[Any]:
             yield from _own_groups(node.node_tree)
 
 
-def _layer(material: Any) -> str:
+def _opacity_layer(material: Any) -> str:
     """Return the one layer of coordinates that the opacity depends on; "" is the one that is rendered."""
     output = material_output(material)
-    found = {_layer_read_by(node, socket) for node, socket in upstream(output.inputs["Surface"], ())}
+    found = {_node_layer(node, socket) for node, socket in upstream_nodes(output.inputs["Surface"], ())}
     layers = sorted(layer for layer in found if layer is not None)
     if len(layers) > 1:
         raise NotUnderstoodError(f"several layers of texture coordinates: {layers}")
     return layers[0] if layers else ""
 
 
-def _layer_read_by(node: Any, socket: Any) -> str | None:
+def _node_layer(node: Any, socket: Any) -> str | None:
     """Return the layer of coordinates that a node reads; None if it reads none."""
     kind = node.bl_idname.removeprefix("ShaderNode")
     if kind == "UVMap" and not node.from_instancer:
@@ -137,13 +137,13 @@ def _layer_read_by(node: Any, socket: Any) -> str | None:
     raise NotUnderstoodError(f"the node {node.name!r}")
 
 
-def _range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
+def _coordinate_range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
     """Return lowest and highest coordinates of meshes with the material, and of 0 and 1."""
     low, high = np.zeros(2), np.ones(2)
     for mesh in bpy.data.meshes:
         if material.name not in mesh.materials:
             continue
-        uv = coordinates(mesh, layer)
+        uv = texture_coordinates(mesh, layer)
         if uv is not None and len(uv):
             low, high = np.minimum(low, uv.min(axis=0)), np.maximum(high, uv.max(axis=0))
     if (high - low).max() > MAX_REPEATS:
@@ -151,7 +151,7 @@ def _range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
     return np.stack([low, high])
 
 
-def _render(
+def _render_materials(
     materials: Sequence[Any], layer: str, uv: Float[np.ndarray, "2 2"], size: Sequence[int]
 ) -> Float32[np.ndarray, "n h w"]:
     """Return the light of materials, from 0 to 1, each on a rectangle of its own.
@@ -184,7 +184,7 @@ def _render(
     scene.render.resolution_percentage = 100
     see_pixel_centers(scene)
     try:
-        light = rendered(scene)[: count * height, :width, 0]
+        light = render_light(scene)[: count * height, :width, 0]
         return light.clip(0.0, 1.0).reshape(count, height, width)
     finally:
         bpy.data.batch_remove([plane, camera, mesh, lens, scene])

@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.buffers import read
+from hulldown.reading.blender.api.buffers import read_property
 from hulldown.reading.blender.surfaces.shaders import is_clear, surface_shaders
 from hulldown.reading.pieces.asset_report import MaterialRow
 from hulldown.reading.pieces.roles import Piece
@@ -26,21 +26,24 @@ def material_rows(meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Se
             scales[piece.mesh] += abs(float(np.linalg.det(piece.pose[:3, :3]))) ** (2 / 3)
     areas: dict[Any, float] = defaultdict(float)
     for mesh, scale in scales.items():
-        for material, area in _areas(meshes[mesh]).items():
+        for material, area in _material_areas(meshes[mesh]).items():
             areas[material] += scale * area
     total = sum(areas.values()) or 1.0
     rows = [
-        MaterialRow(material.name, area / total, is_clear(material), _alpha(material))
+        MaterialRow(material.name, area / total, is_clear(material), _least_alpha(material))
         for material, area in areas.items()
     ]
     return tuple(sorted(rows, key=lambda row: (-row.share, row.name)))
 
 
-def _areas(mesh: Any) -> dict[Any, float]:
+def _material_areas(mesh: Any) -> dict[Any, float]:
     """Return the area of each material's faces, in the mesh's own units."""
     if not len(mesh.materials):
         return {}
-    worn, area = read(mesh.polygons, "material_index", np.int32), read(mesh.polygons, "area", np.float32)
+    worn, area = (
+        read_property(mesh.polygons, "material_index", np.int32),
+        read_property(mesh.polygons, "area", np.float32),
+    )
     sums = np.bincount(worn.clip(0, len(mesh.materials) - 1), weights=area, minlength=len(mesh.materials))
     found: dict[Any, float] = defaultdict(float)
     for material, one in zip(mesh.materials, sums.tolist(), strict=True):
@@ -49,7 +52,7 @@ def _areas(mesh: Any) -> dict[Any, float]:
     return found
 
 
-def _alpha(material: Any) -> float:
+def _least_alpha(material: Any) -> float:
     """Return the least alpha of a material's shaders that isn't linked to anything."""
     sockets = [shader.inputs["Alpha"] for shader, _ in surface_shaders(material) if "Alpha" in shader.inputs]
     return min((float(socket.default_value) for socket in sockets if not socket.is_linked), default=1.0)

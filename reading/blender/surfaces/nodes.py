@@ -14,11 +14,11 @@ def material_output(material: Any) -> Any:
     return tree.get_output_node("CYCLES") if tree is not None and tree.bl_idname == "ShaderNodeTree" else None
 
 
-def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
+def socket_source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
     """Return the output that a socket is linked to; None if it has its own value."""
     while True:
         if not socket.is_output:
-            socket = linked(socket)
+            socket = linked_output(socket)
             if socket is None:
                 return None
         node = socket.node
@@ -29,10 +29,10 @@ def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
             inner = node.inputs[0]
         elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
             output = group_output(node.node_tree)
-            inner = output and _same(output.inputs, socket)
+            inner = output and _matching_socket(output.inputs, socket)
             stack = (*stack, node)
         elif node.bl_idname == "NodeGroupInput" and stack:
-            inner = _same(stack[-1].inputs, socket)
+            inner = _matching_socket(stack[-1].inputs, socket)
             stack = stack[:-1]
         if inner is None:
             return socket, stack
@@ -41,9 +41,9 @@ def source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
         socket = inner
 
 
-def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
+def upstream_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
     """Yield every node that a socket's value depends on, with the used output."""
-    found = source(socket, stack)
+    found = socket_source(socket, stack)
     seen = set()
     ring = [found] if found else []
     while ring:
@@ -53,10 +53,10 @@ def upstream(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
             continue
         seen.add(key)
         yield at.node, at
-        ring += [found for below in at.node.inputs if below.enabled and (found := source(below, around))]
+        ring += [found for below in at.node.inputs if below.enabled and (found := socket_source(below, around))]
 
 
-def trees(tree: Any) -> Iterator[Any]:
+def nested_trees(tree: Any) -> Iterator[Any]:
     """Yield a node tree and the groups in it, each once."""
     ring, seen = [tree], set()
     while ring:
@@ -67,7 +67,7 @@ def trees(tree: Any) -> Iterator[Any]:
             ring += [node.node_tree for node in at.nodes if node.bl_idname == "ShaderNodeGroup" and node.node_tree]
 
 
-def linked(socket: Any) -> Any:
+def linked_output(socket: Any) -> Any:
     """Return the output that an input socket is directly linked to; None if there is none."""
     return next((link.from_socket for link in socket.links if link.is_valid and not link.is_muted), None)
 
@@ -78,6 +78,6 @@ def group_output(tree: Any) -> Any:
     return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)
 
 
-def _same(sockets: Any, socket: Any) -> Any:
+def _matching_socket(sockets: Any, socket: Any) -> Any:
     """Return the socket of the same interface item."""
     return next((other for other in sockets if other.identifier == socket.identifier), None)

@@ -14,17 +14,21 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.surfaces.nodes import trees
+from hulldown.reading.blender.surfaces.nodes import nested_trees
 from hulldown.reading.blender.tidy_properties import RANDOM
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.wording import quoted
+from hulldown.reading.pieces.wording import quote_names
 
-TURN = 1.0 / 0xFFFFFFFF
+UNIT_PER_UINT32 = 1.0 / 0xFFFFFFFF
 
 
 def random_number(instance: Any) -> float:
     """Return Cycles' random number, from 0 to 1, of anything that `depsgraph.object_instances` yields."""
-    return (instance.random_id % 2**32) * TURN if instance.is_instance else random_number_of_name(instance.object.name)
+    return (
+        (instance.random_id % 2**32) * UNIT_PER_UINT32
+        if instance.is_instance
+        else random_number_of_name(instance.object.name)
+    )
 
 
 def random_number_of_name(name: str) -> float:
@@ -40,19 +44,19 @@ def random_number_of_name(name: str) -> float:
     start = (0xDEADBEEF + (2 << 2) + 13) % 2**32
     a, b, c = (start + total) % 2**32, start, start
     for bits in ((14, 11, 25), (16, 4, 14)):
-        c = ((c ^ b) - _turned(b, bits[0])) % 2**32
-        a = ((a ^ c) - _turned(c, bits[1])) % 2**32
-        b = ((b ^ a) - _turned(a, bits[2])) % 2**32
-    return (((c ^ b) - _turned(b, 24)) % 2**32) * TURN
+        c = ((c ^ b) - _rotate_bits(b, bits[0])) % 2**32
+        a = ((a ^ c) - _rotate_bits(c, bits[1])) % 2**32
+        b = ((b ^ a) - _rotate_bits(a, bits[2])) % 2**32
+    return (((c ^ b) - _rotate_bits(b, 24)) % 2**32) * UNIT_PER_UINT32
 
 
-def _turned(number: int, bits: int) -> int:
+def _rotate_bits(number: int, bits: int) -> int:
     return (number << bits | number >> (32 - bits)) % 2**32
 
 
 def detach_materials(materials: Iterable[Any]) -> None:
     """Make materials read the property `RANDOM`, not Cycles' random number, and no other object's coordinates."""
-    nodes = [pair for material in materials for pair in _nodes(material) if not pair[0].library]
+    nodes = [pair for material in materials for pair in _material_nodes(material) if not pair[0].library]
     for tree, node in nodes:
         if node.type == "TEX_COORD":
             node.object = None
@@ -64,9 +68,9 @@ def detach_materials(materials: Iterable[Any]) -> None:
 
 def lost_inputs(materials: Iterable[Any], *, moved: bool) -> list[Doubt]:
     """Return a doubt about materials that read what twins lack; `moved`: they have coordinates of their own."""
-    losing = [m.name for m in materials if any(_is_lost(node, moved=moved) for _, node in _nodes(m))]
+    losing = [m.name for m in materials if any(_is_lost(node, moved=moved) for _, node in _material_nodes(m))]
     text = (
-        f"the materials {quoted(losing)} read attributes, particles, or positions of the file's objects, and look "
+        f"the materials {quote_names(losing)} read attributes, particles, or positions of the file's objects, and look "
         "different without them; bake them into textures in Blender"
     )
     return [Doubt(DoubtKind.NOT_READ, text)] if losing else []
@@ -85,7 +89,7 @@ def _is_lost(node: Any, *, moved: bool) -> bool:
     return instanced or (kind == "PARTICLE_INFO" and bool(read))
 
 
-def _nodes(material: Any) -> Iterator[tuple[Any, Any]]:
+def _material_nodes(material: Any) -> Iterator[tuple[Any, Any]]:
     """Yield every node of a material and of the groups in it, after its tree."""
     if material.node_tree is not None and not material.is_grease_pencil:
-        yield from ((tree, node) for tree in trees(material.node_tree) for node in tree.nodes)
+        yield from ((tree, node) for tree in nested_trees(material.node_tree) for node in tree.nodes)

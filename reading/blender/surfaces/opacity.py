@@ -14,9 +14,9 @@ import numpy as np
 from mathutils import Euler, Matrix
 
 from hulldown.geometry.alpha import AlphaMap, Extension
-from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
+from hulldown.reading.blender.surfaces.nodes import Stack, material_output, socket_source
 from hulldown.reading.blender.surfaces.shaders import TRANSPARENT, surface_shaders
-from hulldown.reading.blender.surfaces.texels import is_curved, texels
+from hulldown.reading.blender.surfaces.texels import channel_texels, is_curved
 
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
@@ -43,15 +43,15 @@ class Lookup:
     curve: np.ndarray | None = field(default=None, compare=False)
 
     @property
-    def curved(self) -> bool:
+    def is_srgb(self) -> bool:
         """Whether its values are sRGB, which Cycles makes linear after it has interpolated."""
         return self.image is not None and is_curved(self.image, self.channel)
 
-    def bounded(self) -> bool:
+    def is_bounded(self) -> bool:
         """Return whether all texels are from 0 to 1, where curves are known."""
         if self.image is None or not self.image.is_float:
             return True
-        values = texels(self.image, self.channel, alpha_used=True)
+        values = channel_texels(self.image, self.channel, alpha_used=True)
         return bool(values.min() >= 0.0 and values.max() <= 1.0)
 
 
@@ -70,58 +70,58 @@ def is_opaque(material: Any) -> bool:
         if shader.type == TRANSPARENT:
             return False
         if shader.type == "BSDF_PRINCIPLED":
-            alpha, _ = source(shader.inputs["Alpha"], around) or (shader.inputs["Alpha"], around)
+            alpha, _ = socket_source(shader.inputs["Alpha"], around) or (shader.inputs["Alpha"], around)
             if alpha.is_output or alpha.default_value < 1.0:
                 return False
     return True
 
 
-def lookup_of(material: Any) -> Lookup | None:
+def material_lookup(material: Any) -> Lookup | None:
     """Return the one lookup that the light of a material depends on; None if the light is constant."""
-    found = _lookups(material_output(material).inputs["Surface"], ())
+    found = _socket_lookups(material_output(material).inputs["Surface"], ())
     if len(found) > 1:
         raise NotUnderstoodError("two textures")
     return next(iter(found), None)
 
 
-def _lookups(socket: Any, stack: Stack) -> set[Lookup]:
+def _socket_lookups(socket: Any, stack: Stack) -> set[Lookup]:
     """Return all that the value of a socket depends on."""
-    found = source(socket, stack)
+    found = socket_source(socket, stack)
     if found is None or not found[0].is_output:
         return set()
     output, stack = found
     node, kind = output.node, output.node.bl_idname.removeprefix("ShaderNode")
     if kind == "TexImage":
-        return {_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)}
+        return {_node_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)}
     if kind == "SeparateColor" and node.mode == "RGB":
-        below = source(node.inputs[0], stack)
+        below = socket_source(node.inputs[0], stack)
         if below is None or not below[0].is_output:
             return set()
         if below[0].node.bl_idname == "ShaderNodeTexImage" and below[0].name == "Color":
-            return {_lookup(below[0].node, output.name.lower(), below[1])}
+            return {_node_lookup(below[0].node, output.name.lower(), below[1])}
     if kind == "LightPath" and output.name.startswith("Is "):
         return set()
     odd = kind == "Mix" and (node.data_type, node.blend_type) not in (("RGBA", "MIX"), ("RGBA", "MULTIPLY"))
     if kind not in OF_GRAY or (odd and node.data_type != "FLOAT"):
         raise NotUnderstoodError(f"the node {node.name!r}")
-    return {one for below in node.inputs if below.enabled for one in _lookups(below, stack)}
+    return {one for below in node.inputs if below.enabled for one in _socket_lookups(below, stack)}
 
 
-def _lookup(node: Any, channel: str, stack: Stack) -> Lookup:
+def _node_lookup(node: Any, channel: str, stack: Stack) -> Lookup:
     image, own = node.image, node.texture_mapping
     if image is not None and image.source not in ("FILE", "GENERATED"):
         raise NotUnderstoodError(f"an image that is a {image.source.lower()}")
     mapped = (tuple(own.translation), tuple(own.rotation), tuple(own.scale)) != ((0, 0, 0), (0, 0, 0), (1, 1, 1))
     if node.projection != "FLAT" or node.extension == "MIRROR" or mapped:
         raise NotUnderstoodError(f"the projection of the node {node.name!r}")
-    layer, image_from_uv = _coordinates(node.inputs["Vector"], stack)
+    layer, image_from_uv = _coordinate_layer(node.inputs["Vector"], stack)
     smooth, alpha_used = node.interpolation != "Closest", node.outputs["Alpha"].is_linked
     return Lookup(image, channel, layer, image_from_uv, Extension[node.extension], smooth, alpha_used)
 
 
-def _coordinates(socket: Any, stack: Stack) -> tuple[str, Affine]:
+def _coordinate_layer(socket: Any, stack: Stack) -> tuple[str, Affine]:
     """Return the layer of texture coordinates, and their transform."""
-    found = source(socket, stack)
+    found = socket_source(socket, stack)
     if found is None or not found[0].is_output:
         return "", IDENTITY
     output, stack = found
@@ -133,13 +133,13 @@ def _coordinates(socket: Any, stack: Stack) -> tuple[str, Affine]:
     if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY" and output.name == "Vector":
         return node.attribute_name, IDENTITY
     if node.bl_idname == "ShaderNodeMapping" and node.vector_type in ("POINT", "VECTOR", "TEXTURE"):
-        layer, before = _coordinates(node.inputs["Vector"], stack)
-        if not any(source(below, stack) for below in node.inputs if below.name != "Vector"):
-            return layer, _after(_mapping(node), before)
+        layer, before = _coordinate_layer(node.inputs["Vector"], stack)
+        if not any(socket_source(below, stack) for below in node.inputs if below.name != "Vector"):
+            return layer, _compose_mapping(_mapping_matrix(node), before)
     raise NotUnderstoodError(f"the coordinates of the node {node.name!r}")
 
 
-def _mapping(node: Any) -> Matrix:
+def _mapping_matrix(node: Any) -> Matrix:
     given = {socket.name: tuple(socket.default_value) for socket in node.inputs if socket.name != "Vector"}
     moved = Matrix.Translation(given["Location"]) if "Location" in given and node.vector_type != "VECTOR" else Matrix()
     turned = Euler(given["Rotation"], "XYZ").to_matrix().to_4x4()
@@ -152,7 +152,7 @@ def _mapping(node: Any) -> Matrix:
     return whole.inverted()
 
 
-def _after(matrix: Matrix, before: Affine) -> Affine:
+def _compose_mapping(matrix: Matrix, before: Affine) -> Affine:
     both = np.array(matrix)[:2][:, [0, 1, 3]] @ np.array([*before, (0.0, 0.0, 1.0)])
     (a, b, c), (d, e, f) = both.tolist()
     return (a, b, c), (d, e, f)

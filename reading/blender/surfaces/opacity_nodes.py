@@ -9,8 +9,8 @@ from collections.abc import Callable
 from typing import Any
 
 from hulldown.geometry.color import LUMINANCE
-from hulldown.reading.blender.api.add_nodes import add_node, feed, maths
-from hulldown.reading.blender.surfaces.nodes import group_output, linked, material_output
+from hulldown.reading.blender.api.add_nodes import add_math, add_node, feed_input
+from hulldown.reading.blender.surfaces.nodes import group_output, linked_output, material_output
 
 SOCKET = "hulldown opacity"
 
@@ -21,12 +21,12 @@ def opacity_socket(material: Any) -> Any:
     Nodes are added to the tree and its groups; the material stays as opaque as before.
     """
     output = material_output(material)
-    return _opacity(material.node_tree, output.inputs["Surface"], {}) if output else 1.0
+    return _shader_opacity(material.node_tree, output.inputs["Surface"], {}) if output else 1.0
 
 
-def _opacity(tree: Any, socket: Any, made: dict[Any, Any]) -> Any:
+def _shader_opacity(tree: Any, socket: Any, made: dict[Any, Any]) -> Any:
     """Opacity of the shader linked to an input socket."""
-    given = linked(socket)
+    given = linked_output(socket)
     if given is None:
         return 1.0
     key = (tree.as_pointer(), given.as_pointer())
@@ -39,30 +39,30 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     kind = node.bl_idname
     if node.mute:
         inner = next((link.from_socket for link in node.internal_links if link.to_socket == given), None)
-        return 1.0 if inner is None else _opacity(tree, inner, made)
+        return 1.0 if inner is None else _shader_opacity(tree, inner, made)
     if kind == "NodeReroute":
-        return _opacity(tree, node.inputs[0], made)
+        return _shader_opacity(tree, node.inputs[0], made)
     if kind == "ShaderNodeBsdfTransparent":
-        if linked(color := node.inputs["Color"]) is None:  # Cycles' luminance of white is 1.000001
+        if linked_output(color := node.inputs["Color"]) is None:  # Cycles' luminance of white is 1.000001
             return 1.0 - float(LUMINANCE @ color.default_value[:3])
-        return maths(tree, "SUBTRACT", 1.0, add_node(tree, "RGBToBW", {0: _own(color)}).outputs[0])
+        return add_math(tree, "SUBTRACT", 1.0, add_node(tree, "RGBToBW", {0: _own_source(color)}).outputs[0])
     if kind == "ShaderNodeBsdfPrincipled":
-        return _clamped(tree, _own(node.inputs["Alpha"]))
+        return _clamp_value(tree, _own_source(node.inputs["Alpha"]))
     if kind == "ShaderNodeMixShader":
-        share = _clamped(tree, _own(node.inputs[0]))
+        share = _clamp_value(tree, _own_source(node.inputs[0]))
         if share in (0.0, 1.0):
-            return _opacity(tree, node.inputs[1 + int(share)], made)
-        first, second = _opacity(tree, node.inputs[1], made), _opacity(tree, node.inputs[2], made)
+            return _shader_opacity(tree, node.inputs[1 + int(share)], made)
+        first, second = _shader_opacity(tree, node.inputs[1], made), _shader_opacity(tree, node.inputs[2], made)
         if first == second == 1.0:
             return 1.0
-        return maths(tree, "MULTIPLY_ADD", share, maths(tree, "SUBTRACT", second, first), first)
+        return add_math(tree, "MULTIPLY_ADD", share, add_math(tree, "SUBTRACT", second, first), first)
     if kind == "ShaderNodeAddShader":
-        first, second = (_opacity(tree, below, made) for below in node.inputs)
-        return _clamped(tree, maths(tree, "ADD", maths(tree, "ADD", first, second), -1.0))
+        first, second = (_shader_opacity(tree, below, made) for below in node.inputs)
+        return _clamp_value(tree, add_math(tree, "ADD", add_math(tree, "ADD", first, second), -1.0))
     if kind == "ShaderNodeGroup" and node.node_tree is not None:
         return _of_group(tree, node, given, made)
     if kind == "NodeGroupInput":
-        return _interface(tree, f"{SOCKET} of {given.identifier}", "INPUT", node)
+        return _interface_socket(tree, f"{SOCKET} of {given.identifier}", "INPUT", node)
     return 1.0
 
 
@@ -74,33 +74,33 @@ def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     name = f"{SOCKET} of {given.identifier}"
     if name not in [item.name for item in inner.interface.items_tree]:
         below = next(socket for socket in end.inputs if socket.identifier == given.identifier)
-        opacity = _opacity(inner, below, made)
-        _interface(inner, name, "OUTPUT", end)
-        feed(inner, end.inputs[name], opacity)
+        opacity = _shader_opacity(inner, below, made)
+        _interface_socket(inner, name, "OUTPUT", end)
+        feed_input(inner, end.inputs[name], opacity)
     for shader in [socket for socket in node.inputs if socket.type == "SHADER"]:
         wanted = node.inputs.get(f"{SOCKET} of {shader.identifier}")
         if wanted is not None and not wanted.is_linked:
-            feed(tree, wanted, _opacity(tree, shader, made))
+            feed_input(tree, wanted, _shader_opacity(tree, shader, made))
     return node.outputs[name]
 
 
-def _interface(tree: Any, name: str, way: str, node: Any) -> Any:
+def _interface_socket(tree: Any, name: str, way: str, node: Any) -> Any:
     """Return the socket of a group's own input or output node of this name, made if it is not there."""
     if name not in [item.name for item in tree.interface.items_tree]:
         tree.interface.new_socket(name, in_out=way, socket_type="NodeSocketFloat")
     return (node.outputs if way == "INPUT" else node.inputs)[name]
 
 
-def _own(socket: Any) -> Any:
+def _own_source(socket: Any) -> Any:
     """Return the source of a socket's value: the linked output, or its number."""
-    found = linked(socket)
+    found = linked_output(socket)
     return socket.default_value if found is None else found
 
 
-def _clamped(tree: Any, value: Any) -> Any:
+def _clamp_value(tree: Any, value: Any) -> Any:
     if isinstance(value, float):
         return min(max(value, 0.0), 1.0)
-    return maths(tree, "ADD", value, 0.0, clamp=True)
+    return add_math(tree, "ADD", value, 0.0, clamp=True)
 
 
 def show_opacity(material: Any, strength: Callable[[Any], Any] | None = None) -> None:
@@ -116,7 +116,7 @@ def show_opacity(material: Any, strength: Callable[[Any], Any] | None = None) ->
     glow = {"Color": (1.0, 1.0, 1.0, 1.0), "Strength": strength(tree) if strength else opacity}
     shader = add_node(tree, "Emission", glow).outputs[0]
     if strength and opacity != 1.0:
-        share = maths(tree, "SUBTRACT", 1.0, maths(tree, "LESS_THAN", opacity, 0.5))
+        share = add_math(tree, "SUBTRACT", 1.0, add_math(tree, "LESS_THAN", opacity, 0.5))
         through = add_node(tree, "BsdfTransparent").outputs[0]
         shader = add_node(tree, "MixShader", {0: share, 1: through, 2: shader}).outputs[0]
     add_node(tree, "OutputMaterial", {"Surface": shader})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from hulldown.reading.blender.surfaces.nodes import Stack, material_output, source
+from hulldown.reading.blender.surfaces.nodes import Stack, material_output, socket_source
 
 SEEN_THROUGH = 0.5  # least transmission of a transparent surface
 TRANSPARENT = "BSDF_TRANSPARENT"
@@ -36,7 +36,7 @@ def is_clear(material: Any) -> bool:
     if not output:
         return False
     shaders = [shader for shader, _ in surface_shaders(material)]
-    if any(shader.type in REFRACTING or _transmits(shader) for shader in shaders):
+    if any(shader.type in REFRACTING or _transmits_light(shader) for shader in shaders):
         return True
     thin = all(shader.type in (TRANSPARENT, *GLOSSY) for shader in shaders)
     clear = any(shader.type == TRANSPARENT for shader in shaders)
@@ -47,17 +47,17 @@ def surface_shaders(material: Any) -> Iterator[tuple[Any, Stack]]:
     """Yield the shader nodes of a material's surface, each with the group nodes that it is in."""
     output = material_output(material)
     if output:
-        yield from _shaders(output.inputs["Surface"], ())
+        yield from _shader_nodes(output.inputs["Surface"], ())
 
 
-def _transmits(shader: Any) -> bool:
+def _transmits_light(shader: Any) -> bool:
     socket = shader.inputs.get("Transmission Weight") if shader.type == "BSDF_PRINCIPLED" else None
     return bool(socket and (socket.is_linked or socket.default_value >= SEEN_THROUGH))
 
 
-def _shaders(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
+def _shader_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
     """Yield the shader nodes behind a socket."""
-    found = source(socket, stack)
+    found = socket_source(socket, stack)
     if found is None or not found[0].is_output:
         return
     node, stack = found[0].node, found[1]
@@ -66,4 +66,4 @@ def _shaders(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
         return
     for behind in node.inputs:
         if behind.type == "SHADER":
-            yield from _shaders(behind, stack)
+            yield from _shader_nodes(behind, stack)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hulldown.geometry.color import LUMINANCE, linear_from_srgb, srgb_from_linear
-from hulldown.reading.blender.api.buffers import pixels
+from hulldown.reading.blender.api.buffers import image_pixels
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 
@@ -17,7 +17,7 @@ def is_curved(image: Any, channel: str) -> bool:
     return channel != "alpha" and image.colorspace_settings.name == "sRGB"
 
 
-def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
+def channel_texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
     """Texels of a channel, in 255ths where the file has bytes, and in sRGB if `is_curved`.
 
     `image`: with pixels.
@@ -26,9 +26,9 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
         return np.full((1, 1), 255, np.uint8)
     width, height = image.size
     share = min(1.0, (MOST_PIXELS / (width * height)) ** 0.5)
-    rgba = pixels(image, (int(width * share), int(height * share)))
+    rgba = image_pixels(image, (int(width * share), int(height * share)))
     if channel == "alpha":
-        return _stored(rgba[..., 3], image)
+        return _stored_values(rgba[..., 3], image)
     is_data = image.colorspace_settings.is_data or image.colorspace_settings.name in ("Non-Color", "Raw")
     color = rgba[..., :3]
     if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
@@ -44,9 +44,9 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
         linear = linear_from_srgb(color).astype(np.float32) if curved else color
         value = linear @ LUMINANCE.astype(np.float32)
         value = srgb_from_linear(value) if curved else value
-    return _stored(value, image)
+    return _stored_values(value, image)
 
 
-def _stored(values: np.ndarray, image: Any) -> np.ndarray:
+def _stored_values(values: np.ndarray, image: Any) -> np.ndarray:
     values = np.ascontiguousarray(values)
     return values if image.is_float else np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)

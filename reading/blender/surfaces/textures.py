@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.blender.surfaces.nodes import source
+from hulldown.reading.blender.surfaces.nodes import socket_source
 from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, surface_shaders
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.asset_report import Missing
@@ -27,18 +27,20 @@ MOST_FILES = 20_000  # files that are looked at for them
 def used_files() -> list[str]:
     """Absolute path of every file that the open file refers to, existing or not; without packed ones."""
     paths = {path for path in bpy.utils.blend_paths(absolute=True, packed=False, local=False) if path}
-    paths |= {path for block in _referring() if (path := _path(block))}
+    paths |= {path for block in _referring_blocks() if (path := _block_path(block))}
     return sorted(paths)
 
 
 def find_moved(path: Path) -> list[Doubt]:
     """Point images whose files are missing to files of the same name near the asset."""
-    images = [block for block in _referring() if isinstance(block, bpy.types.Image) and TILES not in block.filepath]
-    gone = [image for image in images if (wanted := _path(image)) and not _is_there(wanted)]
+    images = [
+        block for block in _referring_blocks() if isinstance(block, bpy.types.Image) and TILES not in block.filepath
+    ]
+    gone = [image for image in images if (wanted := _block_path(image)) and not _is_there(wanted)]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
     found: dict[str, set[str]] = {name: set() for name in named}
     if found:
-        for file in _files_near(path):
+        for file in _nearby_files(path):
             if file.name.lower() in found:
                 found[file.name.lower()].add(os.path.realpath(file))
     doubts = []
@@ -49,7 +51,7 @@ def find_moved(path: Path) -> list[Doubt]:
             doubts.append(
                 Doubt(DoubtKind.MOVED_PICTURE, f"{image.filepath!r} isn't there; {near!r} is used in its place")
             )
-            _replace(image, min(files))
+            _replace_image(image, min(files))
         elif files:
             several = " and ".join(repr(os.path.relpath(file, path.parent)) for file in sorted(files)[:2])
             doubts.append(
@@ -61,13 +63,13 @@ def find_moved(path: Path) -> list[Doubt]:
     return doubts
 
 
-def pictures_near(path: Path) -> list[str]:
+def nearby_pictures(path: Path) -> list[str]:
     """Pictures that `find_moved` would search near an asset, relative to its folder, without those in hidden ones."""
-    near = {Path(os.path.relpath(file, path.parent)) for file in _files_near(path) if file.suffix.lower() in PICTURES}
+    near = {Path(os.path.relpath(file, path.parent)) for file in _nearby_files(path) if file.suffix.lower() in PICTURES}
     return sorted(str(file) for file in near if not any(re.match(r"\.\w", part) for part in file.parts))
 
 
-def _replace(image: Any, file: str) -> None:
+def _replace_image(image: Any, file: str) -> None:
     """Replace an image that was never read, which reloading wouldn't change."""
     new = bpy.data.images.load(file)
     new.colorspace_settings.name, new.alpha_mode = image.colorspace_settings.name, image.alpha_mode
@@ -75,7 +77,7 @@ def _replace(image: Any, file: str) -> None:
     bpy.data.images.remove(image)
 
 
-def _files_near(path: Path) -> Iterator[Path]:
+def _nearby_files(path: Path) -> Iterator[Path]:
     """Files in the folders that an asset may read, at most `MOST_FILES`."""
     readable = asset_folders(path)
     own = [path.parent, Path(os.path.realpath(path)).parent]
@@ -90,8 +92,8 @@ def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
     """Files and pictures that drawn objects refer to and that are missing, or that Blender can't read."""
     users = bpy.data.user_map()
     found: dict[tuple[str, str], set[str]] = {}
-    for block in _referring():
-        path = _path(block)
+    for block in _referring_blocks():
+        path = _block_path(block)
         if path and not _is_there(path):
             problem = "missing"
         elif path and _is_unreadable(block):
@@ -120,13 +122,13 @@ def _lacks_picture(material: Any) -> bool:
     """Return whether a base color comes from an image node without an image."""
     for shader, around in surface_shaders(material):
         socket = shader.inputs.get(BASE_COLORS.get(shader.type, ""))
-        found = source(socket, around) if socket is not None else None
+        found = socket_source(socket, around) if socket is not None else None
         if found and found[0].is_output and found[0].node.type == "TEX_IMAGE" and found[0].node.image is None:
             return True
     return False
 
 
-def _referring() -> Iterator[Any]:
+def _referring_blocks() -> Iterator[Any]:
     """Blocks that refer to files for the look or the shape of objects."""
     for image in bpy.data.images:
         if image.source in ("FILE", "SEQUENCE", "MOVIE", "TILED") and not image.packed_file:
@@ -137,7 +139,7 @@ def _referring() -> Iterator[Any]:
                 yield block
 
 
-def _path(block: Any) -> str:
+def _block_path(block: Any) -> str:
     """Return the absolute path of a block's file; "" if it has none."""
     return bpy.path.abspath(block.filepath, library=getattr(block, "library", None)) if block.filepath else ""
 
