@@ -21,8 +21,8 @@ PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
 # What depends on how floats are rounded, where another processor's kernels might be seen; pytest refuses a missing file.
-KERNEL_TESTS = $(addprefix tests/test_,$(addsuffix .py,portable transforms hulls instances settle rest \
-	footprint camera clearance boxes))
+KERNEL_TESTS = $(addprefix tests/,$(addsuffix .py,geometry/test_portable geometry/test_transforms geometry/test_hulls geometry/test_instances \
+	placement/test_settle placement/test_rest placement/test_footprint camera/test_cameras scene/test_clearance annotate/test_boxes))
 
 .PHONY: help setup setup-training browser demo study photographs test test-blender kernels check bench thorough fuzz clean
 
@@ -83,7 +83,7 @@ check: setup ## linters: ruff, mypy, import rules, who opens files, spelling
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -P -m pytest -q tests/test_outside.py
+	$(BIN)/python -P -m pytest -q tests/base/test_outside.py
 	git ls-files -z ':!.dev' | xargs -0 $(BIN)/codespell
 
 bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)

@@ -1,6 +1,6 @@
 """Read files from outside: opened once, regular, of limited size, and parsed into values of declared types.
 
-Nothing else opens or parses them; `tests/test_outside.py` lists the exceptions with their reasons.
+Nothing else opens or parses them; `tests/base/test_outside.py` lists the exceptions with their reasons.
 """
 
 from __future__ import annotations

@@ -20,7 +20,7 @@ from hulldown.camera.frustum import Frustum
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
-from hulldown.tests.shapes import vertices_at
+from hulldown.tests.builders.shapes import vertices_at
 
 KINDS = ("framed", "cut by the frame", "across the near plane")
 PEERS = {

@@ -24,7 +24,7 @@ from hulldown.render.outline import sort_key
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
 from hulldown.render.supervisor import render_remaining
-from hulldown.tests.clusters import Cluster, blenders, cluster, digests
+from hulldown.tests.builders.clusters import Cluster, blenders, cluster, digests
 
 SIZES = ((96, 54), (480, 270))
 WORKER_COUNT = 2

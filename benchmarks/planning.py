@@ -25,7 +25,7 @@ from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
-from hulldown.tests.planning_assets import hills
+from hulldown.tests.builders.planning_assets import hills
 
 GROUND_CELLS = 500  # 5e5 triangles of ground
 VARIANTS = (  # vehicles, distractors, and whether there are woods

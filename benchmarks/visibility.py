@@ -22,7 +22,7 @@ from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
-from hulldown.tests.shapes import vertices_at
+from hulldown.tests.builders.shapes import vertices_at
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
 SHOWN_ROWS = 4  # rows of the table; the plot shows all

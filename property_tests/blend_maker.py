@@ -17,10 +17,10 @@ import bpy
 
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.tests.blend_parts import instance, place
-from hulldown.tests.messy_blends import CASES
-from hulldown.tests.messy_parts import scatter
-from hulldown.tests.node_trees import principled, shader_of
+from hulldown.tests.builders.blend_parts import instance, place
+from hulldown.tests.builders.messy_blends import CASES
+from hulldown.tests.builders.messy_parts import scatter
+from hulldown.tests.builders.node_trees import principled, shader_of
 
 MOST_MEMORY = 8 * 2**30  # a damaged file may claim all memory; other tests check the limits of reading
 

@@ -21,7 +21,7 @@ from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.join import join_datasets
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 from hulldown.render.verify import verify_dataset
-from hulldown.tests.editing import append
+from hulldown.tests.builders.editing import append
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")  # damaged datasets may also cause warnings
 KEYS = (

@@ -30,7 +30,7 @@ from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.scenery.geotiff import read_elevations, read_orthophoto
-from hulldown.tests.networks import RUN
+from hulldown.tests.builders.networks import RUN
 from hulldown.training.detectors.detector import find_weights
 from hulldown.training.evaluation.labels import evaluation_labels
 from hulldown.training.evaluation.predictions import read_predictions
@@ -102,7 +102,7 @@ def weights() -> bytes:
 
 @cache
 def tensors(name: str) -> bytes:
-    from hulldown.tests.networks import tiny_weights
+    from hulldown.tests.builders.networks import tiny_weights
 
     return Path(tiny_weights(), name).read_bytes()
 

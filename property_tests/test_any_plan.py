@@ -31,8 +31,8 @@ from hulldown.property_tests.any_values import MANY, containers, refusal, values
 from hulldown.render.blender.messages import CyclesSettings
 from hulldown.render.jobs import mask_job, render_job
 from hulldown.render.outline import Outline
-from hulldown.tests.planning_assets import hills, small_assets, small_config
-from hulldown.tests.render_plans import library_of
+from hulldown.tests.builders.planning_assets import hills, small_assets, small_config
+from hulldown.tests.builders.render_plans import library_of
 
 ASSETS = small_assets(hills("hills", cells=6, size=120.0, trees=2), vehicles=["t72"], distractors=True)
 ASSETS = replace(ASSETS, distractors={"car": ASSETS.distractors["car"]})

@@ -9,7 +9,7 @@ from hulldown.reading.pieces.naming import GROUND, GUN, HELPERS, TURRET, first_m
 from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
-from hulldown.tests.test_roles import piece
+from hulldown.tests.reading.test_roles import piece
 
 names = st.text(st.characters(codec="utf-8", exclude_categories=("Cs",)), max_size=20)
 coordinates = st.floats(-50, 50).map(lambda x: round(x, 3))

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.tests.test_augment import TABLE, augmentation, corners, mask_corners
+from hulldown.tests.training.test_augment import TABLE, augmentation, corners, mask_corners
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import at_work_size, make_example
 from hulldown.training.inputs.sources import Sample

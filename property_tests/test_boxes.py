@@ -24,9 +24,9 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix, transform_points
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+from hulldown.tests.builders.shapes import PARTS, random_rotations, vehicle_of, vertices_at
 from hulldown.tests.oracles.clipping import clipped
 from hulldown.tests.oracles.curves import LENSES, dense_extent
-from hulldown.tests.shapes import PARTS, random_rotations, vehicle_of, vertices_at
 
 PIXEL_ERROR = 1e-6  # the promised error; relative for boxes with more digits than a pixel's
 View = tuple[np.ndarray, Cameras, dict[str, float]]  # the vehicle's pose, the camera, and angles of parts

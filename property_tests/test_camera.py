@@ -13,7 +13,7 @@ from hulldown.camera.framing import frame_target, pan_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import solve_distance
-from hulldown.tests.cameras import unproject
+from hulldown.tests.builders.cameras import unproject
 
 CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))
 widths = st.integers(1, 4096)

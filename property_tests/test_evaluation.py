@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from hulldown.tests.detections import matched, random_case, total
-from hulldown.tests.test_matching import assert_official
+from hulldown.tests.builders.detections import matched, random_case, total
+from hulldown.tests.training.test_matching import assert_official
 from hulldown.training.evaluation.bootstrap import share_interval
 from hulldown.training.evaluation.metrics import confusion_matrix
 

@@ -11,8 +11,8 @@ from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.overlap import boxes_touch, triangles_touch_box
 from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import invert_rigid, rigid_matrix, transform_points
+from hulldown.tests.builders.shapes import CORNERS, QUADS, random_rotations
 from hulldown.tests.oracles.clipping import clipped
-from hulldown.tests.shapes import CORNERS, QUADS, random_rotations
 
 # float32 around the center of a scene some 20 m wide, seen at grazing angles.
 CLOSE = 2e-4

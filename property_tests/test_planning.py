@@ -24,7 +24,7 @@ from hulldown.plan.config.asset_sections import OWN
 from hulldown.plan.summary import summarize_plan
 from hulldown.planning.check import known_poses, relabel_row
 from hulldown.planning.planner import Planner
-from hulldown.tests.planning_assets import (
+from hulldown.tests.builders.planning_assets import (
     DISTRACTOR_ENTRIES,
     VEHICLE_ENTRIES,
     filled_share,
@@ -32,7 +32,7 @@ from hulldown.tests.planning_assets import (
     small_config,
     to_camera,
 )
-from hulldown.tests.shapes import vertices_at
+from hulldown.tests.builders.shapes import vertices_at
 
 # Rounding of rows: see plan/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
@@ -113,7 +113,7 @@ def planned(config):
         planner = Planner(config, ASSETS)
         return planner, planner.rows(0, planner.budget.n_positions)
     except ConfigError:
-        # Some configs can't be met; tests/test_planner.py checks their errors.
+        # Some configs can't be met; tests/planning/test_planner.py checks their errors.
         reject()
 
 

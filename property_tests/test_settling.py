@@ -14,8 +14,8 @@ from hulldown.placement.rejection import Rejection
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
-from hulldown.tests.shapes import plane_mesh
-from hulldown.tests.test_settle import TANK, height_field, placed
+from hulldown.tests.builders.shapes import plane_mesh
+from hulldown.tests.placement.test_settle import TANK, height_field, placed
 
 RULES = st.sampled_from(["averaged", "support"])
 FIELDS = ("world_from_vehicle", "slope", "tilt", "share", "margin", "gap", "penetration", "rejection")

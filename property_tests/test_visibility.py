@@ -15,8 +15,8 @@ from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.transforms import rigid_matrix
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
-from hulldown.tests.shapes import box, random_rotations
-from hulldown.tests.test_visibility import HERE, TANK
+from hulldown.tests.builders.shapes import box, random_rotations
+from hulldown.tests.scene.test_visibility import HERE, TANK
 
 CUBE = box((-0.5,) * 3, (0.5,) * 3)
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hulldown.plan.library import Library
     from hulldown.plan.plan_file import Plan
     from hulldown.render.supervisor import RenderReport
-    from hulldown.tests.messy_export import Messy
+    from hulldown.tests.builders.messy_export import Messy
 
 
 def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], object]) -> Path:
@@ -42,7 +42,7 @@ def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path],
 @pytest.fixture(scope="session")
 def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
     """The messy files, built and exported once for the whole run."""
-    from hulldown.tests.messy_export import build, load  # imported late, since they import most of the code
+    from hulldown.tests.builders.messy_export import build, load  # imported late, since they import most of the code
 
     return load(made_once(tmp_path_factory, "messy", build))
 
@@ -50,7 +50,7 @@ def messy(tmp_path_factory: pytest.TempPathFactory) -> Messy:
 @pytest.fixture(scope="session")
 def worlds(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The files of render_worlds.py, with tank, field, and gray sky in the cache; see `own_worlds`."""
-    from hulldown.tests.blender_plans import plan_in, run_script
+    from hulldown.tests.builders.blender_plans import plan_in, run_script
 
     def make(folder: Path) -> None:
         run_script("render_worlds.py", folder)
@@ -68,7 +68,7 @@ def own_worlds(worlds: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder that the script SCRIPT of the module, which imports bpy, has written into."""
-    from hulldown.tests.blender_plans import run_script
+    from hulldown.tests.builders.blender_plans import run_script
 
     script = request.module.SCRIPT
     return made_once(tmp_path_factory, Path(script).stem, partial(run_script, script))
@@ -86,7 +86,9 @@ def library(plan: Plan) -> Library:
 def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A stand-in for an installed Blender; see fake_blender.py."""
     script = tmp_path_factory.mktemp("blender") / "blender"
-    script.write_text(f"#!/bin/sh\nexec {sys.executable} -P {Path(__file__).with_name('fake_blender.py')}\n")
+    script.write_text(
+        f"#!/bin/sh\nexec {sys.executable} -P {Path(__file__).with_name('builders') / 'fake_blender.py'}\n"
+    )
     script.chmod(0o755)
     return str(script)
 
@@ -96,7 +98,7 @@ def render(blender: str) -> Callable[..., RenderReport]:
     """`render_remaining` for plans of render_plans.py, with a stand-in for Blender."""
     from hulldown.render.pool import Engine
     from hulldown.render.supervisor import render_remaining
-    from hulldown.tests.render_plans import CUBES
+    from hulldown.tests.builders.render_plans import CUBES
 
     return partial(render_remaining, library=CUBES, engine=Engine(blender=blender))
 
@@ -104,7 +106,7 @@ def render(blender: str) -> Callable[..., RenderReport]:
 @pytest.fixture(scope="session")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chrome]:
     """A headless browser, started once per run."""
-    from hulldown.tests.browser import chromium
+    from hulldown.tests.builders.browser import chromium
 
     with chromium(tmp_path_factory.mktemp("profile")) as driver:
         yield driver

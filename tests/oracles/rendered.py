@@ -18,7 +18,7 @@ from hulldown.dataset.row_records import Segmenter
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation, plan_key
 from hulldown.plan.row_scenes import RowScenes
-from hulldown.tests.blender_plans import pixels
+from hulldown.tests.builders.blender_plans import pixels
 
 MIN_SKY_PX = 40
 MAX_SKY_DIFFERENCE = 6.0  # of 255: median; sound pictures had 4.9 at most
