@@ -16,20 +16,20 @@ from PIL import Image, ImageDraw, ImageFont
 from hulldown.annotate.coco_types import Record
 from hulldown.annotate.label_list import LABEL_TYPES
 from hulldown.annotate.label_type import Pen
-from hulldown.annotate.record_fields import fields_of
+from hulldown.annotate.record_fields import declared_fields
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by color-blind readers too. Black is left out.
 PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
 IGNORED = (170, 170, 170)
 
 
-def color_of(category_id: int) -> tuple[int, int, int]:
+def category_color(category_id: int) -> tuple[int, int, int]:
     """Return the color of a category, the same in every picture."""
     return PALETTE[(category_id - 1) % len(PALETTE)]
 
 
 @cache
-def lettering(size: int) -> ImageFont.FreeTypeFont:
+def label_font(size: int) -> ImageFont.FreeTypeFont:
     """DejaVu Sans, which comes with Matplotlib and has Cyrillic and Greek letters, too; `size` in pixels."""
     found = find_spec("matplotlib")  # importing it takes longer than drawing
     folder = Path(str(found and found.origin)).with_name("mpl-data")
@@ -49,23 +49,23 @@ class Overlay:
     @property
     def color(self) -> tuple[int, int, int]:
         """The color of its lines."""
-        return IGNORED if self.ignored else color_of(self.category_id)
+        return IGNORED if self.ignored else category_color(self.category_id)
 
 
-def draw(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) -> Image.Image:
+def draw_boxes(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) -> Image.Image:
     """Return a copy of a picture with labels on it; `tint`: with masks, too.
 
     Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.
     """
     picture = image.convert("RGB")
-    values = [[fields_of(label.record, kind) for kind in LABEL_TYPES] if label.record else [] for label in labels]
+    values = [[declared_fields(label.record, kind) for kind in LABEL_TYPES] if label.record else [] for label in labels]
     for label, of_label in zip(labels, values, strict=True):
         for each in of_label if tint else ():
             if (pixels := each.tinted_pixels(*picture.size)) is not None:
-                picture = _tinted(picture, pixels, label.color)
+                picture = _tint_mask(picture, pixels, label.color)
     canvas = ImageDraw.Draw(picture)
     line = max(1, round(picture.height / 360))
-    font = lettering(max(10, picture.height // 36))
+    font = label_font(max(10, picture.height // 36))
     for label, of_label in zip(labels, values, strict=True):
         x, y, w, h = label.bbox.tolist()
         first, last = (x, y), (x + w, y + h)  # pixels of a line around the box, those in the picture
@@ -76,11 +76,11 @@ def draw(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) ->
         for each in of_label:
             each.draw_lines(Pen(canvas, label.color, line))
         if not label.ignored:
-            _label(canvas, corners, label.text, label.color, font, picture.size)
+            _draw_name(canvas, corners, label.text, label.color, font, picture.size)
     return picture
 
 
-def _label(
+def _draw_name(
     pen: ImageDraw.ImageDraw,
     corners: tuple[int, int, int, int],
     text: str,
@@ -101,7 +101,7 @@ def _label(
     pen.text((x + pad - left, y + pad - top), text, fill=(0, 0, 0) if dark else (255, 255, 255), font=font)
 
 
-def _tinted(picture: Image.Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image.Image:
+def _tint_mask(picture: Image.Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image.Image:
     pixels = np.asarray(picture).astype(np.float32)
     pixels[mask] = 0.6 * pixels[mask] + 0.4 * np.array(color, dtype=np.float32)
     return Image.fromarray(pixels.round().astype(np.uint8))

@@ -14,7 +14,7 @@ from hulldown.annotate.labels.box_3d import BoxInCamera
 from hulldown.annotate.labels.keypoints import Keypoints
 from hulldown.annotate.labels.mask import AmodalMask, VisibleMask
 from hulldown.annotate.labels.oriented_box import OrientedBox
-from hulldown.annotate.record_fields import LabelRecord, misfits
+from hulldown.annotate.record_fields import LabelRecord, invalid_fields
 from hulldown.annotate.records import Category, Image, Label
 
 # In the order of a record's fields.
@@ -34,7 +34,7 @@ def fields_from_scene(vehicle: SeenVehicle) -> dict[str, object]:
 def label_misfits(record: Record) -> Iterator[str]:
     """Yield a sentence for each field of a label that doesn't have its declared type and range, or is missing."""
     kinds: tuple[type[Struct], ...] = (LabelRecord, *LABEL_TYPES)
-    return chain.from_iterable(misfits(record, kind) for kind in kinds)
+    return chain.from_iterable(invalid_fields(record, kind) for kind in kinds)
 
 
 def label_problems(label: Label, image: Image, category: Category | None) -> Iterator[str]:

@@ -80,34 +80,34 @@ class CategoryRecord(CategoryKeypoints, kw_only=True):
     name: Annotated[str, Meta(min_length=1)]
 
 
-def fields_of(record: Record, kind: type[Declared]) -> Declared:
+def declared_fields(record: Record, kind: type[Declared]) -> Declared:
     """Return the declared fields of a record; optional ones that don't have their type and range are left out.
 
     Examples
     --------
-    >>> fields_of({"scenery": "hills", "fov_x_deg": "wide"}, View).scenery
+    >>> declared_fields({"scenery": "hills", "fov_x_deg": "wide"}, View).scenery
     'hills'
     """
     try:
         return parse_value(record, kind)
     except ValueError:
-        wrong = {key for key, _ in _misfits(record, kind)}
+        wrong = {key for key, _ in _field_errors(record, kind)}
         return parse_value({key: value for key, value in record.items() if key not in wrong}, kind)
 
 
-def misfits(record: Record, kind: type[Struct]) -> Iterator[str]:
+def invalid_fields(record: Record, kind: type[Struct]) -> Iterator[str]:
     """Yield a sentence for each field that doesn't have its declared type and range, or is missing."""
-    return (f"{key} is {record.get(key)!r:.60} ({error})" for key, error in _misfits(record, kind))
+    return (f"{key} is {record.get(key)!r:.60} ({error})" for key, error in _field_errors(record, kind))
 
 
-def _misfits(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueError]]:
+def _field_errors(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueError]]:
     """Yield each such field with its error."""
     try:
         parse_value(record, kind)
         return
     except ValueError:
         pass
-    for key, (hint, optional) in _fields(kind).items():
+    for key, (hint, optional) in _field_types(kind).items():
         if key not in record and optional:
             continue
         try:
@@ -117,7 +117,7 @@ def _misfits(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueErr
 
 
 @cache
-def _fields(kind: type[Struct]) -> dict[str, tuple[Any, bool]]:
+def _field_types(kind: type[Struct]) -> dict[str, tuple[Any, bool]]:
     """Type of each field, and whether it may be missing."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: (hints[field.name], not field.required) for field in msgspec.structs.fields(kind)}

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.record_fields import CategoryKeypoints, Declared, LabelRecord, Optics, Pose, fields_of
+from hulldown.annotate.record_fields import CategoryKeypoints, Declared, LabelRecord, Optics, Pose, declared_fields
 from hulldown.base.outside import parse_value
 from hulldown.camera.intrinsics import Intrinsics
 
@@ -26,7 +26,7 @@ class Category:
     @classmethod
     def of(cls, record: Record) -> Category:
         """Return the class in a record, which may be one without a usable name."""
-        return cls(record["id"], str(record.get("name")), fields_of(record, CategoryKeypoints).keypoints, record)
+        return cls(record["id"], str(record.get("name")), declared_fields(record, CategoryKeypoints).keypoints, record)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -47,7 +47,7 @@ class Label:
     @classmethod
     def of(cls, record: Record, names: Mapping[int, str]) -> Label:
         """Return the label in a record; `names` are those of the classes by id."""
-        fields = fields_of(record, LabelRecord)
+        fields = declared_fields(record, LabelRecord)
         return cls(
             record["id"],
             fields.category_id,
@@ -63,7 +63,7 @@ class Label:
 
     def read(self, kind: type[Declared]) -> Declared:
         """Return the fields of a label type in its record; those that don't fit are missing."""
-        return fields_of(self.record, kind)
+        return declared_fields(self.record, kind)
 
     def changed(self, **fields: object) -> Label:
         """Return the label with other values of some fields of its record."""

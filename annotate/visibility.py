@@ -57,17 +57,17 @@ def visible_fraction(
             raise ValueError(f"subjects: expected 1 or {n} poses, got {len(subject.world_from_vehicle)}")
     if rays < 1:
         raise ValueError(f"rays: expected at least 1, got {rays}")
-    pattern = jittered(rays, rng=np.random.default_rng(seed))
+    pattern = jittered_points(rays, rng=np.random.default_rng(seed))
     hits, visible, area = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
     size = max(1, BLOCK // rays)
     for index in (np.arange(i, min(i + size, n)) for i in range(0, n, size)):
         posed = [subject.take(index) for subject in subjects]
-        found = _count(posed, world.take(index), cameras.take(index), pattern)
+        found = _count_rays(posed, world.take(index), cameras.take(index), pattern)
         hits[index], visible[index], area[index] = found
     return Visibility(visible / np.where(hits > 0, hits, np.nan), hits, area * hits / rays)
 
 
-def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
+def jittered_points(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
     """Return one uniform point in each of n cells of equal area that tile the unit square."""
     rows = max(1, round(math.sqrt(n)))
     columns = np.full(rows, n // rows)
@@ -79,7 +79,7 @@ def jittered(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n 2"]:
     return np.stack([(column + uniform[:, 0]) / columns[row], top + uniform[:, 1] * columns[row] / n], axis=1)
 
 
-def _count(
+def _count_rays(
     subjects: list[PosedVehicle],
     world: Scene,
     cameras: Cameras,
@@ -95,7 +95,7 @@ def _count(
             low[camera] = np.minimum(low[camera], box[:, 0])
             high[camera] = np.maximum(high[camera], box[:, 1])
     first, last = lenses.window
-    camera_rays, area = _rays(np.maximum(low, first), np.minimum(high, last), lenses, pattern)
+    camera_rays, area = _window_rays(np.maximum(low, first), np.minimum(high, last), lenses, pattern)
     distance, asked = np.full(n * r, np.inf), np.repeat(area > 0.0, r)
     for subject in subjects:
         distance = np.minimum(distance, subject.first_hits(camera_rays, world_from_camera, asked).distance)
@@ -105,7 +105,7 @@ def _count(
     return np.bincount(met // r, minlength=n), np.bincount(met // r, weights=passed, minlength=n), area
 
 
-def _rays(
+def _window_rays(
     low: Float[np.ndarray, "n 2"],
     high: Float[np.ndarray, "n 2"],
     lenses: Intrinsics,

@@ -15,7 +15,7 @@ from jaxtyping import Float, Int
 from msgspec import UNSET, Struct, UnsetType
 
 from hulldown.annotate.labels.box_3d import BoxInCamera
-from hulldown.annotate.record_fields import LabelRecord, Pose, View, fields_of
+from hulldown.annotate.record_fields import LabelRecord, Pose, View, declared_fields
 from hulldown.annotate.records import Image, Label
 from hulldown.camera.shell import shell_place
 
@@ -146,12 +146,12 @@ class Conditions(View):
 
 def image_conditions(images: Sequence[Image]) -> list[Conditions]:
     """Return the conditions of each image."""
-    return [fields_of(image.record, Conditions) for image in images]
+    return [declared_fields(image.record, Conditions) for image in images]
 
 
 def camera_poses(images: Sequence[Image]) -> Float[np.ndarray, "n 4 4"]:
     """Return the poses of images' cameras; nan if there is none."""
-    return pose_array([fields_of(image.record, View).world_from_camera for image in images])
+    return pose_array([declared_fields(image.record, View).world_from_camera for image in images])
 
 
 def pose_array(given: Sequence[Pose | None]) -> Float[np.ndarray, "n 4 4"]:

@@ -38,15 +38,15 @@ class _Described(Struct):
 def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
     """Return the reader of a YOLO or VOC folder; None if it's neither."""
     if (folder / "Annotations").is_dir():
-        return partial(_voc, folder, folder / "Annotations", folder / "JPEGImages")
+        return partial(_read_voc, folder, folder / "Annotations", folder / "JPEGImages")
     if any(folder.glob("*.xml")):
-        return partial(_voc, folder, folder, folder)
+        return partial(_read_voc, folder, folder, folder)
     described = [
         path for parent in (folder, *folder.parents[:2]) for name in YAML_NAMES if (path := parent / name).is_file()
     ]
     for pictures, labels in _yolo_folders(folder):
-        if described and pictures != labels and pictures.is_dir() and labels.is_dir() and _pictures(pictures):
-            return partial(_yolo, folder, pictures, labels, described[0])
+        if described and pictures != labels and pictures.is_dir() and labels.is_dir() and _picture_files(pictures):
+            return partial(_read_yolo, folder, pictures, labels, described[0])
     if described and described[0].parent == folder:
         remedy = "name one of its splits, such as images/train or train"
         raise DatasetError("is a YOLO dataset of several splits", path=folder, remedy=remedy)
@@ -56,7 +56,7 @@ def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
 def refuse_nameless(folder: Path) -> None:
     """Refuse a folder of YOLO without the file that names its classes."""
     for pictures, labels in _yolo_folders(folder):
-        if pictures != labels and pictures.is_dir() and any(labels.glob("*.txt")) and _pictures(pictures):
+        if pictures != labels and pictures.is_dir() and any(labels.glob("*.txt")) and _picture_files(pictures):
             raise DatasetError(
                 f"has labels as YOLO has them in {labels}, but no {YAML_NAMES[0]} that names their classes",
                 path=folder,
@@ -70,21 +70,21 @@ def _yolo_folders(folder: Path) -> tuple[tuple[Path, Path], ...]:
     return (folder / "images", folder / "labels"), (folder, labels)
 
 
-def _pictures(folder: Path) -> list[Path]:
+def _picture_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
 
 
-def _yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:
+def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:
     refuse = partial(DatasetError, path=described, remedy="add a line such as names: [tank, truck]")
     try:
         found = parse_value(parse_yaml(read_text(described, refuse)), _Described).names
         names = {int(key): name for key, name in (enumerate(found) if isinstance(found, list) else found.items())}
     except ValueError as error:
         raise refuse(f"names no classes ({error})") from None
-    coco = _empty(str(name) for _, name in sorted(names.items()))
+    coco = _empty_coco(str(name) for _, name in sorted(names.items()))
     ids = {key: i for i, key in enumerate(sorted(names), 1)}
-    for picture in _pictures(pictures):
-        image = _image(coco, folder, picture)
+    for picture in _picture_files(pictures):
+        image = _add_image(coco, folder, picture)
         text = labels / f"{picture.stem}.txt"
         refuse = partial(DatasetError, path=text, remedy=f"correct it; {described.name} has the classes")
         for number, line in enumerate(read_text(text, refuse).splitlines() if text.exists() else (), 1):
@@ -103,16 +103,16 @@ def _yolo_label(coco: Coco, image: Record, category: int, values: list[float]) -
     width, height = image["width"], image["height"]
     if len(values) in (4, 5):
         x, y, w, h = values[:4]
-        _add(coco, image, category, [(x - w / 2) * width, (y - h / 2) * height, w * width, h * height])
+        _add_label(coco, image, category, [(x - w / 2) * width, (y - h / 2) * height, w * width, h * height])
         return
     if len(values) < 6 or len(values) % 2:
         raise ValueError("no box and no polygon")
     corners = [value * (width, height)[i % 2] for i, value in enumerate(values)]
     left, top, right, bottom = min(corners[::2]), min(corners[1::2]), max(corners[::2]), max(corners[1::2])
-    _add(coco, image, category, [left, top, right - left, bottom - top], segmentation=[corners])
+    _add_label(coco, image, category, [left, top, right - left, bottom - top], segmentation=[corners])
 
 
-def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
+def _read_voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     trees = {}
     for path in sorted(texts.glob("*.xml")):
         refuse = partial(DatasetError, path=path, remedy="correct it or take it out")
@@ -123,13 +123,13 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
         if not all(element.findtext("name", "").strip() for element in trees[path].iter("object")):
             raise refuse("an object has no name")
     names = sorted({element.findtext("name", "") for tree in trees.values() for element in tree.iter("object")})
-    coco = _empty(names)
+    coco = _empty_coco(names)
     for path, tree in trees.items():
         named = pictures / Path(tree.findtext("filename", "")).name
-        fitting = [named] if os.path.isfile(named) else [p for p in _pictures(pictures) if p.stem == path.stem]
+        fitting = [named] if os.path.isfile(named) else [p for p in _picture_files(pictures) if p.stem == path.stem]
         if not fitting:
             raise DatasetError(f"its picture {named.name!r} is missing", path=path, remedy=f"put it into {pictures}")
-        image = _image(coco, folder, fitting[0])
+        image = _add_image(coco, folder, fitting[0])
         for element in tree.iter("object"):
             try:
                 sides = [element.findtext(f"bndbox/{side}", "") for side in ("xmin", "ymin", "xmax", "ymax")]
@@ -139,21 +139,21 @@ def _voc(folder: Path, texts: Path, pictures: Path) -> Coco:
                 raise DatasetError(f"object {name!r} has no box", path=path, remedy="correct it") from None
             box = [left - 1, top - 1, right - left + 1, bottom - top + 1]
             ignored = int(element.findtext("difficult", "0").strip() == "1")
-            _add(coco, image, names.index(element.findtext("name", "")) + 1, box, iscrowd=ignored)
+            _add_label(coco, image, names.index(element.findtext("name", "")) + 1, box, iscrowd=ignored)
     return coco
 
 
-def _empty(names: Iterable[str]) -> Coco:
+def _empty_coco(names: Iterable[str]) -> Coco:
     return {"images": [], "annotations": [], "categories": [{"id": i, "name": name} for i, name in enumerate(names, 1)]}
 
 
-def _image(coco: Coco, folder: Path, picture: Path) -> Record:
+def _add_image(coco: Coco, folder: Path, picture: Path) -> Record:
     width, height = read_picture(picture, largest=0).size
     name = picture.relative_to(folder).as_posix()
     coco["images"].append({"id": len(coco["images"]) + 1, "file_name": name, "width": width, "height": height})
     return coco["images"][-1]
 
 
-def _add(coco: Coco, image: Record, category: int, box: list[float], **more: Any) -> None:
+def _add_label(coco: Coco, image: Record, category: int, box: list[float], **more: Any) -> None:
     record = {"id": len(coco["annotations"]) + 1, "image_id": image["id"], "category_id": category, "bbox": box}
     coco["annotations"].append({**record, "area": box[2] * box[3], "iscrowd": 0, **more})

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from msgspec import Struct
 
-from hulldown.annotate.record_fields import fields_of
+from hulldown.annotate.record_fields import declared_fields
 from hulldown.annotate.records import Image
 
 
@@ -24,7 +24,7 @@ def position_group(image: Image) -> str:
     belong to it too. Images without poses, such as photographs, are groups of their own, as are those whose poses
     have another form.
     """
-    shot = fields_of(image.record, _Position)
+    shot = declared_fields(image.record, _Position)
     for label in image.labels:
         if label.world_from_vehicle is not None and len(label.world_from_vehicle) >= 3:
             place = " ".join(f"{row[3]:.3f}" for row in label.world_from_vehicle[:3])

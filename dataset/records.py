@@ -25,8 +25,8 @@ from hulldown.annotate.record_fields import (
     ImageRecord,
     LabelRecord,
     View,
-    fields_of,
-    misfits,
+    declared_fields,
+    invalid_fields,
 )
 from hulldown.annotate.records import Category, Image, Label, overhang_px
 from hulldown.base.errors import DatasetError, shorten_text
@@ -99,7 +99,7 @@ def unusable_records(
     known: set[object] = set()
     for category in categories:
         where = f"category {category['id']}"
-        yield from (Finding("error", where, problem) for problem in misfits(category, CategoryRecord))
+        yield from (Finding("error", where, problem) for problem in invalid_fields(category, CategoryRecord))
         if category["id"] in known:
             yield Finding("error", where, "its id is given twice")
         known.add(category["id"])
@@ -111,7 +111,7 @@ def unusable_records(
         if not stays_inside(image.get("file_name")):
             problem = f"file_name {image.get('file_name')!r:.120} is no path inside the dataset"
             yield Finding("error", f"image {image['id']}", problem)
-        yield from (Finding("error", name, problem) for problem in misfits(image, ImageRecord))
+        yield from (Finding("error", name, problem) for problem in invalid_fields(image, ImageRecord))
         first.setdefault(image["id"], name)
     for annotation in annotations:
         where = f"annotation {annotation['id']}"
@@ -142,8 +142,11 @@ def check_names(coco: Coco) -> Iterator[Finding]:
 def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
     """Find fields of a render's view that don't fit; those of other datasets may mean something else."""
     for image in images:
-        problems = list(misfits(image, View))
-        if not (problems or any(misfits(image, ImageRecord))) and (view := fields_of(image, View)).K is not None:
+        problems = list(invalid_fields(image, View))
+        if (
+            not (problems or any(invalid_fields(image, ImageRecord)))
+            and (view := declared_fields(image, View)).K is not None
+        ):
             try:
                 Intrinsics.of_fields(image["width"], image["height"], K=view.K, dist=view.dist)
             except ValueError as error:
@@ -159,7 +162,7 @@ def sound_images(coco: Coco) -> dict[int, Image]:
     for annotation in coco["annotations"]:
         with contextlib.suppress(ValueError, TypeError, KeyError):
             of_image[annotation["image_id"]].append(Label.of(annotation, names))
-    sound = (image for image in coco["images"] if not any(misfits(image, ImageRecord)))
+    sound = (image for image in coco["images"] if not any(invalid_fields(image, ImageRecord)))
     return {image["id"]: Image.of(image, of_image[image["id"]]) for image in sound}
 
 

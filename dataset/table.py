@@ -12,7 +12,7 @@ from jaxtyping import Shaped
 from PIL import Image as Pictures
 
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.drawing import Overlay, draw
+from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, image_conditions, label_numbers, seen_sides
@@ -118,7 +118,7 @@ class Dataset(ShownInNotebooks):
             for label in self.images[i].labels
         ]
         try:
-            return draw(image, boxes, tint=masks)
+            return draw_boxes(image, boxes, tint=masks)
         except ValueError as error:
             problem = f"{self.images[i].file_name}: {error}"
             raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error

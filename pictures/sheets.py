@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from PIL import Image, ImageDraw, ImageFont
 
-from hulldown.annotate.drawing import lettering
+from hulldown.annotate.drawing import label_font
 
 BACKGROUND = (24, 26, 30)
 INK = (236, 236, 236)
@@ -28,8 +28,8 @@ def contact_sheet(
     if captions is not None and len(captions) != len(pictures):
         raise ValueError(f"captions: expected {len(pictures)}, one for each picture, got {len(captions)}")
     gap, letters = max(2, tile_width // 80), max(10, tile_width // 32)
-    font = lettering(letters)
-    lines = [_broken(caption, font, tile_width - 2 * gap) for caption in captions or ()]
+    font = label_font(letters)
+    lines = [_break_text(caption, font, tile_width - 2 * gap) for caption in captions or ()]
     caption_height = max((2 * gap + round(1.2 * letters) * (caption.count("\n") + 1) for caption in lines), default=0)
     columns = min(columns, len(pictures))
     tiles = [
@@ -53,16 +53,16 @@ def contact_sheet(
     return sheet
 
 
-def _broken(text: str, font: ImageFont.FreeTypeFont, width: int) -> str:
+def _break_text(text: str, font: ImageFont.FreeTypeFont, width: int) -> str:
     """Break a text into lines that are at most `width` pixels wide: between words, or inside one that's wider."""
     lines = [""]
-    for word in (part for whole in text.split(" ") for part in _narrow(whole, font, width)):
+    for word in (part for whole in text.split(" ") for part in _break_word(whole, font, width)):
         longer = f"{lines[-1]} {word}".strip()
         lines[-1:] = [longer] if not lines[-1] or font.getlength(longer) <= width else [lines[-1], word]
     return "\n".join(lines)
 
 
-def _narrow(word: str, font: ImageFont.FreeTypeFont, width: int) -> list[str]:
+def _break_word(word: str, font: ImageFont.FreeTypeFont, width: int) -> list[str]:
     """Return a word in parts that are at most `width` pixels wide."""
     parts = [""]
     for letter in word:

@@ -53,7 +53,7 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
         **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.scene),
         "weather": planned.weathers,
         "like": _followed_photographs(block, views),
-        "sequence": block.given_of(image).name.tolist(),
+        "sequence": block.given_poses(image).name.tolist(),
         "sample_seed": (draws.random_bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
         "background": background,
         "planned": [[each, *extras[j, Role.COMPANION], *extras[j, Role.DISTRACTOR]] for j, each in enumerate(targets)],
@@ -163,7 +163,7 @@ def _track_numbers(planned: Planned) -> list[int | None]:
     """Return a number for each instance of a sequence, and None for the others."""
     block, table = planned.block, planned.table
     number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST_EXTRAS + table.number
-    named = (block.given_of(block.positions.first_image).sequence >= 0)[table.row]
+    named = (block.given_poses(block.positions.first_image).sequence >= 0)[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 

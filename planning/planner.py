@@ -19,13 +19,13 @@ from hulldown.plan.given_poses import GivenPoses
 from hulldown.plan.row import Row, encode_rows
 from hulldown.planning.appearance.light import hdri_weights
 from hulldown.planning.block_rows import block_rows
-from hulldown.planning.search.budget import Positions, given_of, make_budget, pose_budget
+from hulldown.planning.search.budget import Positions, make_budget, pose_arrays, pose_budget
 from hulldown.planning.search.likeness import Likeness
 from hulldown.planning.search.pairs import Pairs, make_pairs
 from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted
 from hulldown.planning.search.stage import make_stage
-from hulldown.planning.search.tables import Block, extras_at, framed_on
+from hulldown.planning.search.tables import Block, scenery_extras, target_models
 
 BLOCK_POSITIONS = 2048  # positions planned together: large batches for each vehicle and scenery
 
@@ -58,9 +58,9 @@ class Planner:
         self.pairs = pairs or make_pairs(self.stage, self.budget, self._draws, strict=strict)
         vehicles = [self.budget.vehicles.index(name) for name in assets.vehicles]
         present = (self.pairs.weights[vehicles] > 0.0) * np.array([[weights.get(v, 1.0)] for v in assets.vehicles])
-        self._extras = [extras_at(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)]
+        self._extras = [scenery_extras(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)]
         self.poses = poses
-        self.given = None if poses is None else given_of(poses, self.stage.sites, self.budget.positions.first_image)
+        self.given = None if poses is None else pose_arrays(poses, self.stage.sites, self.budget.positions.first_image)
 
     def rows(self, start: int, stop: int) -> list[Row]:
         """Return all rows of the positions from `start` to before `stop`, in order."""
@@ -107,7 +107,7 @@ class Planner:
     def _make_block(self, site: int, positions: Positions, movable: Bool[np.ndarray, " n"]) -> Block:
         """Return positions on a scenery, of which the movable ones have others left."""
         stage, draws, scenery = self.stage, self._draws, self.stage.sites[site]
-        model = framed_on(self.budget, stage, draws, positions=positions, site=scenery)
+        model = target_models(self.budget, stage, draws, positions=positions, site=scenery)
         extras = self._extras[site]
         return Block(stage, draws, scenery, extras, positions, model, movable, self.likeness, self.given)
 

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.drawing import lettering
+from hulldown.annotate.drawing import label_font
 from hulldown.assets.picture_files import read_pixels
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
@@ -120,7 +120,7 @@ def draw_asset(asset: VehicleShape | Scenery, picture: Path | None = None, *, si
         _name_tile(tile, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
         _draw_bar(tile, view)
         sheet.paste(tile, at)
-    pen, font = ImageDraw.Draw(sheet), lettering(14)
+    pen, font = ImageDraw.Draw(sheet), label_font(14)
     for i, (name, color) in enumerate(colors.items()):
         pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in color))
         pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
@@ -185,12 +185,12 @@ def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
 
 
 def _name_tile(tile: Image.Image, title: str) -> None:
-    ImageDraw.Draw(tile).text((10, 8), title, fill=(0, 0, 0), font=lettering(14))
+    ImageDraw.Draw(tile).text((10, 8), title, fill=(0, 0, 0), font=label_font(14))
 
 
 def _draw_bar(tile: Image.Image, view: _View) -> None:
     """Draw a bar of a round number of meters."""
-    pen, font = ImageDraw.Draw(tile), lettering(14)
+    pen, font = ImageDraw.Draw(tile), label_font(14)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))
     bar *= next((f for f in (5.0, 2.0) if f * bar <= room), 1.0)

@@ -17,7 +17,7 @@ import orjson
 from cyclopts import Parameter
 from PIL import Image
 
-from hulldown.annotate.drawing import Overlay, draw
+from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.base.arguments import AnyPath, Count, Overlap, make_parser
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import atomic_writer, open_in_place, open_regular, prepare_output_file, replace_file
@@ -227,7 +227,7 @@ def _draw_detections(
         for image, pixels in zip(pictures.images, pictures.read(range(len(pictures.images))), strict=True):
             boxes = [(np.array(one["bbox"]), one["category_id"], one["score"]) for one in found[image.id]]
             shown = [Overlay(box, k, f"{names[k]} {score:.2f}") for box, k, score in boxes if score >= threshold]
-            yield image.file_name, draw(Image.fromarray(pixels), shown)
+            yield image.file_name, draw_boxes(Image.fromarray(pixels), shown)
 
     if (video := pictures.video) is not None:
         from supervision import VideoInfo, VideoSink

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from hulldown.annotate.drawing import Overlay, draw
+from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.terminal import track_items
 from hulldown.geometry.indices import even_sample
@@ -68,4 +68,6 @@ def augmentation_sheet(
 
 def _draw_sample(sample: Sample, classes: Sequence[str]) -> Image.Image:
     labels = zip(sample.xywh, sample.class_index.tolist(), strict=True)
-    return draw(Image.fromarray(sample.picture), [Overlay(xywh, label + 1, classes[label]) for xywh, label in labels])
+    return draw_boxes(
+        Image.fromarray(sample.picture), [Overlay(xywh, label + 1, classes[label]) for xywh, label in labels]
+    )

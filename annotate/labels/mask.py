@@ -38,7 +38,7 @@ class VisibleMask(LabelType):
         except ValueError as error:
             yield str(error)
             return
-        yield from _outside(label, box, "its mask")
+        yield from _find_overhang(label, box, "its mask")
         if isinstance(mask, Mapping) and self.area is not None and self.area != pixels:
             yield f"area is {label.record['area']}, its mask has {pixels} pixels"
 
@@ -68,7 +68,7 @@ class AmodalMask(LabelType):
         except ValueError as error:
             yield f"segmentation_amodal: {error}"
             return
-        yield from _outside(label, box, "its amodal mask")
+        yield from _find_overhang(label, box, "its amodal mask")
         try:
             if (visible := label.read(VisibleMask).segmentation) and not covers_mask(whole, visible, *image.size):
                 yield "its amodal mask lacks pixels of its mask"
@@ -76,13 +76,13 @@ class AmodalMask(LabelType):
             return  # the visible mask is damaged, which is found there
 
 
-def area_of(label: Label) -> float:
+def label_area(label: Label) -> float:
     """Return a label's area in pixels: that in its record, or without one its box's."""
     area = label.read(VisibleMask).area
     return float(label.bbox[2] * label.bbox[3]) if area is None else area
 
 
-def _outside(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
+def _find_overhang(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
     """Find a mask, by its extent as of `annotate.masks.area_and_box`, that reaches out of the label's box."""
     if extent is None:
         return

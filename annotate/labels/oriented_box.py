@@ -57,7 +57,7 @@ class OrientedBox(LabelType):
 
 def visible_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
     """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box."""
-    if (given := rectangle_of(label)) is not None:
+    if (given := label_rectangle(label)) is not None:
         return rectangle_corners(given)
     if mask := label.read(VisibleMask).segmentation:
         try:
@@ -71,7 +71,7 @@ def visible_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
     return rectangle_corners([x + w / 2, y + h / 2, w, h, 0.0])
 
 
-def rectangle_of(label: Label) -> Rectangle | None:
+def label_rectangle(label: Label) -> Rectangle | None:
     """Return a label's `obb` if it has one with an area."""
     given = label.read(OrientedBox).obb
     return given if given is not None and min(given[2:4]) > 0 else None

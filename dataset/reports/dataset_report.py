@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from PIL import Image as Pictures
 from PIL import ImageDraw
 
-from hulldown.annotate.drawing import IGNORED, color_of
+from hulldown.annotate.drawing import IGNORED, category_color
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import prepare_output_file, replace_file
@@ -198,7 +198,7 @@ def _encode_thumbnail(dataset: Dataset, i: int) -> bytes:
     pen = ImageDraw.Draw(small)
     for label in image.labels:
         x, y, w, h = (label.bbox * small.width / image.width).tolist()
-        color = IGNORED if label.crowd else color_of(label.category_id)
+        color = IGNORED if label.crowd else category_color(label.category_id)
         pen.rectangle((x - 1, y - 1, x + max(w, 0.0), y + max(h, 0.0)), outline=color)
     small.save(file, "JPEG", quality=JPEG_QUALITY, optimize=True)
     return file.getvalue()

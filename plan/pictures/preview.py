@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from hulldown.annotate.drawing import Overlay, draw
+from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.assets.library import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.errors import ConfigError
@@ -126,7 +126,7 @@ class Artist:
             for vehicle in row.labeled
             if vehicle.bbox is not None and vehicle.category is not None
         ]
-        return draw(image, boxes)
+        return draw_boxes(image, boxes)
 
     def scene(self, row: Row) -> Scene:
         """Return a row's scenery with its vehicles."""

@@ -175,7 +175,7 @@ def found_config(
         if file.kind == "hdri" and (first := skies.setdefault(file.path.stem, file.path)) != file.path:
             unused.append(replace(file, kind="", notes=(f"is called as {first.as_posix()} is; rename it to use it",)))
 
-    def entry_of(file: FoundFile) -> dict[str, object]:
+    def propose_entry(file: FoundFile) -> dict[str, object]:
         path, entry = file.path, {"path": listed[file.path]}
         name = "_".join((*path.parent.parts, path.stem)) if stems[path.stem] > 1 else path.stem
         name += f"_{file.keys['name']}" if "name" in file.keys else ""
@@ -184,7 +184,9 @@ def found_config(
         keys = {k: list(v) if isinstance(v, tuple) else v for k, v in file.keys.items() if k != "name"}
         return {**entry, **named, **category, **keys}
 
-    entries = {kind: [(entry_of(file), file) for file in found if file.kind == kind] for kind in set(KINDS.values())}
+    entries = {
+        kind: [(propose_entry(file), file) for file in found if file.kind == kind] for kind in set(KINDS.values())
+    }
     patterns = {path: escape(listed[path]) for path in skies.values()}
     notes = {patterns[file.path]: file.notes for file in found if file.kind == "hdri" and file.path in patterns}
     models_by_name = {str(entry.get("name", entry["path"])): f for some in entries.values() for entry, f in some}

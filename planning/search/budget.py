@@ -177,7 +177,7 @@ def nothing_given(n: int) -> Given:
     return Given(points[0], points[0, :, 0].copy(), points[1], points[2], np.full(n, -1), np.full(n, None))
 
 
-def given_of(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, " p"]) -> Given:
+def pose_arrays(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, " p"]) -> Given:
     """Return the arrays of a file's lines, given the index of each position's first line."""
     given, origins = nothing_given(len(poses.lines)), {site.name: site.origin for site in sites}
     path = Path(poses.path)

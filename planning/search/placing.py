@@ -26,7 +26,7 @@ from hulldown.planning.search.tables import Role
 SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the sky start
 
 
-def offsets(
+def extra_offsets(
     role: Int[np.ndarray, " n"], limits: PlacementSection, uniform: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
     """Return offsets from targets to extras, meters in x and y, in proportion to numbers in [0, 1).

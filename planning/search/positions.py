@@ -24,7 +24,7 @@ from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, rejection_sentence
 from hulldown.placement.settle import Settled
 from hulldown.planning.search.likeness import QUARTER_PLACES, candidate_directions, companion_poses
-from hulldown.planning.search.placing import clear_of_vehicles, offsets, settle_clear
+from hulldown.planning.search.placing import clear_of_vehicles, extra_offsets, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
 from hulldown.planning.search.tables import (
     MOST_EXTRAS,
@@ -33,8 +33,8 @@ from hulldown.planning.search.tables import (
     Role,
     Seen,
     Views,
+    draw_instances,
     draw_weathers,
-    instances_of,
     no_views,
 )
 from hulldown.planning.search.views import CameraTries, sample_lenses, try_cameras, views_of_others
@@ -119,7 +119,7 @@ class _Search:
         self.owner, self.image = block.owner, block.image
         self.problems: dict[int, HopelessPosition] = {}
         self.given_up = np.zeros(n, dtype=bool)
-        self.table = instances_of(block)
+        self.table = draw_instances(block)
         self.target = np.flatnonzero(self.table.role == Role.TARGET)  # the first instance of each position
         self.end = np.append(self.target[1:], len(self.table))
         self.views = no_views(len(self.image))
@@ -148,7 +148,7 @@ class _Search:
     def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
         """Take the next acceptable try of each position; the number of tries in a batch doubles."""
         limit, ahead, table = self.config.placement.max_tries, 1, self.table
-        given = self.block.given_of(self.block.positions.first_image)
+        given = self.block.given_poses(self.block.positions.first_image)
         self._give_up_if_placeless(pending)
         while len(pending := self._hopeful_positions(pending)):
             now = pending[: max(1, MAX_BATCH_PLACES // ahead)]
@@ -254,7 +254,7 @@ class _Search:
                 count=3,
             )
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
-            pose = np.column_stack([offsets(role, self.config.placement, uniform[:, :2]), yaw])
+            pose = np.column_stack([extra_offsets(role, self.config.placement, uniform[:, :2]), yaw])
             anywhere = np.minimum(number[batch] / COMPANION_FOLLOWS, 1.0)[:, None]
             shown = photographed[extras]
             pose = np.where(np.isnan(shown), pose, shown + anywhere * (pose - shown))
@@ -289,7 +289,7 @@ class _Search:
                 tries = CameraTries(
                     self.table.keep(self.target[owner]),
                     extras.repeat_rows(owner)[0],
-                    self.block.given_of(self.image[rows]),
+                    self.block.given_poses(self.image[rows]),
                     self.image[rows],
                     # The number counts all places of the position, so that every place has new cameras.
                     attempt=self.tries[owner] * max_tries + attempt[batch],
@@ -354,7 +354,7 @@ class _Search:
     ) -> None:
         """Give up these positions, and all positions after the first of them that isn't movable."""
         rows, block = self._hopeful_positions(rows), self.block
-        given = block.given_of(block.positions.first_image)
+        given = block.given_poses(block.positions.first_image)
         self.given_up[rows] = True
         self.table.found[np.isin(self.table.row, rows)] = False
         for row in rows.tolist():

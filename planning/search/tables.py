@@ -65,7 +65,7 @@ class Extras:
         return np.where(np.arange(high) < number[:, None], model, -1), uniform[..., 1:]
 
 
-def extras_at(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
+def scenery_extras(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
     """Return the companions and distractors of positions on a scenery, by whether these are backgrounds.
 
     `of_vehicles` are weights of companions. Backgrounds have neither companions nor distractors with a class.
@@ -74,13 +74,13 @@ def extras_at(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]
     companions = Extras(Role.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
     extras: dict[bool, list[Extras]] = {False: [companions], True: []}
     for background, kinds in extras.items():
-        models, weights = distractors_at(site, stage, unlabeled=background)
+        models, weights = scenery_distractors(site, stage, unlabeled=background)
         if weights.any():
             kinds.append(Extras(Role.DISTRACTOR, models, weights, limits.distractors_per_image))
     return extras
 
 
-def distractors_at(
+def scenery_distractors(
     site: Site, stage: PlanStage, *, unlabeled: bool
 ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Return all distractors and their weights on a scenery, 0 for those with a class if `unlabeled`."""
@@ -90,7 +90,7 @@ def distractors_at(
     return stage.vehicles + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 
-def framed_on(
+def target_models(
     budget: Budget, stage: PlanStage, draws: RandomStreams, *, positions: Positions, site: Site
 ) -> Int[np.ndarray, " n"]:
     """Return the vehicle that the cameras of each position are framed on, as an index in the fleet.
@@ -107,7 +107,7 @@ def framed_on(
     model[rows] = index[planned[shown]]
     share, ordinal = stage.config.budget.background_distractors, positions.ordinal[rows]
     replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
-    models, weights = distractors_at(site, stage, unlabeled=True)
+    models, weights = scenery_distractors(site, stage, unlabeled=True)
     if weights.any():
         model[rows[replaced]] = models[choose_weighted(weights, uniform[replaced, 1])]
     return model
@@ -235,10 +235,10 @@ class Block:
     @property
     def scene(self) -> Int[np.ndarray, " m"]:
         """Index of the image whose light, weather, and lens each image shares: the first of its sequence, or itself."""
-        sequence = self.given_of(self.image).sequence
+        sequence = self.given_poses(self.image).sequence
         return np.where(sequence >= 0, sequence, self.image)
 
-    def given_of(self, image: Int[np.ndarray, " k"]) -> Given:
+    def given_poses(self, image: Int[np.ndarray, " k"]) -> Given:
         """Return the given poses of the images with these indices."""
         return nothing_given(len(image)) if self.given is None else take(self.given, image)
 
@@ -254,7 +254,7 @@ class InstanceTable(Instances):
     found: Bool[np.ndarray, " k"]  # whether it has a place
 
 
-def instances_of(block: Block) -> InstanceTable:
+def draw_instances(block: Block) -> InstanceTable:
     """Draw targets, companions, and distractors of a block's positions; none has a place yet."""
     positions, fleet, draws = block.positions, block.stage.fleet, block.draws
     n = len(positions.number)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import Overlay, draw
+from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.assets.picture_files import read_picture, read_pixels, rgb_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.table import Dataset
@@ -106,7 +106,7 @@ def test_every_reader_uses_the_displayed_picture(turned):
     np.testing.assert_array_equal(np.asarray(Dataset.read(turned).picture(0, labels=False)), shown)
     np.testing.assert_array_equal(read_sources({"real": turned})[1][0].sample(0).picture, shown)
     (label,) = Dataset.read(turned).images[0].labels
-    drawn = draw(Image.fromarray(shown), [Overlay(label.bbox, 1, "tank")])
+    drawn = draw_boxes(Image.fromarray(shown), [Overlay(label.bbox, 1, "tank")])
     sheet = np.asarray(Dataset.read(turned).sheet(columns=1, tile_width=64).convert("RGB"))
     assert (sheet[..., :].reshape(-1, 3) == np.asarray(drawn)[16, 48]).all(axis=1).any()
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import IGNORED, Overlay, color_of, draw
+from hulldown.annotate.drawing import IGNORED, Overlay, category_color, draw_boxes
 from hulldown.annotate.masks import encode_mask
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
@@ -24,8 +24,8 @@ def pixels_of(picture: Image.Image, color: tuple[int, int, int]) -> np.ndarray:
 
 def test_outlines_are_just_outside_the_box_and_hide_nothing():
     picture = gray()
-    drawn = draw(picture, [Overlay(np.array([100.2, 60.7, 40.3, 30.1]), 1, "tank")])
-    outline = pixels_of(drawn, color_of(1))
+    drawn = draw_boxes(picture, [Overlay(np.array([100.2, 60.7, 40.3, 30.1]), 1, "tank")])
+    outline = pixels_of(drawn, category_color(1))
     # The box covers pixels 100 to 140 and 60 to 90.
     assert not outline[60:91, 100:141].any()
     assert outline[59, 99:142].all()
@@ -38,15 +38,15 @@ def test_outlines_are_just_outside_the_box_and_hide_nothing():
 
 @pytest.mark.parametrize("bbox", [[-50, -50, 10, 10], [400, 300, 10, 10], [20, 20, -9, -9], [320, 180, 0, 0]])
 def test_a_box_outside_its_picture_is_drawn_at_the_edge(bbox):
-    outline = pixels_of(draw(gray(), [Overlay(np.array(bbox), 1, "tank")]), color_of(1))
+    outline = pixels_of(draw_boxes(gray(), [Overlay(np.array(bbox), 1, "tank")]), category_color(1))
     assert outline.any()
 
 
 @pytest.mark.parametrize("bbox", [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]])
 def test_names_are_inside_the_picture(bbox):
     named = [Overlay(np.array(bbox), 2, name) for name in ("i", "truck" * 4)]
-    outline = pixels_of(draw(gray(), [replace(named[0], ignored=True)]), IGNORED)  # ignored ones have no name
-    short, long = (pixels_of(draw(gray(), [box]), color_of(2)) & ~outline for box in named)
+    outline = pixels_of(draw_boxes(gray(), [replace(named[0], ignored=True)]), IGNORED)  # ignored ones have no name
+    short, long = (pixels_of(draw_boxes(gray(), [box]), category_color(2)) & ~outline for box in named)
     # The name's background, but for the letters: 10 pixels high at least, and a third as wide for each letter.
     assert short.sum() >= 30
     assert long.sum() >= 10 * 20 * 3
@@ -56,9 +56,11 @@ def test_masks_are_tinted_exactly():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
     drawn = np.asarray(
-        draw(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode_mask(mask)})])
+        draw_boxes(
+            gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode_mask(mask)})]
+        )
     )
-    assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(color_of(1)))).all()
+    assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(category_color(1)))).all()
     assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.box_table import BoxTable
-from hulldown.annotate.labels.mask import area_of
+from hulldown.annotate.labels.mask import label_area
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.image_positions import position_group
@@ -70,7 +70,7 @@ def evaluation_labels(found: LabeledImages, *, path: Path) -> Labels:
         image=np.repeat(np.arange(len(images)), [len(image.labels) for image in images]),
         class_index=np.array([index_of[label.category_id] for label in labels], dtype=np.int64),
         xywh=xywh,
-        area=np.array([area_of(label) for label in labels], dtype=np.float64),
+        area=np.array([label_area(label) for label in labels], dtype=np.float64),
         crowd=np.array([label.crowd for label in labels], dtype=bool),
         images=images,
         annotations=labels,

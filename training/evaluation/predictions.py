@@ -14,7 +14,7 @@ from msgspec import Struct
 
 from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.record_fields import Pixel, Share, Side, misfits
+from hulldown.annotate.record_fields import Pixel, Share, Side, invalid_fields
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, parse_value, read_json
@@ -134,7 +134,7 @@ def read_checked_predictions(
 def _find_misfits(detection: object) -> Iterator[str]:
     """Find what is wrong with a detection."""
     if isinstance(detection, dict):
-        yield from misfits(detection, _Detection)
+        yield from invalid_fields(detection, _Detection)
     else:
         yield f"{detection!r:.60} isn't an object"
 

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import orjson
 
-from hulldown.annotate.labels.mask import VisibleMask, area_of
+from hulldown.annotate.labels.mask import VisibleMask, label_area
 from hulldown.annotate.records import Label
 from hulldown.dataset.exports.layouts.splits import Splits, label_rings
 
@@ -45,7 +45,7 @@ def write_huggingface(splits: Splits, out: Path) -> None:
 def _object_columns(labels: Sequence[Label], outlined: bool) -> dict[str, object]:
     columns: dict[str, object] = {
         "id": [label.id for label in labels],
-        "area": [area_of(label) for label in labels],
+        "area": [label_area(label) for label in labels],
         "bbox": [label.bbox.tolist() for label in labels],
         "category": [label.category for label in labels],
         "iscrowd": [int(label.crowd) for label in labels],
