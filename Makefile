@@ -78,12 +78,12 @@ test-blender: setup browser ## the tests of Blender and geometry alone, without 
 kernels: setup ## the tests of geometry, placement and cameras once more, with OpenBLAS's other kernels
 	for core in Haswell SkylakeX; do OPENBLAS_CORETYPE=$$core $(BIN)/python -P -m pytest -q $(KERNEL_TESTS) || exit 1; done
 
-check: setup ## linters: ruff, mypy, import rules, who opens files, spelling
+check: setup ## linters: ruff, mypy, import rules, who opens files, names, spelling
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python -P -m pytest -q tests/base/test_outside.py
+	$(BIN)/python -P -m pytest -q tests/base/test_outside.py tests/base/test_names.py
 	git ls-files -z ':!.dev' | xargs -0 $(BIN)/codespell
 
 bench: setup ## speed against error: rewrites docs/benchmarks.md and its plots (BENCH='boxes --quick': one suite, small)

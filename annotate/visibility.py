@@ -20,7 +20,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 # Surfaces this close to the subject don't hide it; float32 rays of a few hundred meters err by a tenth of this.
 TOUCHING_M = 1e-3
 # Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
-BLOCK = 1 << 18
+RAYS_PER_BLOCK = 1 << 18
 NOTHING = Scene()
 
 
@@ -59,7 +59,7 @@ def visible_fraction(
         raise ValueError(f"rays: expected at least 1, got {rays}")
     pattern = jittered_points(rays, rng=np.random.default_rng(seed))
     hits, visible, area = np.zeros(n, dtype=np.int64), np.zeros(n), np.zeros(n)
-    size = max(1, BLOCK // rays)
+    size = max(1, RAYS_PER_BLOCK // rays)
     for index in (np.arange(i, min(i + size, n)) for i in range(0, n, size)):
         posed = [subject.take(index) for subject in subjects]
         found = _count_rays(posed, world.take(index), cameras.take(index), pattern)

@@ -31,7 +31,7 @@ def run(quick: bool) -> dict:
         return {
             "appends": APPEND_COUNT,
             "fsync_us": _fsync(Path(name)),
-            "sizes": {str(n): _at(Path(name), n) for n in sizes},
+            "sizes": {str(n): _measure_size(Path(name), n) for n in sizes},
         }
 
 
@@ -81,7 +81,7 @@ def plots(results: dict, folder: Path) -> list[Path]:
     return [path]
 
 
-def _at(folder: Path, n: int) -> dict[str, float]:
+def _measure_size(folder: Path, n: int) -> dict[str, float]:
     dataset = folder / str(n)
     _fill(dataset, n)
     open_s, open_mb = _opened(dataset)

@@ -54,13 +54,13 @@ MEASURES = ("ap50", "f1")
 SETTINGS = {"model": "small", "budget": 2400, "resolution": 160}
 
 
-def stand_ins_of(name: str) -> Side:
+def read_stand_ins(name: str) -> Side:
     """Return what the stand-ins of a set are rendered from."""
     values = {**SETS[name], "budget.images_per_position": 1}
     return replace(STAND_INS, name=f"{name}-stand-ins", images_per_class=STAND_INS_PER_CLASS, values=values)
 
 
-def renders_of(name: str) -> dict[str, Side]:
+def read_renders(name: str) -> dict[str, Side]:
     """Return the halves of the arms' training images, by their names in `ARMS`."""
     like = {"camera.like": f"{name}-photographs/train"}
     values = {**DEFAULT, "budget.images_per_position": 1}
@@ -128,8 +128,8 @@ def main() -> None:
     build_demo_assets(folder)
     photographs, runs = folder / f"{name}-photographs", folder / "runs"
     if not photographs.exists():
-        write_stand_ins(make_side(stand_ins_of(name), folder), photographs, SHARES)
-    data = {key: make_side(side, folder) for key, side in renders_of(name).items()}
+        write_stand_ins(make_side(read_stand_ins(name), folder), photographs, SHARES)
+    data = {key: make_side(side, folder) for key, side in read_renders(name).items()}
     results = []
     for seed in SEEDS:
         for arm, parts in ARMS.items():

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 from jaxtyping import Float
 
-from hulldown.benchmarks.reading_things import PARTS, Model, Thing, litter_of, node
+from hulldown.benchmarks.reading_things import PARTS, Model, Thing, make_litter, node
 
 # Words for a turret, a gun, its barrel, a hull, a tire, a cab, and whatever else there is, by language.
 LANGUAGES = {
@@ -173,8 +173,8 @@ def build(base: Model, case: Case) -> Model:
     model = replace(base, things=tuple(things))
     if case.names == "drums":
         model = replace(model, things=(*model.things, *_drums(model)))
-    model = _laid_out(model, case.layout)
-    things = [*model.things, *litter_of(model, case.litter, scrambled=case.names in ("numbered", "letters"))]
+    model = _lay_pieces(model, case.layout)
+    things = [*model.things, *make_litter(model, case.litter, scrambled=case.names in ("numbered", "letters"))]
     return replace(model, things=tuple(_unique(things)))
 
 
@@ -231,7 +231,7 @@ def _drums(model: Model) -> list[Thing]:
     return made
 
 
-def _laid_out(model: Model, layout: str) -> Model:
+def _lay_pieces(model: Model, layout: str) -> Model:
     things = list(model.things)
     if layout == "zero":
         things = [replace(t, origin=np.zeros(3)) for t in things]

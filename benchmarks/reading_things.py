@@ -38,7 +38,7 @@ def node(name: str, part: int, origin: Float[np.ndarray, "3"], parent: int = -1)
     return Thing(name, part, np.empty((0, 3)), np.empty((0, 3), int), origin, parent)
 
 
-def litter_of(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
+def make_litter(model: Model, litter: str, *, scrambled: bool) -> list[Thing]:
     """The objects of one kind of litter, where it would lie."""
     points = np.concatenate([t.vertices for t in model.things if len(t.faces)])
     low, high = points.min(axis=0), points.max(axis=0)

@@ -103,11 +103,11 @@ def hard_cases(results: dict) -> str:
     """Return a Markdown table: every hard case against rational arithmetic."""
     found = results["errors"]
     methods = [name for name in next(iter(found.values())) if name != BLENDER]
-    rows = [(case, *(_errors_of(by_method[m]) for m in methods)) for case, by_method in found.items()]
+    rows = [(case, *(_format_errors(by_method[m]) for m in methods)) for case, by_method in found.items()]
     return table(["case", *map(bold, methods)], rows, left=len(methods) + 1)
 
 
-def _errors_of(e: dict[str, float]) -> str:
+def _format_errors(e: dict[str, float]) -> str:
     rates = "/".join(f"{100 * e[key]:.2g}" if e[key] else "·" for key in ("missed", "false", "wrong"))
     return f"{rates}, {e['height']:.0e}, {e['normal_deg']:.0e}"
 

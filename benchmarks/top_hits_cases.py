@@ -56,10 +56,10 @@ def errors(mesh: Mesh, xy: np.ndarray, blender: Callable[[Mesh], Callable] | Non
     if blender is not None:
         answers["Blender scene.ray_cast"] = _from_blender(blender(mesh)(xy))
     answers["hulldown"] = Terrain(mesh).top_hits(xy)
-    return {name: _against(exact, hits, mesh, xy) for name, hits in answers.items()}
+    return {name: _compare_hits(exact, hits, mesh, xy) for name, hits in answers.items()}
 
 
-def _against(exact: list[Top | None], hits: Hits, mesh: Mesh, xy: np.ndarray) -> dict[str, float]:
+def _compare_hits(exact: list[Top | None], hits: Hits, mesh: Mesh, xy: np.ndarray) -> dict[str, float]:
     missed = false = wrong = 0
     height = turned = 0.0
     for i, top in enumerate(exact):

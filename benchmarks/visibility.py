@@ -239,18 +239,18 @@ def _blender_peer(world: Woods) -> Callable[[int], set[str]] | None:
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
 
-    def data_of(mesh: Mesh, name: str) -> object:
+    def make_data(mesh: Mesh, name: str) -> object:
         data = bpy.data.meshes.new(name)
         data.from_pydata(mesh.vertices.tolist(), [], mesh.faces.tolist())
         return data
 
-    scene.collection.objects.link(bpy.data.objects.new("ground", data_of(world.ground, "ground")))
-    tree = data_of(world.tree, "tree")
+    scene.collection.objects.link(bpy.data.objects.new("ground", make_data(world.ground, "ground")))
+    tree = make_data(world.tree, "tree")
     for i, pose in enumerate(world.wood.world_from_instance):
         instance = bpy.data.objects.new(f"tree{i}", tree)
         instance.matrix_world = Matrix(pose.tolist())
         scene.collection.objects.link(instance)
-    vehicle = bpy.data.objects.new("vehicle", data_of(world.shape.mesh, "vehicle"))
+    vehicle = bpy.data.objects.new("vehicle", make_data(world.shape.mesh, "vehicle"))
     scene.collection.objects.link(vehicle)
     bpy.context.view_layer.update()
     pixels = np.stack(np.meshgrid(np.linspace(0, HD.width, 10), np.linspace(0, HD.height, 10)), -1).reshape(-1, 2)
