@@ -13,13 +13,7 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
 from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
-from hulldown.reading.scenery.shape import (
-    MIN_LEVEL_SHARE,
-    MIN_PUDDLE_WIDTH_M,
-    canopy_sheets,
-    enclosing_piece,
-    sheets_in_heights,
-)
+from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, canopy_sheets, enclosing_piece
 
 LONGEST_VEHICLE = 60.0  # meters; the longest road trains
 SHORTEST_VEHICLE = 0.8
@@ -104,8 +98,11 @@ def _role_doubts(
     if wet:
         text = f"taken as water: the faces of {quote_names(wet)} that wear water; if they are ground, set water = []"
         yield Doubt(DoubtKind.WATER, text)
-    if options.water is None:
-        yield from _perhaps_water(used, wet)
+    ground = [piece for piece, role in used if role.use == "ground" and options.water is None]
+    dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
+    for name, material in list(dict.fromkeys(dressed))[:MOST_NAMES]:
+        text = "if a part of it is water, make that an object of its own in Blender and name it in water"
+        yield Doubt(DoubtKind.WATER, f"{name!r} is ground and wears {material!r}; {text}")
     for piece, role in used:
         if role.use == "obstacle" and role.by is By.SHAPE:
             yield Doubt(DoubtKind.NOT_GROUND, f"{piece.name!r} isn't used as ground, {role.why}")
@@ -147,25 +144,6 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
         seen = " x ".join(map(format_length, sides))
         text = f'it stands on its edge: {seen} seen from above, {format_length(height)} high; set up = "{other}"'
         yield Doubt(DoubtKind.UP, text)
-
-
-def _perhaps_water(used: Used, wet: Sequence[str]) -> Iterator[Doubt]:
-    """Yield doubts about possible water: parts of the ground's mesh, and small sheets without a name."""
-    ground = [piece for piece, role in used if role.use == "ground"]
-    dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
-    for name, material in list(dict.fromkeys(dressed))[:MOST_NAMES]:
-        text = (
-            f"{name!r} is ground and wears {material!r}; if a part of it is water, make that an object of its own in "
-        )
-        yield Doubt(DoubtKind.WATER, f"{text}Blender and name it in water")
-    open_ = [i for i, (_, role) in enumerate(used) if role.use == "obstacle" and role.by is By.DEFAULT]
-    found = sheets_in_heights(
-        [piece for piece, _ in used], open_, [piece.bounds for piece in ground], least=MIN_PUDDLE_WIDTH_M
-    )
-    if found:
-        names = quote_names(used[i][0].name for i in found)
-        text = f"perhaps water: {names}, flat sheets that ground rises above; if so, name them in water"
-        yield Doubt(DoubtKind.PERHAPS_WATER, text)
 
 
 def _proposed_ground(among: Sequence[Piece]) -> str:

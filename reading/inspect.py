@@ -27,7 +27,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE = np.array([150.0, 150.0, 150.0])
-PAGE_ASSETS = 12  # assets in one picture: three in a row
+FULL_SIZE_ASSETS = 12  # assets in one picture; more are drawn half as large
 FRONT_LEFT = "from the front left"
 # Name, direction of sight, direction that is up in the picture.
 VIEWS = (
@@ -55,33 +55,18 @@ def sky_report(path: Path, hdri: Hdri) -> SkyReport:
     return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
 
 
-def page_paths(path: Path, assets: int) -> list[Path]:
-    """File names for the pictures of some assets: all.png, all-2.png, ...
-
-    Examples
-    --------
-    >>> [page.name for page in page_paths(Path("all.png"), 25)]
-    ['all.png', 'all-2.png', 'all-3.png']
-    """
-    count = max(1, -(-assets // PAGE_ASSETS))
-    return [path, *(path.with_name(f"{path.stem}-{number}{path.suffix}") for number in range(2, count + 1))]
-
-
-def write_pictures(inspected: Sequence[Inspected], path: Path) -> list[Path]:
-    """Write the pictures as pages and return their names; several side by side, each under its name."""
+def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
+    """Write the pictures side by side, each under its name, or the only one."""
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
-    written = page_paths(path, len(drawn))
-    for number, page in enumerate(written):
-        on_it = drawn[number * PAGE_ASSETS : (number + 1) * PAGE_ASSETS]
-        sheet = on_it[0][1]
-        if len(drawn) > 1:
-            names, pictures = zip(*on_it, strict=True)
-            sheet = contact_sheet(pictures, columns=3, tile_width=sheet.width, captions=names)
-        try:
-            save_picture(sheet, page)
-        except (OSError, ValueError) as error:
-            raise AssetError(f"cannot be written ({error})", path=page, remedy="name a .png file in a folder") from None
-    return written
+    sheet = drawn[0][1]
+    if len(drawn) > 1:
+        names, pictures = zip(*drawn, strict=True)
+        columns = 3 if len(drawn) <= FULL_SIZE_ASSETS else 6
+        sheet = contact_sheet(pictures, columns=columns, tile_width=3 * sheet.width // columns, captions=names)
+    try:
+        save_picture(sheet, path)
+    except (OSError, ValueError) as error:
+        raise AssetError(f"cannot be written ({error})", path=path, remedy="name a .png file in a folder") from None
 
 
 def draw_asset(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:

@@ -28,7 +28,7 @@ def _show_inspection(found: Inspection) -> Answer:
     return Answer(
         result=found.reports,
         shown=shown,
-        said=[f"wrote {', '.join(map(str, found.pages))}"] if found.pages else [],
+        said=[f"wrote {found.picture}"] if found.picture else [],
         code=MISTAKE if found.refused else DONE,
     )
 

@@ -22,7 +22,7 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.inspect import Inspected, draw_asset, page_paths, sky_report, write_pictures
+from hulldown.reading.inspect import Inspected, draw_asset, sky_report, write_pictures
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport, refuse_missing
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
 from hulldown.reading.reader_process import Exported, export_asset
@@ -33,7 +33,7 @@ class Inspection:
     """What was found in files."""
 
     reports: list[FileReport | SkyReport]
-    pages: list[Path]  # written pictures
+    picture: Path | None  # the written one
     refused: int  # number of unusable files, each of which gave a warning
 
 
@@ -55,7 +55,7 @@ def inspect_files(
     files
         Assets, or configs (.toml).
     output
-        Shaded picture, parts in colors; 12 assets a page.
+        Shaded picture, parts in colors.
     kind
         What the files are; by default decided by their contents. A config's entries have their own kind.
     strict
@@ -64,8 +64,8 @@ def inspect_files(
         Time and memory for reading an asset.
     """
     paths, output = [Path(file) for file in files], None if output is None else Path(output)
-    for page in page_paths(output, sum(map(drawn_assets, paths))) if output else ():
-        make_room_for_picture(page)
+    if output:
+        make_room_for_picture(output)
     limits.check_confinement()
     inspected: list[Inspected] = []
     refused = 0
@@ -80,13 +80,10 @@ def inspect_files(
                 raise
             warnings.warn(str(error), stacklevel=2)
             refused += 1
-    written = write_pictures(inspected, output) if output and any(one.picture for one in inspected) else []
-    return Inspection([one.report for one in inspected], written, refused)
-
-
-def drawn_assets(path: Path) -> int:
-    """Return the number of vehicles and sceneries that `inspect_file` draws."""
-    return len(Config.read(path).assets.entries) if _is_config(path) else int(path.suffix.lower() not in HDRI_SUFFIXES)
+    drawn = output if any(one.picture for one in inspected) else None
+    if drawn:
+        write_pictures(inspected, drawn)
+    return Inspection([one.report for one in inspected], drawn, refused)
 
 
 def inspect_file(

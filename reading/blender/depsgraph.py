@@ -250,23 +250,15 @@ class _Reader:
         name = drawn.original.name
         if why := follows_camera(drawn.original):
             self.following[why].append(name)
-        for modifier in drawn.modifiers:
-            if (
-                modifier.type == "SUBSURF"
-                and modifier.show_render
-                and getattr(modifier, "use_adaptive_subdivision", False)
-            ):
-                self.result.doubts.append(
-                    Doubt(DoubtKind.NOT_READ, f"{name!r} is subdivided adaptively, which is left out")
-                )
-        for slot in drawn.material_slots:
-            if slot.material and slot.material.displacement_method != "BUMP" and is_displaced(slot.material):
-                self.result.doubts.append(
-                    Doubt(
-                        DoubtKind.NOT_READ,
-                        f"{name!r} is displaced by its material {slot.material.name!r}, unlike its mesh",
-                    )
-                )
+        texts = [
+            f"{name!r} is displaced by its material {material.name!r}, unlike its mesh"
+            for material in (slot.material for slot in drawn.material_slots)
+            if material and material.displacement_method != "BUMP" and is_displaced(material)
+        ]
+        rendered = [modifier for modifier in drawn.modifiers if modifier.type == "SUBSURF" and modifier.show_render]
+        if any(getattr(modifier, "use_adaptive_subdivision", False) for modifier in rendered):
+            texts.append(f"{name!r} is subdivided adaptively, which is left out")
+        self.result.doubts += [Doubt(DoubtKind.NOT_READ, text) for text in texts]
 
     def _why_unseen(self, drawn: Any) -> Unseen | None:
         key = (drawn.original.as_pointer(), drawn.data.as_pointer())

@@ -179,7 +179,6 @@ def _open_blend(path: Path) -> Opened:
         left_out = open_blend(str(path), then=lambda: duplicates.update(take_duplicates()))
     except RuntimeError as error:
         raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=AGAIN) from None
-    doubts = [Doubt(DoubtKind.NOT_READ, text) for text in left_out]
     version = ".".join(map(str, bpy.data.version[:2]))
     if tuple(bpy.data.version[:2]) > bpy.app.version[:2]:
         raise AssetError(
@@ -197,20 +196,16 @@ def _open_blend(path: Path) -> Opened:
                 f"its active scene {scene.name!r} is empty, beside {others}",
                 remedy="choose a scene with objects in Blender and save",
             )
-        doubts.append(Doubt(DoubtKind.NOT_READ, f"only the scene {scene.name!r} is read, not {others}"))
+        left_out.append(f"only the scene {scene.name!r} is read, not {others}")
     layers = [layer.name for layer in scene.view_layers if layer.use]
     if len(layers) > 1:
-        doubts.append(
-            Doubt(DoubtKind.NOT_READ, f"only the view layer {layers[0]!r} is read, not {quote_names(layers[1:])}")
-        )
+        left_out.append(f"only the view layer {layers[0]!r} is read, not {quote_names(layers[1:])}")
     if lost := _lost_pictures():
-        doubts.append(
-            Doubt(
-                DoubtKind.NOT_READ,
-                f"{len(lost)} of its pictures, such as {lost[0]!r}, belong to textures from before Blender 2.80, so "
-                "their objects are rendered in one color; give the materials image nodes",
-            )
+        left_out.append(
+            f"{len(lost)} of its pictures, such as {lost[0]!r}, belong to textures from before Blender 2.80, so their "
+            "objects are rendered in one color; give the materials image nodes"
         )
+    doubts = (Doubt(DoubtKind.NOT_READ, text) for text in left_out)
     return Opened(unit, "z", f"Blender {version}", (*doubts, *find_moved(path)), duplicates)
 
 

@@ -43,7 +43,6 @@ class DoubtKind(StrEnum):
     WATER = "water"
     PIVOT = "pivot"
     NOT_GROUND = "not_ground"
-    PERHAPS_WATER = "perhaps_water"
     MOVED_PICTURE = "moved_picture"
     REPAIRED = "repaired"
 

@@ -26,7 +26,7 @@ MIN_FILLED_SHARE = (
     0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
 )
 ONE_SIDE = 1.5  # its level area over that of its bounds: a closed box has 2
-MIN_PUDDLE_WIDTH_M = 3.0  # meters; down to this width, a doubt names the sheet
+MIN_THING_WIDTH_M = 3.0  # meters; what is on a roof is narrower
 FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
 MIN_WATER_DEPTH_M = 0.5  # meters of ground below such a sheet
 
@@ -95,21 +95,19 @@ def sheets_in_heights(
     pieces: Sequence[Piece],
     among: Sequence[int],
     ground: Sequence[Float[np.ndarray, "2 3"]],
-    *,
-    least: float = MIN_SHEET_WIDTH_M,
 ) -> list[int]:
     """Return pieces that are wide flat sheets between the lowest and the highest ground, like a lake."""
     if not ground:
         return []
     lowest, highest = min(b[0, 2] for b in ground), max(b[1, 2] for b in ground)
     low = lowest + MIN_WATER_DEPTH_M
-    return [i for i in among if _is_sheet(pieces[i], least) and low < pieces[i].bounds[:, 2].mean() < highest]
+    return [i for i in among if _is_sheet(pieces[i]) and low < pieces[i].bounds[:, 2].mean() < highest]
 
 
-def _is_sheet(piece: Piece, least: float) -> bool:
+def _is_sheet(piece: Piece) -> bool:
     """Return whether a piece is a single wide flat sheet, not one of many scattered ones."""
     flat = piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2]) and piece.filled >= MIN_FILLED_SHARE
-    return bool(flat and is_wide_and_level(piece, least=least) and not piece.scattered)
+    return bool(flat and is_wide_and_level(piece, least=MIN_SHEET_WIDTH_M) and not piece.scattered)
 
 
 def sunken_ground(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
@@ -132,9 +130,7 @@ def canopy_sheets(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2
         return []
     whole = np.stack([np.min([b[0] for b in ground], axis=0), np.max([b[1] for b in ground], axis=0)])
     least = MIN_COVERED_SHARE * _shared_area(whole, whole)
-    wide = [
-        piece for piece in pieces if _is_sheet(piece, MIN_SHEET_WIDTH_M) and _shared_area(piece.bounds, whole) > least
-    ]
+    wide = [piece for piece in pieces if _is_sheet(piece) and _shared_area(piece.bounds, whole) > least]
     heights = [(piece, float(piece.bounds[:, 2].mean() - whole[:, 2].mean())) for piece in wide]
     return [(piece, above) for piece, above in heights if above > 0.0]
 
@@ -182,7 +178,7 @@ def _is_on_wide(piece: Piece, wide: Piece) -> bool:
     size, (low, high) = piece.size, wide.bounds
     on_it = _shared_area(piece.bounds, wide.bounds) > 0.9 * piece.area
     bottom = low[2] - MIN_WATER_DEPTH_M <= piece.bounds[0, 2] <= high[2] + MIN_WATER_DEPTH_M
-    return bool(max(size[:2]) > MIN_PUDDLE_WIDTH_M and piece.area < MIN_COVERED_SHARE * wide.area and on_it and bottom)
+    return bool(max(size[:2]) > MIN_THING_WIDTH_M and piece.area < MIN_COVERED_SHARE * wide.area and on_it and bottom)
 
 
 def enclosing_piece(pieces: Sequence[Piece]) -> Piece | None:

@@ -12,8 +12,7 @@ from jaxtyping import Float32, Int
 from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
 from hulldown.reading.blender.api.buffers import read_property, texture_coordinates
 from hulldown.reading.blender.surfaces.bake import bake_opacities, bake_opacity
-from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, Lookup, NotUnderstoodError, is_opaque
-from hulldown.reading.blender.surfaces.texels import channel_texels
+from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, Lookup, NotUnderstoodError, is_opaque, texels
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 
@@ -36,12 +35,8 @@ class CutoutReader:
                 try:
                     self._cutters[material.as_pointer()] = bake_opacity(material, self._longest)
                 except NotUnderstoodError as reason:
-                    self.doubts.append(
-                        Doubt(
-                            DoubtKind.OPACITY,
-                            f"the material {material.name!r} counts as opaque: its transparency depends on {reason}",
-                        )
-                    )
+                    text = f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
+                    self.doubts.append(Doubt(DoubtKind.OPACITY, text))
 
     def mesh_cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
         """Cut-outs of an evaluated mesh with loop triangles."""
@@ -77,7 +72,7 @@ class CutoutReader:
             return None  # Cycles renders it pink; the report lists it as missing
         key = (image.as_pointer(), channel, opacity.alpha_used)
         if key not in self._texels:
-            self._texels[key] = channel_texels(image, channel, alpha_used=opacity.alpha_used)
+            self._texels[key] = texels(image, channel, alpha_used=opacity.alpha_used)
         alpha = AlphaMap(self._texels[key], opacity.extension, opacity.smooth, opacity.curve)
         if max(alpha.texels.shape) > self._longest:
             small = (*key, opacity.curve is not None and opacity.curve.tobytes())

@@ -14,10 +14,12 @@ import numpy as np
 from mathutils import Euler, Matrix
 
 from hulldown.geometry.alpha import AlphaMap, Extension
+from hulldown.geometry.color import LUMINANCE, linear_from_srgb, srgb_from_linear
+from hulldown.reading.blender.api.buffers import image_pixels
 from hulldown.reading.blender.surfaces.nodes import Stack, material_output, socket_source
 from hulldown.reading.blender.surfaces.shaders import TRANSPARENT, surface_shaders
-from hulldown.reading.blender.surfaces.texels import channel_texels, is_curved
 
+MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
 # Nodes that make of a gray value what they make of each color's luminance.
@@ -51,7 +53,7 @@ class Lookup:
         """Return whether all texels are from 0 to 1, where curves are known."""
         if self.image is None or not self.image.is_float:
             return True
-        values = channel_texels(self.image, self.channel, alpha_used=True)
+        values = texels(self.image, self.channel, alpha_used=True)
         return bool(values.min() >= 0.0 and values.max() <= 1.0)
 
 
@@ -156,3 +158,43 @@ def _compose_mapping(matrix: Matrix, before: Affine) -> Affine:
     both = np.array(matrix)[:2][:, [0, 1, 3]] @ np.array([*before, (0.0, 0.0, 1.0)])
     (a, b, c), (d, e, f) = both.tolist()
     return (a, b, c), (d, e, f)
+
+
+def is_curved(image: Any, channel: str) -> bool:
+    """Return whether texels of a channel are sRGB values, which Cycles makes linear after it has interpolated."""
+    return channel != "alpha" and image.colorspace_settings.name == "sRGB"
+
+
+def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
+    """Texels of a channel, in 255ths where the file has bytes, and in sRGB if `is_curved`.
+
+    `image`: with pixels.
+    """
+    if image.alpha_mode == "NONE" and channel == "alpha":
+        return np.full((1, 1), 255, np.uint8)
+    width, height = image.size
+    share = min(1.0, (MOST_PIXELS / (width * height)) ** 0.5)
+    rgba = image_pixels(image, (int(width * share), int(height * share)))
+    if channel == "alpha":
+        return _stored(rgba[..., 3], image)
+    is_data = image.colorspace_settings.is_data or image.colorspace_settings.name in ("Non-Color", "Raw")
+    color = rgba[..., :3]
+    if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
+        color = color * rgba[..., 3:]
+    curved = is_curved(image, channel)
+    if curved and image.is_float:  # Blender's floats are linear
+        color = srgb_from_linear(color)
+    if channel != "gray":
+        value = color[..., ("red", "green", "blue").index(channel)]
+    elif (color == color[..., :1]).all():
+        value = color[..., 0]
+    else:
+        linear = linear_from_srgb(color).astype(np.float32) if curved else color
+        value = linear @ LUMINANCE.astype(np.float32)
+        value = srgb_from_linear(value) if curved else value
+    return _stored(value, image)
+
+
+def _stored(values: np.ndarray, image: Any) -> np.ndarray:
+    values = np.ascontiguousarray(values)
+    return values if image.is_float else np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)

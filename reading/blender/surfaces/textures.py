@@ -48,18 +48,13 @@ def find_moved(path: Path) -> list[Doubt]:
         files = found[name]
         if len({Path(file).read_bytes() for file in files}) == 1:
             near = os.path.relpath(min(files), path.parent)
-            doubts.append(
-                Doubt(DoubtKind.MOVED_PICTURE, f"{image.filepath!r} isn't there; {near!r} is used in its place")
-            )
+            text = f"{image.filepath!r} isn't there; {near!r} is used in its place"
+            doubts.append(Doubt(DoubtKind.MOVED_PICTURE, text))
             _replace_image(image, min(files))
         elif files:
             several = " and ".join(repr(os.path.relpath(file, path.parent)) for file in sorted(files)[:2])
-            doubts.append(
-                Doubt(
-                    DoubtKind.SEVERAL_PICTURES,
-                    f"{image.filepath!r} isn't there, and {several} differ; put the right one in its place",
-                )
-            )
+            text = f"{image.filepath!r} isn't there, and {several} differ; put the right one in its place"
+            doubts.append(Doubt(DoubtKind.SEVERAL_PICTURES, text))
     return doubts
 
 
