@@ -13,8 +13,8 @@ MODULES = [
 ]
 MAX_ONE_WORD_SHARE = 0.24  # mostly methods and properties, whose object has the noun
 PREPOSITIONS = """
-    about above across after against along around at before behind below beside between beyond by for from in into near of
-    off on onto out over per through to under until up upon via with within without
+    about above across after against along around at before behind below beside between beyond by for from in into near
+    of off on onto out over per through to under until up upon via with within without
 """
 # Names that end in a preposition, and why.
 ALLOWED = {
