@@ -128,9 +128,7 @@ def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick
     rows = []
     for rule in RULES:
         for n in (3, 5, 7, 9):
-            settled = settle(
-                terrain, SIZE, xy, yaw, threads=2, rules=SettleRules(rule=rule, n=n, max_slope=1.5, contact_n=36)
-            )
+            settled = settle(terrain, SIZE, xy, yaw, rules=SettleRules(rule=rule, n=n, max_slope=1.5, contact_n=36))
             angle = angle_deg(settled.world_from_vehicle[:, :3, 2], up)
             rows.append({
                 "rule": rule, "n": n, "rays": n * n,
@@ -146,35 +144,21 @@ def _errors(mesh: Mesh, height: Callable[[np.ndarray], np.ndarray] | None, quick
 
 
 def _speed(quick: bool) -> dict[str, Any]:
-    """Candidates a second on one terrain, all ways in turn; medians."""
+    """Candidates a CPU second on one terrain, all ways in turn; medians."""
     cells = 100 if quick else 500
     mesh, _ = waves(cells / 2, 1.0, 30.0, 1.5)
     terrain = Terrain(mesh)
     k = 5_000 if quick else 50_000
     xy, yaw = sample_candidates(mesh.bounds, k, rng=np.random.default_rng(5))
 
-    def ours(*, threads: int = 1, **options: Any) -> Callable[[], int]:
-        def work() -> int:
-            settle(terrain, SIZE, xy, yaw, rules=SettleRules(**options), threads=threads)
-            return k
-
-        return work
-
-    ways: dict[str, Callable[[], int]] = {}
-    for rule in RULES:
-        for threads in (1, 2):
-            ways[f"{rule}, 5 x 5, {threads} thread{'s' * (threads > 1)}"] = ours(
-                rule=rule, contact_n=0, threads=threads
-            )
-    ways["support, 5 x 5, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", contact_n=9, threads=2)
-    ways["support, 9 x 9, gap and penetration at 9 x 9, 2 threads"] = ours(rule="support", n=9, threads=2)
+    ways = {f"{rule}, 5 x 5": SettleRules(rule=rule, contact_n=0) for rule in RULES}
+    ways["support, 5 x 5, gap and penetration at 9 x 9"] = SettleRules()
     rates: dict[str, list[float]] = {name: [] for name in ways}
-    for work in ways.values():
-        work()
-    for _ in range(2 if quick else 5):
-        for name, work in ways.items():
-            start = time.perf_counter()
-            rates[name].append(work() / (time.perf_counter() - start))
+    for _ in range(3 if quick else 6):
+        for name, rules in ways.items():
+            start = time.process_time()
+            settle(terrain, SIZE, xy, yaw, rules=rules)
+            rates[name].append(k / (time.process_time() - start))
     return {
         "triangles": len(mesh.faces),
         "candidates": k,
@@ -188,7 +172,7 @@ def report(results: dict[str, Any]) -> str:
     parts = [
         "## Settling",
         f"{speed['candidates']:,} candidates on {speed['triangles']:,} triangles.",
-        table(["rule and rays", "candidates/s, 1 thread", "2 threads"], _rates(speed["rates"])),
+        table(["rule and rays", "candidates/CPU s"], [(way, f"{rate:,.0f}") for way, rate in speed["rates"].items()]),
         "Error against the rest pose of a rigid footprint of 7 x 3.5 m, sampled every 0.1 m: median angle/95% angle in "
         "degrees/95% penetration/median gap in meters.",
     ]
@@ -209,15 +193,6 @@ def _error(r: dict[str, Any]) -> str:
             f"{r['gap_median_m']:.2f}",
         )
     )
-
-
-def _rates(rates: dict[str, float]) -> list[tuple[str, str, str]]:
-    """A row for each way, with its rates on one and on two threads."""
-    by_way: dict[str, dict[str, str]] = {}
-    for name, rate in rates.items():
-        way, _, threads = name.removesuffix(" threads").removesuffix(" thread").rpartition(", ")
-        by_way.setdefault(way, {})[threads] = f"{rate:,.0f}"
-    return [(way, found.get("1", ""), found.get("2", "")) for way, found in by_way.items()]
 
 
 def plots(results: dict[str, Any], folder: Path) -> list[Path]:

@@ -77,7 +77,7 @@ def by_two_threads(query: Callable[[np.ndarray], object]) -> Query:
 def ours(mesh: Mesh) -> dict[str, Query]:
     """Return our own, on one thread and on two."""
     terrain = Terrain(mesh)
-    return {"hulldown": terrain.top_hits, "hulldown, 2 threads": lambda xy: terrain.top_hits(xy, threads=2)}
+    return {"hulldown": terrain.top_hits, "hulldown, 2 threads": by_two_threads(terrain.top_hits)}
 
 
 def trimesh_peer(mesh: Mesh) -> dict[str, Query]:

@@ -25,9 +25,6 @@ from hulldown.geometry.transforms import invert_affine, transform_points
 RAYS_PER_BLOCK = 1 << 16  # rays whose crossings are in memory at a time
 # Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.
 MIN_DETERMINANT_SHARE = 1e-6
-# With so many instances and rays, or more, Embree first finds the rays that cross any box.
-PRETEST_INSTANCES = 16
-FEW_RAYS = 1024
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -74,9 +71,6 @@ class InstancedScene:
         self.instance_from_world = invert_affine(self.world_from_instance)
         self._casters = {i: make_caster(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
         self._tree = BoxTree(_pad_bounds(self.bounds))
-        roomy = _grow_bounds(self.bounds)
-        self._boxes = RayCaster(_box_mesh(roomy)) if len(poses) >= PRETEST_INSTANCES else None
-        self._widest = float(np.linalg.norm(np.ptp(roomy, axis=1), axis=1).max(initial=0.0))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> InstanceHits:
         """Return the first face along each ray; arguments as for `RayCaster.cast`."""
@@ -181,14 +175,9 @@ class InstancedScene:
         self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, part: slice
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Pairs of some rays and instances whose boxes these cross, by ray, nearest first; and where rays enter."""
-        rows = np.arange(len(start))[part]
-        if self._boxes is not None and len(rows) >= FEW_RAYS:
-            # Further than the ray goes: one that ends inside a box meets a side of it only beyond its end.
-            far = (reach[part] + self._widest) * (1 + 1e-4)
-            rows = rows[self._boxes.occluded(start[part], along[part], max_distance=far)]
-        ray, box, entry = self._tree.crossed_boxes(start[rows], along[rows], reach[rows])
+        ray, box, entry = self._tree.crossed_boxes(start[part], along[part], reach[part])
         order = np.lexsort((box, entry, ray))
-        return rows[ray[order]], box[order], entry[order]
+        return part.start + ray[order], box[order], entry[order]
 
     def _mesh_rays(
         self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
@@ -220,22 +209,6 @@ def _instance_bounds(
                 moved = a * x + b * y + c * z + shift
                 bounds[batch, :, axis] = np.stack([moved.min(axis=1), moved.max(axis=1)], axis=1)
     return bounds
-
-
-def _grow_bounds(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:
-    """Grow boxes by more than float32's rounding error at the scene's scale."""
-    extent = np.ptp(bounds.reshape(-1, 3), axis=0).max() if len(bounds) else 0.0
-    return bounds + 1e-5 * (extent + 1e-3) * np.array([[-1.0], [1.0]])
-
-
-def _box_mesh(bounds: Float[np.ndarray, "k 2 3"]) -> Mesh:
-    """Return the sides of all boxes."""
-    low, high = bounds[:, 0], bounds[:, 1]
-    corners = np.stack([np.where([b & 1, b & 2, b & 4], high, low) for b in range(8)], axis=1)
-    sides = np.array([[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]])
-    faces = np.concatenate([sides[:, [0, 1, 2]], sides[:, [0, 2, 3]]])
-    every = (np.arange(len(bounds)) * 8)[:, None, None] + faces
-    return Mesh(corners.reshape(-1, 3), every.reshape(-1, 3), "instance boxes")
 
 
 def _pad_bounds(bounds: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "k 2 3"]:

@@ -11,7 +11,6 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.base.errors import AssetError
-from hulldown.base.files import atomic_writer
 from hulldown.geometry.alpha import Cutouts, merged_cutouts
 from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.hulls import extreme_points
@@ -152,16 +151,6 @@ class Mesh:
         ------
         AssetError
             If the file is missing, of another format, damaged or without triangles.
-
-        Examples
-        --------
-        >>> import tempfile
-        >>> from pathlib import Path
-        >>> triangle = Mesh(np.eye(3), np.array([[0, 1, 2]]))
-        >>> with tempfile.TemporaryDirectory() as folder:
-        ...     triangle.save(Path(folder) / "hill.ply")
-        ...     Mesh.load(Path(folder) / "hill.ply").bounds.tolist()
-        [[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]
         """
         path = Path(path)
         _refuse_format(path)
@@ -181,40 +170,6 @@ class Mesh:
             return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), path.stem)
         except ValueError as error:
             raise AssetError(str(error), path=path, remedy="export it anew") from None
-
-    def save(self, path: str | Path) -> None:
-        """Write a mesh file that `load` reads: PLY, STL, OBJ, glTF or GLB.
-
-        OBJ holds coordinates to 1e-17 m; the other formats hold float32, which at map coordinates is half a meter. STL
-        repeats the vertices of each face.
-
-        Parameters
-        ----------
-        path
-            The file; its extension is the format.
-
-        Raises
-        ------
-        AssetError
-            If the format is another one, or the file cannot be written.
-        """
-        path = Path(path)
-        _refuse_format(path)
-        import trimesh
-
-        mesh = trimesh.Trimesh(self.vertices, self.faces, process=False)
-        kind = path.suffix[1:].lower()
-        if kind == "obj":
-            content = mesh.export(file_type=kind, digits=17, header="hulldown").encode()
-        elif kind == "gltf":
-            content = mesh.export(file_type=kind, merge_buffers=True, embed_buffers=True)["model.gltf"]
-        else:
-            content = mesh.export(file_type=kind)
-        try:
-            with atomic_writer(path) as file:
-                file.write(content)
-        except OSError as error:
-            raise AssetError(f"cannot be written ({error})", path=path, remedy="name a folder that exists") from None
 
 
 def _refuse_format(path: Path) -> None:

@@ -14,10 +14,8 @@ import functools
 import math
 import os
 import threading
-from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -28,9 +26,6 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 _FAR = np.float32(1e37)  # embreex's value for no limit
 RAYS_PER_BLOCK = (
@@ -227,13 +222,3 @@ def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray
                 key |= bits << shift
     order = np.argsort(key, kind="stable")
     yield from (order[i : i + RAYS_PER_BLOCK] for i in range(0, n, RAYS_PER_BLOCK))
-
-
-def in_threads(work: Callable[[T], R], items: Iterable[T], *, threads: int) -> list[R]:
-    """Return the results of `work` for the items, in order; a single thread is the caller's own."""
-    if threads < 1:
-        raise ValueError(f"threads: expected at least 1, got {threads}")
-    if threads == 1:
-        return [work(item) for item in items]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(work, items))

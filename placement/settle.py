@@ -8,7 +8,6 @@ and after the tilt.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -17,9 +16,9 @@ from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.columns import join_rows, put_rows, take
+from hulldown.geometry.columns import join_rows, put_rows
+from hulldown.geometry.indices import index_batches
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
-from hulldown.geometry.rays import in_threads
 from hulldown.geometry.transforms import rigid_matrix, upright_rotation
 from hulldown.placement.contact import Footing, gap_and_penetration, stack_samples
 from hulldown.placement.footprint import Samples, Underside
@@ -88,7 +87,6 @@ def settle(
     *,
     footprint: ArrayLike | Underside | None = None,
     rules: SettleRules = DEFAULT_RULES,
-    threads: int = 1,
 ) -> Settled:
     """Return the resting pose of a vehicle at each candidate position, or why there is none.
 
@@ -108,8 +106,6 @@ def settle(
         heights between wheels and tracks: `placement.footprint.vehicle_underside`.
     rules
         The rules of settling, and the limits of a resting pose.
-    threads
-        Threads that share the candidates.
 
     Returns
     -------
@@ -151,7 +147,7 @@ def settle(
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     footing = Footing.of(footprint if isinstance(footprint, Underside) else box, rules)
     which = np.zeros(len(positions), dtype=np.int64)
-    return settle_each(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules, threads=threads)
+    return settle_each(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules)
 
 
 def settle_each(
@@ -162,27 +158,15 @@ def settle_each(
     xy: Float[np.ndarray, "k 2"],
     yaw: Float[np.ndarray, " k"],
     rules: SettleRules,
-    threads: int = 1,
 ) -> Settled:
     """`settle` for candidates of several vehicles at once, without checks."""
-    k = len(xy)
-    size = max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1))
-    order = _by_neighborhood(xy, size)
-    blocks = [order[i : i + size] for i in range(0, max(k, 1), size)]
     contacts = stack_samples([footing.contact for footing in footings])
-
-    def work(rows: Int[np.ndarray, " b"]) -> Settled:
-        return _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
-
-    parts = in_threads(work, blocks, threads=min(threads, len(blocks)))
-    return take(join_rows(parts), np.argsort(order))
-
-
-def _by_neighborhood(xy: Float[np.ndarray, "k 2"], size: int) -> Int[np.ndarray, " k"]:
-    """Order positions so that every run of about `size` covers little ground: strips along x, each sorted by y."""
-    by_x = np.argsort(xy[:, 0])
-    strips = max(1, round(math.sqrt(len(xy) / size)))
-    return np.concatenate([strip[np.argsort(xy[strip, 1])] for strip in np.array_split(by_x, strips)])
+    return join_rows(
+        [
+            _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
+            for rows in index_batches(len(xy), max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1)))
+        ]
+    )
 
 
 def _settle_block(

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
-from hulldown.geometry.rays import RAYS_PER_BLOCK, RayCaster, bounds_within_reach, coherent_blocks, in_threads
+from hulldown.geometry.rays import RayCaster, bounds_within_reach, coherent_blocks
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward_normals
 from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
@@ -73,7 +73,7 @@ class Terrain:
         """Lowest and highest corner of the ground; infinite in x and y for a plane."""
         return self._bounds.copy()
 
-    def top_hits(self, xy: ArrayLike, *, threads: int = 1) -> Hits:
+    def top_hits(self, xy: ArrayLike) -> Hits:
         """Return the highest ground at each point: the exact face, its height, and its normal.
 
         The height is within 8 ulp of the ground's largest |z|, and the normal within 1e-12 radians.
@@ -82,8 +82,6 @@ class Terrain:
         ----------
         xy
             (n, 2) meters, in the mesh's frame; anywhere.
-        threads
-            How many threads share the work.
 
         Raises
         ------
@@ -97,15 +95,11 @@ class Terrain:
             return Hits(np.full(n, self._bounds[0, 2]), up, np.zeros(n, dtype=np.int32))
         if self._missing:
             return Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
-        # Filled block by block: first touching so much memory takes time, which threads share.
         hits = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int32))
-
-        def block(i: Int[np.ndarray, " k"]) -> None:
-            # Some points are so far away that only their being outside can be computed.
-            with np.errstate(over="ignore", invalid="ignore"):
+        # Some points are so far away that only their being outside can be computed.
+        with np.errstate(over="ignore", invalid="ignore"):
+            for i in coherent_blocks(points):
                 self._accept_hits(points, i, hits)
-
-        in_threads(block, coherent_blocks(points), threads=threads if n > RAYS_PER_BLOCK else min(threads, 1))
         return hits
 
     def _accept_hits(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TypeAlias
@@ -17,7 +18,7 @@ from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.columns import put_rows
 from hulldown.geometry.cutouts import make_caster
 from hulldown.geometry.instances import InstancedScene, InstanceHits
-from hulldown.geometry.rays import RayCaster, RayHits, in_threads
+from hulldown.geometry.rays import RayCaster, RayHits
 from hulldown.scene.beams import nearest_in_beams, passed_in_beams
 from hulldown.scene.posed_vehicle import BATCH_RAYS, PosedVehicle
 
@@ -156,7 +157,8 @@ class Scene:
             )
             hits.distance[pixel] += NEAR_M * np.sqrt(1.0 + u * u + v * v)
 
-        in_threads(trace, rows, threads=threads)
+        with ThreadPoolExecutor(threads) as pool:
+            list(pool.map(trace, rows))
         return hits
 
     def _trace_cameras(self, camera_rays: CameraRays, world_from_camera: Float[np.ndarray, "n 4 4"]) -> SceneHits:

@@ -120,7 +120,6 @@ WRONG = [
     ),
     (lambda: Terrain(FLOOR).top_hits([[0, 0, 0]]), r"xy: expected shape \(n, 2\), got \(1, 3\)"),
     (lambda: Terrain(FLOOR).top_hits([[0, 0], [np.nan, 0]]), r"xy: expected finite numbers, got nan at index \(1, 0\)"),
-    (lambda: Terrain(FLOOR).top_hits([[0, 0]], threads=0), "threads: expected at least 1, got 0"),
     (lambda: tries(n=-1), "n: expected a count of 0 or more, got -1"),
     (lambda: tries(margin=1.5), r"margin: expected a share in \(0, 1\], got 1.5"),
     (lambda: tries([[2, 0, 0], [1, 1, 1]]), "bounds: expected the lowest corner first"),

@@ -34,15 +34,17 @@ def hill() -> Mesh:
 
 
 @pytest.mark.parametrize("ending", [*FORMATS, ".PLY"])
-def test_a_saved_mesh_is_loaded_again(tmp_path, ending):
-    mesh = hill()
-    mesh.save(tmp_path / f"hill{ending}")
+def test_a_mesh_file_is_loaded(tmp_path, ending):
+    mesh, kind = hill(), ending[1:].lower()
+    options = {"obj": {"digits": 17}, "gltf": {"merge_buffers": True, "embed_buffers": True}}.get(kind, {})
+    content = trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(file_type=kind, **options)
+    content = content["model.gltf"] if kind == "gltf" else content
+    (tmp_path / f"hill{ending}").write_bytes(content.encode() if isinstance(content, str) else content)
     loaded = Mesh.load(tmp_path / f"hill{ending}")
     assert loaded.name == "hill"
     # Compared face by face, since STL repeats vertices; OBJ is exact, the others are float32.
     rounded = mesh.triangles if ending == ".obj" else mesh.triangles.astype(np.float32)
     np.testing.assert_allclose(loaded.triangles, rounded, rtol=0, atol=1e-16)
-    assert [path.name for path in tmp_path.iterdir()] == [f"hill{ending}"]
 
 
 def test_meshes_of_a_scene_are_in_their_places(tmp_path):
@@ -76,13 +78,6 @@ def test_a_file_without_a_mesh_is_refused_with_its_name(tmp_path, name, content,
         Mesh.load(tmp_path / name)
     assert str(refused.value).startswith(str(tmp_path / name))
     assert "\n" not in str(refused.value)
-
-
-def test_an_unwritable_path_is_named(tmp_path):
-    with pytest.raises(AssetError, match="cannot be written"):
-        hill().save(tmp_path / "missing" / "hill.ply")
-    with pytest.raises(AssetError, match=r"has the ending '\.txt'"):
-        hill().save(tmp_path / "hill.txt")
 
 
 def test_normals_equal_those_of_trimesh():
