@@ -224,7 +224,7 @@ def read_coco(folder: Path | str) -> Coco:
     file, or a folder of YOLO or VOC.
     """
     folder = Path(folder)
-    if folder.is_file():
+    if folder.exists() and not folder.is_dir():
         return _read_annotations(folder).to_dict()
     if not is_own(folder):
         if (folder / COCO_NAME).exists():

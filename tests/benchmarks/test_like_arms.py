@@ -2,7 +2,7 @@
 
 import pytest
 
-from hulldown.benchmarks.like import ARMS, SETS, SHARES, renders_of, stand_ins_of
+from hulldown.benchmarks.like import ARMS, SETS, SHARES, read_renders, read_stand_ins
 from hulldown.benchmarks.stand_ins import write_side
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.plan.config.schema import Config
@@ -10,7 +10,7 @@ from hulldown.plan.config.schema import Config
 
 @pytest.mark.parametrize("name", SETS)
 def test_arms_differ_in_cameras_only(name, tmp_path):
-    configs = {key: Config.read(write_side(side, tmp_path)) for key, side in renders_of(name).items()}
+    configs = {key: Config.read(write_side(side, tmp_path)) for key, side in read_renders(name).items()}
     assert set(configs) == {part for parts in ARMS.values() for part in parts}
     sizes = [sum(configs[part].budget.images_per_class for part in parts) for parts in ARMS.values()]
     assert len(set(sizes)) == 1
@@ -25,7 +25,7 @@ def test_arms_differ_in_cameras_only(name, tmp_path):
 
 @pytest.mark.parametrize("name", SETS)
 def test_stand_ins_share_neither_assets_nor_cameras_with_renders(name, tmp_path):
-    stand_ins, renders = (Config.read(write_side(s, tmp_path)) for s in (stand_ins_of(name), renders_of(name)["like"]))
+    stand_ins, renders = (Config.read(write_side(s, tmp_path)) for s in (read_stand_ins(name), read_renders(name)["like"]))
     for kind in ("vehicles", "sceneries"):
         first, second = ({one.path for one in getattr(config.assets, kind)} for config in (stand_ins, renders))
         assert len(first | second) == len(first) + len(second) > 1
