@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from hulldown.plan.config.schema import Config as Config
     from hulldown.plan.plan_file import read_plan as read_plan
     from hulldown.planning.write import plan_dataset as plan_dataset
+    from hulldown.render.export_scene import export_scene as export_scene
     from hulldown.render.supervisor import render_plan as render_plan
     from hulldown.render.verify import verify_dataset as verify_dataset
     from hulldown.training.evaluation.evaluation_report import evaluate_detections as evaluate_detections
@@ -42,6 +43,7 @@ _HOMES = {
     "Terrain": "placement.terrain",
     "evaluate_detections": "training.evaluation.evaluation_report",
     "export_dataset": "dataset.exports.export",
+    "export_scene": "render.export_scene",
     "join_datasets": "dataset.join",
     "plan_dataset": "planning.write",
     "predict_detections": "training.predict",

@@ -47,6 +47,7 @@ def has_suffix(suffix: str) -> Parameter:
 PATH = make_parser("a path", Path, metavar="PATH")
 AnyPath: TypeAlias = Annotated[str | os.PathLike[str], PATH]
 PngFile: TypeAlias = Annotated[AnyPath, has_suffix(".png")]
+BlendFile: TypeAlias = Annotated[AnyPath, has_suffix(".blend")]
 HtmlFile: TypeAlias = Annotated[AnyPath, has_suffix(".html")]
 Count: TypeAlias = Annotated[int, make_check("a whole number of at least 1", lambda number: number >= 1)]
 Positive: TypeAlias = Annotated[float, make_check("a number above 0", lambda number: 0.0 < number < math.inf)]

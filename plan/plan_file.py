@@ -36,7 +36,7 @@ class Plan(PlanFile, ShownInNotebooks):
         Its first line: config, seed, assets, versions.
     """
 
-    @property
+    @cached_property
     def config(self) -> Config:
         """The config of the plan, with its folder."""
         return Config.of_plan(self)

@@ -15,6 +15,7 @@ from hulldown.camera.cameras import NEAR_M
 from hulldown.geometry.color import linear_color
 from hulldown.plan.coats import Coat, color_of_material
 from hulldown.plan.library import Library
+from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import PlannedVehicle, Row
 from hulldown.reading.confinement.landlock import asset_folders
 from hulldown.reading.pieces.asset_report import MaterialRow
@@ -37,6 +38,17 @@ def readable_paths(library: Library) -> tuple[Path, ...]:
     files = [file for exported in read for file in (exported.tidy, exported.report.path)]
     folders = [folder for file in files for folder in asset_folders(Path(os.path.normpath(file)))]
     return tuple(dict.fromkeys([*folders, *(hdri.path for hdri in library.hdris.values())]))
+
+
+def planned_job(plan: Plan, row: Row, library: Library, output: Path) -> RenderJob:
+    """Return the job of rendering a row with the settings of its plan."""
+    chosen = plan.config.render
+    settings = CyclesSettings(chosen.samples, chosen.denoise, chosen.adaptive_threshold, chosen.bounces)
+    try:
+        return render_job(row, library, settings, output)
+    except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
+        problem = f"line {row.index + 2} cannot be rendered ({error})"
+        raise ConfigError(problem, path=plan.path, remedy="plan again with `hulldown plan`") from error
 
 
 def render_job(row: Row, library: Library, settings: CyclesSettings, output: Path) -> RenderJob:

@@ -15,7 +15,8 @@ from hulldown.dataset.store.reservations import Reservation, plan_key
 from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import Row
 
-OutlineRow = tuple[tuple[str, str, str, str], int, int, str]  # sort key, index, number of labels, and file name
+SortKey = tuple[str, str, str, int, str]
+OutlineRow = tuple[SortKey, int, int, str]  # with index, number of labels, and file name
 
 
 class Outline:
@@ -74,9 +75,9 @@ class Part:
 WHOLE = Part()
 
 
-def sort_key(row: Row) -> tuple[str, str, str, str]:
-    """Sort key of rows by loading time: scenery, vehicle, kind of weather, HDRI."""
-    return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.hdri
+def sort_key(row: Row) -> SortKey:
+    """Sort key of rows by what a change costs: scenery, vehicle, kind of weather, position with its vehicles, HDRI."""
+    return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.position, row.hdri
 
 
 def file_stamp(path: Path) -> tuple[int, int, int] | None:

@@ -23,7 +23,7 @@ from hulldown.base.child import Child, Stopped, memory_limit
 from hulldown.base.errors import HulldownError
 from hulldown.base.outside import DATA, parse_json, read_file
 from hulldown.reading.confinement import landlock
-from hulldown.render.blender.messages import Job, MaskJob, RenderJob, StartJob
+from hulldown.render.blender.messages import BlendJob, Job, OutputJob, RenderJob, StartJob
 from hulldown.render.blender.reply import BEGINNING, Reply
 from hulldown.render.rendered_pictures import picture_damage
 
@@ -168,7 +168,7 @@ class Blender:
         """Its process id; None if it isn't open."""
         return self._child.pid if self._child else None
 
-    def do(self, job: RenderJob | MaskJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
+    def do(self, job: OutputJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
         """Do a job, with several attempts; returns when it's done or has finally failed."""
         self._stopping, self._restarts = stopping, 0
         reasons: list[str] = []
@@ -189,7 +189,7 @@ class Blender:
             raise
         return Outcome(reasons=tuple(reasons), restarts=self._restarts, made_by=self._made_by)
 
-    def _attempt_job(self, job: RenderJob | MaskJob) -> tuple[Reply, bytes]:
+    def _attempt_job(self, job: OutputJob) -> tuple[Reply, bytes]:
         began = time.monotonic()
         reply = self._send_job(job, self._allowance.job_s)
         self._allowance.took.append(time.monotonic() - began)
@@ -312,8 +312,10 @@ def worker_command(program: str | None) -> list[str]:
     return [program, *options, "--python", str(WORKER)]
 
 
-def _output_content(job: RenderJob | MaskJob) -> bytes:
-    """Return the contents of a job's output file."""
+def _output_content(job: OutputJob) -> bytes:
+    """Return the contents of a job's output file; not of a scene, which may have gigabytes."""
+    if isinstance(job, BlendJob):
+        return b""
     output = Path(job.output)
     if isinstance(job, RenderJob):
         size = job.camera.intrinsics

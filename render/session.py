@@ -31,8 +31,8 @@ from hulldown.dataset.store.placed_pictures import path_inside, picture_writing,
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import Row
-from hulldown.render.blender.messages import CyclesSettings, RenderJob
-from hulldown.render.jobs import render_job
+from hulldown.render.blender.messages import RenderJob
+from hulldown.render.jobs import planned_job
 from hulldown.render.outline import Outline, Part, file_stamp
 from hulldown.render.pool import Pool
 from hulldown.render.process import Outcome
@@ -96,10 +96,6 @@ class Session:
         self._failures = [failure for failure in read_failures(self._folder) if failure.file_name not in names]
         read_provenance(self._folder)
         self._recorded: dict[str, list[str]] = {}
-        settings = plan.config.render
-        self._settings = CyclesSettings(
-            settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces
-        )
 
     def report_line(self, line: str) -> None:
         """Report progress to the caller."""
@@ -180,14 +176,7 @@ class Session:
 
     def _make_job(self, index: int) -> RenderJob:
         row = self._read_row(index)
-        try:
-            return render_job(row, self._library, self._settings, self._output_path(row))
-        except ValueError as error:  # errors beyond the schema, such as a vehicle's unknown part
-            raise ConfigError(
-                f"line {index + 2} cannot be rendered ({error})",
-                path=self._plan.path,
-                remedy="plan again with `hulldown plan`",
-            ) from error
+        return planned_job(self._plan, row, self._library, self._output_path(row))
 
     def _store_picture(self, index: int, outcome: Outcome) -> None:
         row = self._read_row(index)

@@ -30,6 +30,10 @@ def _show_render(report: RenderReport, output: AnyPath) -> Answer:
     )
 
 
+def _scene(path: Path) -> Answer:
+    return Answer(result=path, said=[f"wrote {path}; open it in Blender, and press F12 for the picture"])
+
+
 def _show_cluster(_: None) -> Answer:
     return Answer(result=None)
 
@@ -66,6 +70,7 @@ def _show_export(counts: Mapping[str, int], output: AnyPath) -> Answer:
 
 VERBS = {
     "render": Verb("render.supervisor:render_remaining", _show_render, resumes=True),
+    "blend": Verb("render.export_scene:export_scene", _scene),
     "cluster": Verb("cluster.scheduler:run_cluster", _show_cluster),
     "join": Verb("dataset.join:join_datasets", _show_join, resumes=True),
     "verify": Verb("render.verify:verify_dataset", _show_findings),

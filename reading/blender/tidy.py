@@ -20,15 +20,12 @@ from jaxtyping import Float
 
 from hulldown.reading.blender.frames import set_pose as set_pose
 from hulldown.reading.blender.surfaces.object_inputs import detach_materials
-from hulldown.reading.blender.tidy_properties import PART, RANDOM, REST
+from hulldown.reading.blender.tidy_properties import PART, RANDOM, REST, VISIBILITY
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
 CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
 MIN_COPIES = 8  # from so many on, copies are drawn by one object
 POSE = "pose"
-VISIBILITY = tuple(
-    f"visible_{ray}" for ray in ("camera", "diffuse", "glossy", "transmission", "volume_scatter", "shadow")
-)
 LOOK = (*VISIBILITY, "pass_index", "color")
 
 

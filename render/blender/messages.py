@@ -80,6 +80,14 @@ class RenderJob:
 
 
 @dataclass(frozen=True, slots=True)
+class BlendJob:
+    """Save the scene of a picture to `output`, a .blend file; see `render.blender.saved_scene`."""
+
+    picture: RenderJob  # whose own output isn't written
+    output: str
+
+
+@dataclass(frozen=True, slots=True)
 class StartJob:
     """Choose a device by `render.blender.cycles.choose_device`, and the number of CPU threads, 0: all."""
 
@@ -88,4 +96,5 @@ class StartJob:
     threads: int
 
 
-Job = StartJob | RenderJob | MaskJob
+OutputJob = RenderJob | MaskJob | BlendJob
+Job = StartJob | OutputJob

@@ -15,9 +15,10 @@ import numpy as np
 
 from hulldown.render.blender import cycles
 from hulldown.render.blender.lens import DEVICES as LENS_DEVICES
-from hulldown.render.blender.messages import CyclesSettings, Job, MaskJob, RenderJob, StartJob
+from hulldown.render.blender.messages import BlendJob, CyclesSettings, Job, MaskJob, RenderJob, StartJob
 from hulldown.render.blender.object_index import IndexPictures
 from hulldown.render.blender.reply import Reply
+from hulldown.render.blender.saved_scene import save_scene
 from hulldown.render.blender.scene import Stage
 
 
@@ -39,9 +40,16 @@ class Renderer:
 
     def do(self, job: Job) -> Reply:
         """Do a job; return the reply."""
-        if isinstance(job, StartJob):
-            return self._start_job(job)
-        return self._render_picture(job) if isinstance(job, RenderJob) else self._render_mask(job)
+        match job:
+            case StartJob():
+                return self._start_job(job)
+            case RenderJob():
+                return self._render_picture(job)
+            case BlendJob():
+                save_scene(self._prepare_scene(job.picture).scene, job.output)
+                self.forget_assets()  # it has lost what the picture doesn't need
+                return Reply()
+        return self._render_mask(job)
 
     def _start_job(self, job: StartJob) -> Reply:
         self._device, count = cycles.choose_device(job.device, job.index)
@@ -62,8 +70,8 @@ class Renderer:
             self._loaded = wanted
         return self._stage
 
-    def _render_picture(self, job: RenderJob) -> Reply:
-        start = time.monotonic()
+    def _prepare_scene(self, job: RenderJob) -> Stage:
+        """Return the stage, set up for a picture."""
         stage = self._prepare_stage(job)
         self._set_part("settings", self._configure_scene, job.settings)
         self._set_part("vehicles", stage.place_vehicles, job.vehicles)
@@ -75,6 +83,11 @@ class Renderer:
         )
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
+        return stage
+
+    def _render_picture(self, job: RenderJob) -> Reply:
+        start = time.monotonic()
+        stage = self._prepare_scene(job)
         output = Path(job.output)
         output.unlink(missing_ok=True)  # from a failed attempt
         stage.scene.render.filepath = os.fspath(output)

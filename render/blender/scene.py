@@ -11,7 +11,7 @@ Paper, sections 2.1.3 and 2.1.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import bpy
@@ -19,8 +19,8 @@ import numpy as np
 
 from hulldown.camera.weather.kinds import KINDS, Weather, airlight_radiance
 from hulldown.reading.blender.frames import set_pose, world_from_blender_camera
-from hulldown.reading.blender.opening import disarm_file
-from hulldown.reading.blender.tidy_properties import PART, REST
+from hulldown.reading.blender.opening import disarm_file, open_blend
+from hulldown.reading.blender.tidy_properties import PART, REST, VISIBILITY
 from hulldown.render.blender.covers import PLANE
 from hulldown.render.blender.cycles import Unusable
 from hulldown.render.blender.fog import Fog
@@ -31,7 +31,7 @@ from hulldown.render.blender.paint_nodes import PaintedMaterials
 from hulldown.render.blender.streaks import Precipitation, falling_streaks
 from hulldown.render.blender.surfaces import Surfaces
 
-MAX_VEHICLES = 4  # vehicle files kept in memory if rows have companions, which recur
+MAX_VEHICLES = 8  # vehicle files kept in memory if rows have companions, which recur
 SENSOR_WIDTH = 36.0
 SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
 CLIP_END_M = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
@@ -41,9 +41,14 @@ class Stage:
     """The tidy twin of a scenery with our own camera and light, to be set up for one row after the other."""
 
     def __init__(self, tidy: str) -> None:
-        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-        self.scene = bpy.data.scenes.new("hulldown")  # that of the startup file has settings of earlier Blenders
-        self.scene.collection.children.link(append_twin(tidy)[0])
+        bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # an open file isn't read again
+        with bpy.data.libraries.load(tidy) as (source, _):
+            refuse_newer(source, tidy)
+        # Appending takes the square of the number of objects. The twin has no scene, and another one's settings
+        # wouldn't count: ours is new.
+        open_blend(tidy)
+        self.scene = bpy.data.scenes.new("hulldown")
+        self.scene.collection.children.link(bpy.data.collections[0])
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add_object("hulldown camera", bpy.data.cameras.new("hulldown camera"))
@@ -55,8 +60,7 @@ class Stage:
             self._add_object("hulldown precipitation", bpy.data.meshes.new("hulldown drops"))
         )
         self.surfaces = Surfaces()
-        self._vehicles: dict[str, list[Any]] = {}  # by prepared file, a collection for each copy; last used last
-        self._painted: dict[str, PaintedMaterials] = {}  # of each of them
+        self._vehicles: dict[str, _LoadedVehicle] = {}  # by prepared file, last used last
         self._companions = False  # whether any row has had more than one vehicle file
         self._lowest = math.inf  # meters: height of the lowest vehicle
 
@@ -68,58 +72,30 @@ class Stage:
 
     def place_vehicles(self, vehicles: Sequence[VehicleInput]) -> list[list[Any]]:
         """Place these vehicles and no others in the scenery; return the objects of each."""
-        used: dict[str, int] = {}
+        used = dict.fromkeys((vehicle.tidy for vehicle in vehicles), 0)
         placed = []
         self._lowest = min((vehicle.world_from_parts[0][2][3] for vehicle in vehicles), default=math.inf)
         for vehicle in vehicles:
-            path = vehicle.tidy
-            copy = used.get(path, 0)
-            used[path] = copy + 1
-            collection = self._load_vehicle(path, copy)
+            loaded = self._vehicles.pop(vehicle.tidy, None) or _LoadedVehicle(vehicle.tidy, self.scene, self.root)
+            self._vehicles[vehicle.tidy] = loaded
+            objects = loaded.copy(used[vehicle.tidy])
+            used[vehicle.tidy] += 1
             parts = np.asarray(vehicle.world_from_parts, dtype=np.float64)
             above = np.linalg.inv(parts[0])[2].tolist()
-            for obj in collection.objects:
+            for obj in objects:
                 obj[PLANE] = above
                 set_pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
-            if self._painted[path].is_first(vehicle.paint):
+            if loaded.painted.is_first(vehicle.paint):
                 self.surfaces.clear()  # paint is inserted below water and snow
-            self._painted[path].paint(collection.objects, vehicle.paint)
-            placed.append(list(collection.objects))
-        linked = {c for path, n in used.items() for c in self._vehicles[path][:n]}
-        children = self.scene.collection.children
-        for collection in [c for copies in self._vehicles.values() for c in copies]:
-            if (collection in linked) != (collection.name in children):
-                (children.link if collection in linked else children.unlink)(collection)
-        self._forget_all_but(used)
-        return placed
-
-    def _load_vehicle(self, path: str, copy: int) -> Any:
-        copies = self._vehicles.pop(path, [])
-        self._vehicles[path] = copies
-        if not copies:
-            collection, materials = append_twin(path)
-            self._painted[path] = PaintedMaterials(collection.objects, materials)
-            copies.append(collection)
-            copies[0].use_fake_user = True  # keeps it from being purged while it's in no scene
-            for obj in copies[0].objects:
-                obj.parent = self.root
-                obj.matrix_basis.identity()  # `set_pose` has the whole transform
-        while len(copies) <= copy:
-            twin = bpy.data.collections.new(copies[0].name)
-            for obj in copies[0].objects:
-                twin.objects.link(obj.copy())  # shares mesh and materials
-            twin.use_fake_user = True
-            copies.append(twin)
-        return copies[copy]
-
-    def _forget_all_but(self, used: Mapping[str, int]) -> None:
+            loaded.painted.paint(objects, vehicle.paint)
+            placed.append(objects)
+        for tidy, loaded in self._vehicles.items():
+            loaded.show(used.get(tidy, 0))
         self._companions = self._companions or len(used) > 1
         kept = MAX_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
-        for path in [p for p in self._vehicles if p not in used][: max(0, len(self._vehicles) - kept)]:
-            copies = self._vehicles.pop(path)
-            del self._painted[path]
-            bpy.data.batch_remove([o for c in copies for o in c.objects] + copies)
-            bpy.data.orphans_purge(do_recursive=True)
+        for tidy in [t for t in self._vehicles if t not in used][: max(0, len(self._vehicles) - kept)]:
+            self._vehicles.pop(tidy).remove()
+        return placed
 
     def set_camera(self, camera: CameraInput) -> None:
         """Set the row's camera."""
@@ -157,7 +133,7 @@ class Stage:
             self.precipitation.clear()
             self.surfaces.clear()
             return
-        vehicles = [obj for copies in self._vehicles.values() for copy in copies for obj in copy.objects]
+        vehicles = [obj for loaded in self._vehicles.values() for obj in loaded.objects()]
         self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         pose = np.array(self._view.world_from_camera)
         glow = airlight_radiance(weather.kind, self.world.airlight_radiance())
@@ -171,15 +147,65 @@ class Stage:
             self.precipitation.draw_streaks(streaks, radiance, pose[:3, 3])
 
 
+class _LoadedVehicle:
+    """The objects of a vehicle's tidy twin in a scene, in as many copies as a row has had, each with its own pose.
+
+    Objects that no ray may see are left out by Cycles. To unlink them would have Blender build its graph of all
+    objects anew.
+    """
+
+    def __init__(self, tidy: str, scene: Any, root: Any) -> None:
+        collection, materials = append_twin(tidy)
+        self._scene, self._collections = scene, [collection]
+        self.painted = PaintedMaterials(collection.objects, materials)
+        for obj in collection.objects:
+            obj.parent = root
+            obj.matrix_basis.identity()  # `set_pose` has the whole transform
+        self._looks = [[getattr(obj, ray) for ray in VISIBILITY] for obj in collection.objects]  # as in the file
+        scene.collection.children.link(collection)
+
+    def copy(self, number: int) -> list[Any]:
+        """Return the objects of a copy, made when first needed."""
+        while len(self._collections) <= number:
+            twin = bpy.data.collections.new(self._collections[0].name)
+            for obj in self._collections[0].objects:
+                twin.objects.link(obj.copy())  # shares mesh and materials
+            self._collections.append(twin)
+            self._scene.collection.children.link(twin)
+        return list(self._collections[number].objects)
+
+    def show(self, copies: int) -> None:
+        """Show the first copies, and hide the others."""
+        for number, collection in enumerate(self._collections):
+            for obj, look in zip(collection.objects, self._looks, strict=True):
+                for ray, seen in zip(VISIBILITY, look, strict=True):
+                    if getattr(obj, ray) != (shown := seen and number < copies):
+                        setattr(obj, ray, shown)
+
+    def objects(self) -> Iterator[Any]:
+        """Yield those of all copies."""
+        for collection in self._collections:
+            yield from collection.objects
+
+    def remove(self) -> None:
+        """Remove them, and the data that nothing else uses."""
+        bpy.data.batch_remove([*self.objects(), *self._collections])
+        bpy.data.orphans_purge(do_recursive=True)
+
+
+def refuse_newer(source: Any, tidy: str) -> None:
+    """Raise Unusable if a later Blender wrote a tidy twin; `source`: as `libraries.load` yields it."""
+    if source.version[:2] > bpy.app.version[:2]:
+        wrote = ".".join(map(str, source.version[:2]))
+        problem = f"{tidy} was written by Blender {wrote}, newer than the {bpy.app.version_string} that renders"
+        remedy = f"render with Blender {wrote}, or with another --cache, for which files are read again"
+        raise Unusable(problem, remedy)
+
+
 def append_twin(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
     """Append the collection of a tidy twin, and its materials, by their names in it."""
     with bpy.data.libraries.load(tidy, link=False) as (source, target):
-        if source.version[:2] > bpy.app.version[:2]:
-            wrote = ".".join(map(str, source.version[:2]))
-            problem = f"{tidy} was written by Blender {wrote}, newer than the {bpy.app.version_string} that renders"
-            raise Unusable(
-                problem, f"render with Blender {wrote}, or with another --cache, for which files are read again"
-            )
+        refuse_newer(source, tidy)
         target.collections = source.collections[:1]
         names = list(source.materials)
         target.materials = list(names)
