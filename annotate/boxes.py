@@ -48,17 +48,14 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.annotate.clipping import extremes_of_mesh
-from hulldown.annotate.curves import CurvedView, extremes_of_curved
+from hulldown.annotate.extremes import ImageView, surface_extremes
 from hulldown.annotate.posing import PosedParts, transform_parts
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.cameras import NEAR_M, Cameras
-from hulldown.camera.frustum import Frustum
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.arrays import checked_array
 
 MAX_BATCH_POSES = 4096  # poses whose matrices are in memory at a time
-MAX_COORDINATE_PX = 1e9  # pixels: limit of a lens's polynomial far off its axis, for numbers that plans can store
 CLEAR_MARGIN_PX = 1e-6  # pixels outside the image beyond which rounding can't move a point into it
 POINTS_PER_BLOCK = 1 << 15  # points moved at a time, which stay in the second-level cache
 
@@ -112,10 +109,7 @@ def surface_box(
     used, number = np.unique(triangles, return_inverse=True)
     triangles = number.reshape(-1, 3)
     points = (camera.world_from_camera[:3, :3].T @ (vertices[used] - camera.position).T).copy()
-    intrinsics = camera.lenses
-    if intrinsics.is_distorted:
-        return _is_known(_curved_box(points, triangles, intrinsics, frame=frame))
-    return _is_known(_extremes_box(extremes_of_mesh(points, triangles, Frustum(intrinsics, frame=frame))))
+    return _is_known(_view_box(points, triangles, ImageView(camera.lenses, frame)))
 
 
 class VehicleBoxes:
@@ -206,43 +200,44 @@ class VehicleBoxes:
             camera_from_parts = self._parts.camera_from_parts(
                 vehicles[rows], cameras.world_from_camera[rows], angles[rows]
             )
-            if lenses.is_distorted:
-                for i, pose in enumerate(camera_from_parts, start=start):
-                    xywh[i], amodal[i] = self._curved_boxes(pose, lenses)
-                continue
-            hull, nearest, farthest = self._hull_extremes(camera_from_parts, lenses.take(rows))
-            low, high = hull[:, 0], hull[:, 1]
-            boxes = np.concatenate([low, high - low], axis=1)
-            in_front = nearest >= NEAR_M  # wholly; so are the others
-            framed = in_front & (low >= 0.0).all(axis=1) & (high <= lenses.size).all(axis=1)
-            out_of_frame = in_front & ((high < -CLEAR_MARGIN_PX) | (low > lenses.size + CLEAR_MARGIN_PX)).any(axis=1)
-            xywh[rows][framed], amodal[rows][in_front] = boxes[framed], boxes[in_front]
-            for out, frame, known in ((xywh, True, framed | out_of_frame), (amodal, False, in_front)):
-                for i in np.flatnonzero(~known & (farthest >= NEAR_M)).tolist():
-                    frustum = Frustum(lenses.take(np.array(start + i)), frame=frame)
-                    points = self._points(camera_from_parts[i])
-                    out[start + i] = _extremes_box(extremes_of_mesh(points, self._parts.faces, frustum))
+            xywh[rows], amodal[rows] = self._view_boxes(camera_from_parts, lenses.take(rows))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
-    def _curved_boxes(
-        self, camera_from_parts: Float[np.ndarray, "p 3 4"], intrinsics: Intrinsics
-    ) -> tuple[Float[np.ndarray, "4"], Float[np.ndarray, "4"]]:
-        """Return boxes through distorting lenses, in the image and amodal; nan if there is none."""
-        points, faces = self._points(camera_from_parts), self._parts.faces
-        amodal = _curved_box(points, faces, intrinsics, frame=False)
-        low, high = amodal[:2], amodal[:2] + amodal[2:]
-        if (low >= 0.0).all() and (high <= intrinsics.size).all():
-            return amodal, amodal
-        may_show = (high >= 0.0).all() and (low <= intrinsics.size).all()
-        return _curved_box(points, faces, intrinsics, frame=True) if may_show else np.full(4, np.nan), amodal
+    def _view_boxes(
+        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lenses: Intrinsics
+    ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
+        """Return boxes in the image, and amodal boxes; nan where there is none."""
+        faces, size = self._parts.faces, lenses.size
+        low, high, nearest, farthest = self._hull_extremes(camera_from_parts, lenses)
+        # A surface wholly in front of the camera has the box of its hull, if the lens doesn't bend its edges.
+        whole = (nearest >= NEAR_M) & (not lenses.is_distorted)
+        amodal = np.where(whole[:, None], np.concatenate([low, high - low], axis=1), np.nan)
+        framed = (low >= 0.0).all(axis=1) & (high <= size).all(axis=1)
+        out_of_frame = ((high < -CLEAR_MARGIN_PX) | (low > size + CLEAR_MARGIN_PX)).any(axis=1)
+        xywh = np.where((whole & framed)[:, None], amodal, np.nan)
+        for i in np.flatnonzero((farthest >= NEAR_M) & ~(whole & (framed | out_of_frame))).tolist():
+            points, lens = self._points(camera_from_parts[i]), lenses.take(i)
+            if not whole[i]:
+                amodal[i] = _view_box(points, faces, ImageView(lens, clip_to_image=False))
+                first, last = amodal[i, :2], amodal[i, :2] + amodal[i, 2:]
+                if (first >= 0.0).all() and (last <= size).all():
+                    xywh[i] = amodal[i]
+                    continue
+                if not ((last >= -CLEAR_MARGIN_PX).all() and (first <= size + CLEAR_MARGIN_PX).all()):
+                    continue
+            xywh[i] = _view_box(points, faces, ImageView(lens, clip_to_image=True))
+        return xywh, amodal
 
     def _points(self, camera_from_parts: Float[np.ndarray, "p 3 4"]) -> Float[np.ndarray, "3 v"]:
         return transform_parts(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
 
     def _hull_extremes(
-        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], intrinsics: Intrinsics
-    ) -> tuple[Float[np.ndarray, "n 2 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Low and high corners in pixels of n convex hulls, valid for those in front; least and largest depth."""
+        self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lenses: Intrinsics
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+        """Low and high corners in pixels of n hulls through lenses without distortion; least and largest depth.
+
+        Corners are valid for hulls in front of the camera.
+        """
         n = len(camera_from_parts)
         nearest, farthest, extremes = np.empty(n), np.empty(n), np.empty((n, 4))
         step = max(1, POINTS_PER_BLOCK // self._parts.extreme.shape[1])
@@ -256,7 +251,8 @@ class VehicleBoxes:
             # Scaling to pixels is monotone, rounding included: the extremes may be taken first.
             for column, extreme in enumerate((x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1))):
                 extremes[rows, column] = extreme
-        return intrinsics.pixels(extremes.reshape(n, 2, 2)), nearest, farthest
+        low, high = (extremes.reshape(n, 2, 2) * lenses.focal[..., None, :] + lenses.center).swapaxes(0, 1)
+        return low, high, nearest, farthest
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
@@ -272,19 +268,13 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
     return np.asarray(np.clip(1.0 - share, 0.0, 1.0))
 
 
-def _extremes_box(extremes: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
-    """Return the box between extremes, nan if they are empty."""
+def _view_box(
+    points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView
+) -> Float[np.ndarray, "4"]:
+    """Return the box of a mesh in the camera's frame; nan if nothing is seen."""
+    extremes = surface_extremes(points, faces, view)
     empty = not extremes[0] <= extremes[2]
     return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
-
-
-def _curved_box(
-    points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], intrinsics: Intrinsics, *, frame: bool
-) -> Float[np.ndarray, "4"]:
-    """Return the box of a mesh in the camera's frame through a distorting lens; nan if nothing counts."""
-    return _extremes_box(
-        np.clip(extremes_of_curved(points, faces, CurvedView(intrinsics, frame)), -MAX_COORDINATE_PX, MAX_COORDINATE_PX)
-    )
 
 
 def _is_known(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:

@@ -1,11 +1,9 @@
-"""Extremes of projected triangles after exact clipping against the near plane and the image's edges."""
+"""Exact clipping of triangles by planes, and boxes of points."""
 
 from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float, Int, UInt8
-
-from hulldown.camera.frustum import Frustum, plane_distance
 
 EMPTY = np.array([np.inf, np.inf, -np.inf, -np.inf])
 
@@ -16,24 +14,6 @@ def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "
     if not u.size:
         return EMPTY
     return np.array([u.min(), v.min(), u.max(), v.max()])
-
-
-def extremes_of_mesh(points: Float[np.ndarray, "3 v"], faces: np.ndarray, frustum: Frustum) -> Float[np.ndarray, "4"]:
-    """Extremes in pixels of an indexed mesh in the camera's frame, clipped; empty if nothing is left.
-
-    Every point is a corner of a triangle. Only triangles that straddle a plane are clipped.
-    """
-    outside = frustum.outside_bits(points)
-    a, b, c = outside[faces[:, 0]], outside[faces[:, 1]], outside[faces[:, 2]]
-    straddling = faces[((a | b | c) != 0) & ((a & b & c) == 0)]
-    whole = extremes_of_points(frustum.project(points.compress(outside == 0, axis=1)))
-    points, _, on = clip_triangles(points[:, straddling], frustum.planes)
-    pixels = frustum.project(points)
-    # A corner cut by an edge of the image is exactly on it.
-    width, height = frustum.intrinsics.size.tolist()
-    for bit, (axis, side) in enumerate(((0, 0.0), (0, width), (1, 0.0), (1, height)), start=1):
-        pixels[axis, on >> bit & 1 == 1] = side
-    return union_boxes(whole, extremes_of_points(pixels))
 
 
 def clip_triangles(
@@ -53,7 +33,7 @@ def clip_triangles(
     for i, plane in enumerate(planes):
         if not len(polygon):
             break
-        distance = plane_distance(plane, points)
+        distance = distance_from(plane, points)
         inside = distance >= 0.0
         if inside.all():
             continue
@@ -86,3 +66,9 @@ def next_corner(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     last = np.flatnonzero(np.diff(polygon, append=-1))
     following[last] = np.searchsorted(polygon, polygon[last])
     return following
+
+
+def distance_from(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
+    """Signed distance of points from a plane, scaled; not negative inside."""
+    terms = [factor * x for factor, x in zip(plane.tolist(), (*points, 1.0), strict=True) if factor]
+    return sum(terms[1:], start=terms[0])

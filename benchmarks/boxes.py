@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
-from hulldown.annotate.clipping import extremes_of_mesh
+from hulldown.annotate.extremes import ImageView, surface_extremes
 from hulldown.annotate.posing import PosedParts, transform_parts
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.benchmarks.scenes import HD
 from hulldown.benchmarks.tables import table
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.frustum import Frustum
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
@@ -184,7 +183,7 @@ class _Rules:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
         points = transform_parts(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
-        u0, v0, u1, v1 = extremes_of_mesh(points, self.parts.faces, Frustum(camera.lenses, frame=True))
+        u0, v0, u1, v1 = surface_extremes(points, self.parts.faces, ImageView(camera.lenses, clip_to_image=True))
         return np.array([u0, v0, u1 - u0, v1 - v0]) if u0 <= u1 else None
 
 

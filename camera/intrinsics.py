@@ -148,8 +148,8 @@ class Intrinsics:
         """Number of the cameras; None: one for all."""
         return len(self.fov_x) if isinstance(self.fov_x, np.ndarray) else None
 
-    def take(self, rows: np.ndarray | slice) -> Intrinsics:
-        """Return some rows; unchanged if there is one for all."""
+    def take(self, rows: np.ndarray | slice | int) -> Intrinsics:
+        """Return some rows, or one; unchanged if there is one for all."""
         if not isinstance(self.fov_x, np.ndarray):
             return self
         taken = replace(self, fov_x=self.fov_x[rows])

@@ -14,7 +14,8 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from hulldown.annotate.boxes import MAX_COORDINATE_PX, VehicleBoxes, surface_box
+from hulldown.annotate.boxes import VehicleBoxes, surface_box
+from hulldown.annotate.extremes import MAX_COORDINATE_PX
 from hulldown.annotate.masks import mask_box
 from hulldown.annotate.posing import PosedParts, transform_parts
 from hulldown.annotate.silhouettes import vehicle_masks
