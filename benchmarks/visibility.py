@@ -16,12 +16,12 @@ from hulldown.benchmarks.tables import table
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
+from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.shapes import vertices_at
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)

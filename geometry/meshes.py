@@ -31,7 +31,7 @@ class Mesh:
     name
         Its name in errors.
     cutouts
-        Which faces textures cut out; None: none. Only `geometry.cutouts` looks at them.
+        Which faces textures cut out; None: none. Only `scene.cutouts` looks at them.
     extreme
         (k,) the vertices that `extreme_vertices` finds, where they were stored with the mesh; None: not known.
 

@@ -14,7 +14,7 @@ from hulldown.geometry.hulls import inner_point
 from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.portable import hypot
-from hulldown.geometry.rays import RayCaster
+from hulldown.scene.ray_caster import RayCaster
 
 RASTER_CELLS = 128  # cells a side of an underside: 3 to 7 cm under a tank
 MAX_LEAN_SLOPE = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md

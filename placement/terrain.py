@@ -9,10 +9,10 @@ from numpy.typing import ArrayLike
 from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
-from hulldown.geometry.rays import RayCaster, bounds_within_reach, coherent_blocks
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward_normals
 from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
+from hulldown.scene.ray_caster import RayCaster, bounds_within_reach, coherent_blocks
 
 
 class Terrain:

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.geometry.overlap import boxes_touch, triangles_touch_box
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import invert_rigid, rigid_matrix, transform_points
+from hulldown.scene.instances import InstancedScene
+from hulldown.scene.obstacles import boxes_touch, triangles_touch_box
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.shapes import CORNERS, QUADS, random_rotations
 from hulldown.tests.oracles.clipping import clipped
 

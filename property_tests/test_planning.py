@@ -17,13 +17,13 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.attributes import label_numbers
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.asset_sections import OWN
 from hulldown.plan.summary import summarize_plan
 from hulldown.planning.check import known_poses, relabel_row
 from hulldown.planning.planner import Planner
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.planning_assets import (
     DISTRACTOR_ENTRIES,
     VEHICLE_ENTRIES,

@@ -11,8 +11,8 @@ from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.transforms import rigid_matrix
+from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.tests.builders.shapes import box, random_rotations

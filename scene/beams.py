@@ -9,10 +9,10 @@ from jaxtyping import Float, Int
 
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.cameras import NEAR_M
-from hulldown.geometry.cutouts import MIN_TRANSMITTANCE
 from hulldown.geometry.indices import rank_batches
-from hulldown.geometry.instances import InstancedScene, InstanceHits
 from hulldown.geometry.transforms import BOX_CORNERS, invert_rigid, transform_points
+from hulldown.scene.cutouts import MIN_TRANSMITTANCE
+from hulldown.scene.instances import InstancedScene, InstanceHits
 
 # Parts of a beam along its length: their boxes enclose less empty space than one box.
 BEAM_LENGTHS = 8

@@ -16,11 +16,11 @@ from hulldown.assets.scenery import Scenery
 from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.columns import put_rows
-from hulldown.geometry.cutouts import make_caster
-from hulldown.geometry.instances import InstancedScene, InstanceHits
-from hulldown.geometry.rays import RayCaster, RayHits
 from hulldown.scene.beams import nearest_in_beams, passed_in_beams
+from hulldown.scene.cutouts import make_caster
+from hulldown.scene.instances import InstancedScene, InstanceHits
 from hulldown.scene.posed_vehicle import BATCH_RAYS, PosedVehicle
+from hulldown.scene.ray_caster import RayCaster, RayHits
 
 TILE_PX = 64  # pixels, each way, that are traced together
 

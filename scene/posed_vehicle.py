@@ -13,12 +13,12 @@ from scipy.spatial import HalfspaceIntersection, QhullError
 
 from hulldown.assets.vehicle import Articulation, VehicleShape
 from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
-from hulldown.geometry.cutouts import make_caster
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.indices import matching_pairs
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster, RayHits
 from hulldown.geometry.transforms import compose_affine, invert_rigid, rotate_vectors, transform_points
+from hulldown.scene.cutouts import make_caster
+from hulldown.scene.ray_caster import RayCaster, RayHits
 
 # Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
 # stay in cache.

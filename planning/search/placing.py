@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.geometry.columns import put_rows
-from hulldown.geometry.overlap import boxes_touch
 from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import compose_affine, invert_rigid, rigid_matrix, rotation_z, transform_points
 from hulldown.placement.contact import underside_depth
@@ -22,6 +21,7 @@ from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import scale_uniform
 from hulldown.planning.search.stage import Site, settle_rules
 from hulldown.planning.search.tables import Role
+from hulldown.scene.obstacles import boxes_touch
 
 SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the sky start
 

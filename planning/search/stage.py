@@ -15,15 +15,15 @@ from hulldown.assets.library import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
-from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import BOX_CORNERS
+from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.contact import Footing, stack_samples
 from hulldown.placement.footprint import vehicle_underside
 from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.config.schema import Config
-from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import VehicleCaster
 

@@ -13,11 +13,11 @@ from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster
 from hulldown.reading.vehicle.marked_keypoints import marked_points
 from hulldown.render.verify import verify_dataset
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.annotate.test_silhouettes import CAMERA, CUBE, SHAPE
 from hulldown.tests.builders.editing import append, edit
 from hulldown.tests.builders.planning_assets import small_assets

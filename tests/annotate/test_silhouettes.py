@@ -7,10 +7,10 @@ from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid_matrix
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.shapes import CORNERS, FACES, vehicle_of
 
 CUBE = 2.0 * CORNERS - 1.0

@@ -13,20 +13,20 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_elevation
 from hulldown.camera.size import solve_distance
 from hulldown.geometry.arrays import checked_array, whole_number
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, first_equal, merge_meshes
-from hulldown.geometry.overlap import Obstacles
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import invert_rigid, tilt_rotation, transform_points, upright_rotation
 from hulldown.placement.candidates import sample_candidates
+from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.footprint import contact_footprint, vehicle_underside
 from hulldown.placement.rest import support_plane
 from hulldown.placement.rules import RULES, SettleRules
 from hulldown.placement.settle import settle
 from hulldown.placement.terrain import Terrain
-from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.instances import InstancedScene
+from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import NO_OBSTACLES, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.shapes import box, sheet, vehicle_of
 
 ONE, DOWN = np.eye(4)[None], [0.0, 0.0, -1.0]

@@ -14,11 +14,11 @@ from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, Job, ask_reader, finished_export, reader_job
+from hulldown.scene.instances import InstancedScene
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.blender_plans import run_script
 from hulldown.tests.builders.shapes import vertices_at
 

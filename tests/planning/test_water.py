@@ -10,14 +10,14 @@ from hulldown.assets.library import Assets
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z
+from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.planning.search.stage import make_stage
-from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.instances import InstancedScene
+from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.builders.planning_assets import bare, hills, plan, small_config, vehicle, with_water

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from hulldown.assets.bundle import load_scenery
-from hulldown.geometry.instances import InstancedScene
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.reader_process import export_asset
+from hulldown.scene.instances import InstancedScene
 
 SCRIPT = "cutout_blends.py"
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py

@@ -6,12 +6,12 @@ import trimesh
 
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z
+from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Kind, Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.shapes import box, vertices_at
 from hulldown.tests.scene.test_visibility import TANK
 

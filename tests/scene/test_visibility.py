@@ -12,12 +12,12 @@ from hulldown.camera.framing import pan_to_pixel as aimed_off
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.hulls import extreme_points
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
+from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Plane, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster, bounding_points
+from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.planning_assets import vehicle
 from hulldown.tests.builders.shapes import box, vehicle_of
 

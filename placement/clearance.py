@@ -11,10 +11,10 @@ from numpy.typing import ArrayLike
 
 from hulldown.camera.cameras import NEAR_M
 from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import invert_rigid, transform_points
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
+from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_vehicle import PosedVehicle
 
 

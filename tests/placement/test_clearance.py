@@ -5,13 +5,13 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.transforms import compose_affine, rigid_matrix, rotation_z
+from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
-from hulldown.scene.clearance import CameraRoom
+from hulldown.scene.instances import InstancedScene
+from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.builders.shapes import box, vehicle_of
 

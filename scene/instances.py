@@ -16,11 +16,11 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.cutouts import make_caster
 from hulldown.geometry.indices import rank_batches
 from hulldown.geometry.meshes import Mesh, unit_normals
-from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
 from hulldown.geometry.transforms import invert_affine, transform_points
+from hulldown.scene.cutouts import make_caster
+from hulldown.scene.ray_caster import RayCaster, RayHits, checked_rays
 
 RAYS_PER_BLOCK = 1 << 16  # rays whose crossings are in memory at a time
 # Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.

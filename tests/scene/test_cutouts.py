@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.alpha import GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
-from hulldown.geometry.cutouts import make_caster
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.geometry.overlap import Obstacles
 from hulldown.geometry.seen_surface import faces_with_area, seen_surface
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
+from hulldown.scene.cutouts import make_caster
+from hulldown.scene.instances import InstancedScene
+from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.builders.shapes import vehicle_of

@@ -1,6 +1,6 @@
 import numpy as np
 
-from hulldown.geometry.instances import InstancedScene
+from hulldown.scene.instances import InstancedScene
 from hulldown.tests.builders.shapes import box
 
 CUBE = box((-1, -1, 0), (1, 1, 2), "cube")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.geometry.rays import RAYS_PER_BLOCK, RayCaster, coherent_blocks
+from hulldown.scene.ray_caster import RAYS_PER_BLOCK, RayCaster, coherent_blocks
 from hulldown.tests.builders.shapes import sheet
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.

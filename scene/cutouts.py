@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.alpha import HIT_OPACITY, Cut, TexelCounts
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.rays import RayCaster, RayHits, checked_rays
+from hulldown.scene.ray_caster import RayCaster, RayHits, checked_rays
 
 STEP_ULPS = 4  # units in the last place from a hit to the next start
 MIN_STEP_COSINE = 1e-3  # cosine to a face's normal below which the step no longer grows

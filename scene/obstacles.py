@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.cutouts import Solidity
 from hulldown.geometry.indices import rank_batches
-from hulldown.geometry.instances import InstancedScene
 from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import BOX_CORNERS, compose_affine, invert_rigid, rotate_vectors, transform_points
+from hulldown.scene.cutouts import Solidity
+from hulldown.scene.instances import InstancedScene
 
 ENCLOSURE_REACH_M = 100.0  # meters; a sky dome is farther away
 PAIRS_PER_BLOCK = 1 << 14  # pairs of box and triangle tested at a time
