@@ -33,7 +33,7 @@ def clip_triangles(
     for i, plane in enumerate(planes):
         if not len(polygon):
             break
-        distance = distance_from(plane, points)
+        distance = plane_distance(plane, points)
         inside = distance >= 0.0
         if inside.all():
             continue
@@ -68,7 +68,7 @@ def next_corner(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     return following
 
 
-def distance_from(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
+def plane_distance(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
     """Signed distance of points from a plane, scaled; not negative inside."""
     terms = [factor * x for factor, x in zip(plane.tolist(), (*points, 1.0), strict=True) if factor]
     return sum(terms[1:], start=terms[0])

@@ -19,9 +19,9 @@ from jaxtyping import Bool, Float, Int
 from hulldown.annotate.clipping import (
     EMPTY,
     clip_triangles,
-    distance_from,
     extremes_of_points,
     next_corner,
+    plane_distance,
     union_boxes,
 )
 from hulldown.camera.cameras import NEAR_M
@@ -44,33 +44,33 @@ class ImageView:
     clip_to_image: bool  # whether the image's sides bound what is seen, or the near plane and a lens's fold alone
 
     @cached_property
-    def numbers(self) -> tuple[list[float], list[float], list[float]]:
+    def lens_numbers(self) -> tuple[list[float], list[float], list[float]]:
         """Focal lengths, principal point, and size in pixels."""
         return self.lens.focal.tolist(), self.lens.center.tolist(), self.lens.size.tolist()
 
     @property
-    def planes(self) -> Float[np.ndarray, "k 4"]:
+    def clip_planes(self) -> Float[np.ndarray, "k 4"]:
         """Rows (a, b, c, d) with a x + b y + c z + d >= 0 inside: near, then left, right, upper, and lower side."""
         if not self.clip_to_image:
             return NEAR_PLANE
-        (fx, fy), (cx, cy), (width, height) = self.numbers
+        (fx, fy), (cx, cy), (width, height) = self.lens_numbers
         sides = [[fx, 0.0, cx, 0.0], [-fx, 0.0, width - cx, 0.0], [0.0, fy, cy, 0.0], [0.0, -fy, height - cy, 0.0]]
         return np.concatenate([NEAR_PLANE, sides])
 
     @property
-    def radius(self) -> float:
+    def sight_radius(self) -> float:
         """Distance from the axis at unit depth, beyond which nothing is seen."""
         x, y = self.lens.half_tangents
         return min(self.lens.radius, math.sqrt(x * x + y * y)) if self.clip_to_image else self.lens.radius
 
     def pixels(self, unit: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "2 n"]:
         """Return pixels of points at unit depth, in the image or not."""
-        (u, v), ((fx, fy), (cx, cy), _) = unit, self.numbers
+        (u, v), ((fx, fy), (cx, cy), _) = unit, self.lens_numbers
         if self.lens.is_distorted:
             u, v = distort_points(unit.T, self.lens.distortion).T
         return np.stack([u * fx + cx, v * fy + cy])
 
-    def gain(
+    def box_gain(
         self,
         best: Float[np.ndarray, "4"],
         pixels: Sequence[Float[np.ndarray, "2 n"]],
@@ -87,11 +87,11 @@ class ImageView:
         low, high = reduce(np.minimum, pixels) - sagitta, reduce(np.maximum, pixels) + sagitta
         if self.clip_to_image:
             low, high = np.maximum(low, 0.0), np.minimum(high, self.lens.size[:, None])
-        gain = _beyond(best, low, high)
+        gain = _box_excess(best, low, high)
         gain[(low[0] > high[0]) | (low[1] > high[1])] = 0.0
         return gain, low, high
 
-    def inside(self, pixels: Float[np.ndarray, "2 n"]) -> Bool[np.ndarray, " n"]:
+    def are_inside(self, pixels: Float[np.ndarray, "2 n"]) -> Bool[np.ndarray, " n"]:
         """Return which pixels are in the image, if its sides count."""
         (u, v), (width, height) = pixels, self.lens.size.tolist()
         return (u >= 0.0) & (u <= width) & (v >= 0.0) & (v <= height) if self.clip_to_image else np.isfinite(u)
@@ -111,16 +111,16 @@ def _straight_extremes(
     points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView
 ) -> Float[np.ndarray, "4"]:
     """Clip the triangles that straddle a plane: the extremes of straight edges are at their ends."""
-    planes = view.planes
+    planes = view.clip_planes
     outside = np.zeros(points.shape[1], dtype=np.uint8)  # as bits, the planes that each point is outside of
     for i, plane in enumerate(planes):
-        outside |= (distance_from(plane, points) < 0.0).astype(np.uint8) << np.uint8(i)
+        outside |= (plane_distance(plane, points) < 0.0).astype(np.uint8) << np.uint8(i)
     a, b, c = outside[faces[:, 0]], outside[faces[:, 1]], outside[faces[:, 2]]
     straddling = faces[((a | b | c) != 0) & ((a & b & c) == 0)]
     inner = points.compress(outside == 0, axis=1)
     cut, _, on = clip_triangles(points[:, straddling], planes)
     inner, cut = view.pixels(inner[:2] / inner[2]), view.pixels(cut[:2] / cut[2])
-    width, height = view.numbers[2]
+    width, height = view.lens_numbers[2]
     if view.clip_to_image:
         for pixels in (inner, cut):  # against rounding
             np.clip(pixels[0], 0.0, width, out=pixels[0])
@@ -137,25 +137,25 @@ def _curved_extremes(
     """Return the extremes through a distorting lens, within pixels that plans can store."""
     ahead = points[2] >= NEAR_M
     unit = points[:2] / np.where(ahead, points[2], 1.0)
-    radius = view.radius
-    known = ahead & (_square(unit) <= radius * radius)
+    radius = view.sight_radius
+    known = ahead & (_squared_length(unit) <= radius * radius)
     pixels = np.full_like(unit, np.nan)
     pixels[:, known] = view.pixels(unit[:, known])
     corners = np.ascontiguousarray(faces.T)
     corners_ahead = ahead[corners]
     whole, some = corners_ahead.all(axis=0), corners_ahead.any(axis=0)
-    best = extremes_of_points(pixels.compress(view.inside(pixels), axis=1))
+    best = extremes_of_points(pixels.compress(view.are_inside(pixels), axis=1))
     near_border = _may_widen(best, unit, pixels, corners.compress(whole, axis=1), view)
     clipped_points, polygon, _ = clip_triangles(points[:, faces[some & ~whole]], NEAR_PLANE)
     flat = clipped_points[:2] / clipped_points[2]
     start = np.concatenate([unit.take(near_border.ravel(), axis=1), flat], axis=1)
     end = np.concatenate([unit.take(near_border[[1, 2, 0]].ravel(), axis=1), flat[:, next_corner(polygon)]], axis=1)
     start, end = _clip_to_disk(start, end, radius)
-    best = _widened(best, [start, end, view.pixels(start), view.pixels(end)], view)
+    best = _widen_box(best, [start, end, view.pixels(start), view.pixels(end)], view)
     if view.clip_to_image or math.isfinite(radius):
         every = points.take(corners.compress(some, axis=1), axis=1)
-        for spot, at in zip(*_special(view, radius), strict=True):
-            if _beyond(best, at[:, None], at[:, None]).max() > 0.0 and _covers(every, spot):
+        for spot, at in zip(*_interior_extremes(view, radius), strict=True):
+            if _box_excess(best, at[:, None], at[:, None]).max() > 0.0 and _covers_ray(every, spot):
                 best = union_boxes(best, np.concatenate([at, at]))
     return np.clip(best, -MAX_COORDINATE_PX, MAX_COORDINATE_PX) if best[0] <= best[2] else EMPTY
 
@@ -170,22 +170,24 @@ def _may_widen(
     """Return the corners of the faces whose images may reach beyond a box."""
     places = [unit.take(corner, axis=1) for corner in corners]
     low, high = reduce(np.minimum, places), reduce(np.maximum, places)
-    near = _square(np.maximum(np.maximum(low, -high), 0.0)) <= view.radius**2
+    near = _squared_length(np.maximum(np.maximum(low, -high), 0.0)) <= view.sight_radius**2
     if not near.all():
         corners, low, high = (columns.compress(near, axis=1) for columns in (corners, low, high))
-    farthest = np.sqrt(_square(np.maximum(-low, high)))
-    gain, _, _ = view.gain(best, [pixels.take(corner, axis=1) for corner in corners], _square(high - low), farthest)
+    farthest = np.sqrt(_squared_length(np.maximum(-low, high)))
+    gain, _, _ = view.box_gain(
+        best, [pixels.take(corner, axis=1) for corner in corners], _squared_length(high - low), farthest
+    )
     return corners.compress(~(gain <= 0.0), axis=1)  # nan where a corner isn't seen
 
 
-def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: ImageView) -> Float[np.ndarray, "4"]:
+def _widen_box(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: ImageView) -> Float[np.ndarray, "4"]:
     """Return the box with the images of straight lines at unit depth in it: starts, ends, and the pixels of both."""
     for _ in range(MAX_HALVINGS):
         start, end, first, last = lines
         for pixels in (first, last):
-            best = union_boxes(best, extremes_of_points(pixels.compress(view.inside(pixels), axis=1)))
-        farthest = np.sqrt(np.maximum(_square(start), _square(end)))
-        gain, low, high = view.gain(best, (first, last), _square(end - start), farthest)
+            best = union_boxes(best, extremes_of_points(pixels.compress(view.are_inside(pixels), axis=1)))
+        farthest = np.sqrt(np.maximum(_squared_length(start), _squared_length(end)))
+        gain, low, high = view.box_gain(best, (first, last), _squared_length(end - start), farthest)
         nearly = (gain > 0.0) & (gain <= BOX_TOLERANCE_PX)
         some = low[:, nearly].min(axis=1, initial=np.inf), high[:, nearly].max(axis=1, initial=-np.inf)
         best = union_boxes(best, np.concatenate(some))
@@ -199,12 +201,12 @@ def _widened(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: ImageV
     return best
 
 
-def _square(points: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "*n"]:
+def _squared_length(points: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "*n"]:
     """Return squares of the distances of points from the axis."""
     return points[0] * points[0] + points[1] * points[1]
 
 
-def _beyond(
+def _box_excess(
     best: Float[np.ndarray, "4"], low: Float[np.ndarray, "2 n"], high: Float[np.ndarray, "2 n"]
 ) -> Float[np.ndarray, " n"]:
     """Return how far boxes reach beyond another, where it's farthest; infinite if that one is empty."""
@@ -219,7 +221,11 @@ def _clip_to_disk(
     if math.isinf(radius) or not start.size:
         return start, end
     along = end - start
-    a, b, c = _square(along), start[0] * along[0] + start[1] * along[1], _square(start) - radius * radius
+    a, b, c = (
+        _squared_length(along),
+        start[0] * along[0] + start[1] * along[1],
+        _squared_length(start) - radius * radius,
+    )
     root = b * b - a * c
     met = (root >= 0.0) & ((a > 0.0) | (c <= 0.0))
     start, end, along = start[:, met], end[:, met], along[:, met]
@@ -230,7 +236,7 @@ def _clip_to_disk(
     return np.where(first > 0.0, start + first * along, start), np.where(last < 1.0, start + last * along, end)
 
 
-def _special(view: ImageView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
+def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
     """Return points at unit depth, and their pixels, where what is seen ends and may be extreme inside a triangle.
 
     They are the image's corners, or the extremes on the circle of the fold.
@@ -252,7 +258,7 @@ def _special(view: ImageView, radius: float) -> tuple[Float[np.ndarray, "4 2"], 
     return spots, view.pixels(spots.T).T
 
 
-def _covers(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
+def _covers_ray(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
     """Return whether a triangle in front of the near plane lies on the ray through a point at unit depth."""
     x, y = spot.tolist()
     across, down = triangles[0] - x * triangles[2], triangles[1] - y * triangles[2]
