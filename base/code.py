@@ -18,6 +18,7 @@ FOLDERS = (
     "placement",
     "annotate",
     "pictures",
+    "blender",
     "reading",
     "plan",
     "dataset",

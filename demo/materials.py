@@ -11,8 +11,8 @@ import numpy as np
 from PIL import Image
 
 from hulldown.base.files import atomic_writer
+from hulldown.blender.add_nodes import add_node
 from hulldown.geometry.color import linear_color
-from hulldown.reading.blender.api.add_nodes import add_node
 
 Color = str  # "#rrggbb" as a color picker shows it
 TILE_SIZE_M = 3.0  # meters of a paint's image without a UV map

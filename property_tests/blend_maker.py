@@ -15,8 +15,8 @@ from pathlib import Path
 
 import bpy
 
+from hulldown.blender.add_nodes import add_node
 from hulldown.reading.blender import duplicates, reader
-from hulldown.reading.blender.api.add_nodes import add_node
 from hulldown.tests.builders.blend_parts import instance, place
 from hulldown.tests.builders.messy_blends import CASES
 from hulldown.tests.builders.messy_parts import scatter

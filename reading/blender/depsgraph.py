@@ -15,10 +15,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.base.errors import AssetError
+from hulldown.blender.buffers import read_property
+from hulldown.blender.shaders import is_clear, is_displaced
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.seen_surface import faces_with_area
 from hulldown.geometry.transforms import transform_points
-from hulldown.reading.blender.api.buffers import read_property
 from hulldown.reading.blender.camera_followers import follows_camera
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
@@ -27,7 +28,6 @@ from hulldown.reading.blender.hidden_objects import SOLID, SURFACES, UNDRAWN, is
 from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
 from hulldown.reading.blender.surfaces.object_inputs import random_number, random_number_of_name
-from hulldown.reading.blender.surfaces.shaders import is_clear, is_displaced
 from hulldown.reading.blender.tidy import lasting_data, piece_look
 from hulldown.reading.pieces.asset_report import ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind

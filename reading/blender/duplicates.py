@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.reading.blender.api.buffers import STORED, read_property
+from hulldown.blender.buffers import STORED, read_property
 from hulldown.reading.blender.exact_poses import own_poses
 from hulldown.reading.blender.tidy import piece_look
 

@@ -13,7 +13,7 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.blender.api.add_nodes import add_math, add_node
+from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight, level_irradiance
 from hulldown.base.errors import AssetError
-from hulldown.reading.blender.api.buffers import image_pixels
+from hulldown.blender.buffers import image_pixels
 from hulldown.reading.hdri import MENDED_NAME, FoundSky, mend_radiance
 from hulldown.reading.reader_process import Job
 from hulldown.reading.surroundings import backdrop_elevation, shows_land, small_map

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+from hulldown.blender.shaders import is_volume
 from hulldown.reading.blender.duplicates import Duplicate
-from hulldown.reading.blender.surfaces.shaders import is_volume
 from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.roles import Evaluated, Unseen
 

@@ -16,10 +16,10 @@ import numpy as np
 
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
+from hulldown.blender.opening import open_blend
+from hulldown.blender.shaders import surface_shaders
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
 from hulldown.reading.blender.geotiff_object import open_terrain
-from hulldown.reading.blender.opening import open_blend
-from hulldown.reading.blender.surfaces.shaders import surface_shaders
 from hulldown.reading.blender.surfaces.textures import find_moved
 from hulldown.reading.confinement.blocks import refuse_special_files
 from hulldown.reading.confinement.references import file_directives, material_libraries, mesh_compression

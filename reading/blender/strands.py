@@ -8,8 +8,8 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from hulldown.blender.buffers import read_property
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.blender.api.buffers import read_property
 from hulldown.reading.scenery.hair import hair_mesh
 
 OCTANTS = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]  # corners of an octahedron's faces

@@ -3,7 +3,7 @@
 Files have parents, modifiers, constraints, key frames, particles, and drivers, all of which can undo a planned
 pose. Here they're applied once, in the evaluation that the exported geometry comes from, so the
 planned geometry is rendered. Vehicles: one collection; every object has the index of its part and its pose in the
-vehicle frame as custom properties, see `reading.blender.tidy_properties`. Sceneries: one collection, in meters, z up,
+vehicle frame as custom properties, see `blender.tidy_properties`. Sceneries: one collection, in meters, z up,
 relative to the scenery's origin. Neither has a scene: Blender 5.2 crashes when one is written.
 """
 
@@ -18,9 +18,9 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.reading.blender.frames import set_pose as set_pose
+from hulldown.blender.frames import set_pose as set_pose
+from hulldown.blender.tidy_properties import PART, RANDOM, REST, VISIBILITY
 from hulldown.reading.blender.surfaces.object_inputs import detach_materials
-from hulldown.reading.blender.tidy_properties import PART, RANDOM, REST, VISIBILITY
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
 CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)

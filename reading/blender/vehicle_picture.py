@@ -9,10 +9,10 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
+from hulldown.blender.frames import set_pose, world_from_blender_camera
+from hulldown.blender.light_pictures import render_light, store_light
+from hulldown.blender.tidy_properties import REST
 from hulldown.camera.shell import camera_pose
-from hulldown.reading.blender.api.light_pictures import render_light, store_light
-from hulldown.reading.blender.frames import set_pose, world_from_blender_camera
-from hulldown.reading.blender.tidy_properties import REST
 
 PICTURE_SIDE_PX = 240  # pixels
 PICTURE_SAMPLES = 6

@@ -16,7 +16,7 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.blender.api.add_nodes import add_math, add_node, feed_input
+from hulldown.blender.add_nodes import add_math, add_node, feed_input
 
 SHARE = "hulldown share"
 UP = (0.0, 0.0, 1.0)

@@ -10,9 +10,9 @@ from typing import Any
 import bpy
 import numpy as np
 
+from hulldown.blender.add_nodes import add_node
+from hulldown.blender.frames import set_pose
 from hulldown.camera.weather.kinds import air_layers
-from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.frames import set_pose
 from hulldown.render.blender.hdri_light import HdriWorld
 
 

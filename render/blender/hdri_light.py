@@ -14,10 +14,10 @@ from typing import Any
 import bpy
 import numpy as np
 
+from hulldown.blender.add_nodes import add_math, add_node
+from hulldown.blender.buffers import image_pixels
 from hulldown.camera.backdrop import HIGH, even_color, fade_sines
 from hulldown.camera.weather.kinds import DUST_LAYERS, AirLayer, even_sky
-from hulldown.reading.blender.api.add_nodes import add_math, add_node
-from hulldown.reading.blender.api.buffers import image_pixels
 from hulldown.render.blender.messages import LightInput
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted

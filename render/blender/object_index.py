@@ -13,9 +13,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.light_pictures import render_light, see_pixel_centers
-from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
-from hulldown.reading.blender.surfaces.shaders import is_volume
+from hulldown.blender.light_pictures import render_light, see_pixel_centers
+from hulldown.blender.opacity_nodes import show_opacity
+from hulldown.blender.shaders import is_volume
 from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CyclesSettings
 from hulldown.render.blender.scene import Stage

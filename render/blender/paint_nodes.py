@@ -13,9 +13,9 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.blender.api.add_nodes import add_math, add_node
-from hulldown.reading.blender.surfaces.nodes import nested_trees
-from hulldown.reading.blender.surfaces.shaders import BASE_COLORS
+from hulldown.blender.add_nodes import add_math, add_node
+from hulldown.blender.nodes import nested_trees
+from hulldown.blender.shaders import BASE_COLORS
 
 MID_GRAY = 0.18  # linear; a painted surface of this brightness has the paint's own, black half of it, white 1.35 times
 PREFIX = "hulldown paint "  # of the properties' names

@@ -17,10 +17,10 @@ from typing import Any
 import bpy
 import numpy as np
 
+from hulldown.blender.frames import set_pose, world_from_blender_camera
+from hulldown.blender.opening import disarm_file, open_blend
+from hulldown.blender.tidy_properties import PART, REST, VISIBILITY
 from hulldown.camera.weather.kinds import KINDS, Weather, airlight_radiance
-from hulldown.reading.blender.frames import set_pose, world_from_blender_camera
-from hulldown.reading.blender.opening import disarm_file, open_blend
-from hulldown.reading.blender.tidy_properties import PART, REST, VISIBILITY
 from hulldown.render.blender.covers import PLANE
 from hulldown.render.blender.cycles import Unusable
 from hulldown.render.blender.fog import Fog

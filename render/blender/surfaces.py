@@ -13,10 +13,10 @@ from typing import Any
 import bpy
 import numpy as np
 
+from hulldown.blender.nodes import material_output, nested_trees
+from hulldown.blender.opacity_nodes import SOCKET, opacity_socket
+from hulldown.blender.shaders import is_clear
 from hulldown.camera.weather.kinds import KINDS
-from hulldown.reading.blender.surfaces.nodes import material_output, nested_trees
-from hulldown.reading.blender.surfaces.opacity_nodes import SOCKET, opacity_socket
-from hulldown.reading.blender.surfaces.shaders import is_clear
 from hulldown.reading.pieces.naming import NOT_WATER, WATER, WATERS, first_match
 from hulldown.render.blender import covers
 

@@ -16,8 +16,8 @@ import matplotlib
 import numpy as np
 from PIL import Image
 
-from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.tidy_properties import PART, REST
+from hulldown.blender.add_nodes import add_node
+from hulldown.blender.tidy_properties import PART, REST
 from hulldown.tests.builders.blend_parts import collection, cube, fresh, from_library, link, place, save
 from hulldown.tests.builders.node_trees import node_group, shader_of, textured, write_picture
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.api.light_pictures import render_light, see_pixel_centers
+from hulldown.blender.add_nodes import add_node
+from hulldown.blender.light_pictures import render_light, see_pixel_centers
 from hulldown.reading.blender.surfaces.bake import bake_opacities
 from hulldown.reading.blender.surfaces.opacity import is_opaque
 from hulldown.render.blender import cycles

@@ -10,9 +10,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.blender.add_nodes import add_node
+from hulldown.blender.light_pictures import render_light, see_pixel_centers
 from hulldown.reading.blender import reader
-from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.api.light_pictures import render_light, see_pixel_centers
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import reader_job
 from hulldown.render.blender import cycles

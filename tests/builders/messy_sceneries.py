@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.add_nodes import add_node
+from hulldown.blender.add_nodes import add_node
 from hulldown.tests.builders.blend_parts import collection, empty, instance, place
 from hulldown.tests.builders.messy_parts import box, case, layer, scatter, sheet
 from hulldown.tests.builders.node_trees import material_of

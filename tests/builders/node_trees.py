@@ -3,7 +3,7 @@
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.add_nodes import add_node
+from hulldown.blender.add_nodes import add_node
 
 FORMATS = {".png": "PNG", ".exr": "OPEN_EXR"}
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.add_nodes import add_node
+from hulldown.blender.add_nodes import add_node
 from hulldown.reading.blender.hdri_picture import _write_picture
 from hulldown.tests.builders.blend_parts import cuboid, empty, fresh, gather, mesh, place, save
 from hulldown.tests.builders.node_trees import material_of, principled, shader_of, write_picture

@@ -10,11 +10,11 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from hulldown.blender.add_nodes import add_math, add_node
+from hulldown.blender.light_pictures import render_light, store_light
+from hulldown.blender.tidy_properties import PART, REST
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import Weather
-from hulldown.reading.blender.api.add_nodes import add_math, add_node
-from hulldown.reading.blender.api.light_pictures import render_light, store_light
-from hulldown.reading.blender.tidy_properties import PART, REST
 from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
 from hulldown.render.blender.scene import Stage

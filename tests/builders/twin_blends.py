@@ -12,8 +12,8 @@ from pathlib import Path
 
 import bpy
 
+from hulldown.blender.opening import open_blend
 from hulldown.reading.blender import duplicates, reader
-from hulldown.reading.blender.opening import open_blend
 from hulldown.reading.reader_process import reader_job
 from hulldown.render.blender.scene import append_twin
 from hulldown.tests.builders.blend_parts import collection, fresh, instance, mesh, place, save

@@ -7,7 +7,7 @@ from pathlib import Path
 import bpy
 from mathutils import Matrix
 
-from hulldown.reading.blender.api.add_nodes import add_node
+from hulldown.blender.add_nodes import add_node
 from hulldown.tests.builders.blend_parts import cuboid, fresh, instance, link, save
 from hulldown.tests.builders.node_trees import material_of, principled
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float32, Int
 
+from hulldown.blender.buffers import read_property, texture_coordinates
 from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
-from hulldown.reading.blender.api.buffers import read_property, texture_coordinates
 from hulldown.reading.blender.surfaces.bake import bake_opacities, bake_opacity
 from hulldown.reading.blender.surfaces.opacity import IDENTITY, Cutter, Lookup, NotUnderstoodError, is_opaque, texels
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind

@@ -11,13 +11,13 @@ import bpy
 import numpy as np
 from jaxtyping import Float, Float32
 
+from hulldown.blender.buffers import texture_coordinates
+from hulldown.blender.light_pictures import render_light, see_pixel_centers
+from hulldown.blender.nodes import material_output, nested_trees, upstream_nodes
+from hulldown.blender.opacity_nodes import show_opacity
 from hulldown.geometry.alpha import GRADES, AlphaMap, Extension
 from hulldown.geometry.color import linear_from_srgb
-from hulldown.reading.blender.api.buffers import texture_coordinates
-from hulldown.reading.blender.api.light_pictures import render_light, see_pixel_centers
-from hulldown.reading.blender.surfaces.nodes import material_output, nested_trees, upstream_nodes
 from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, material_lookup
-from hulldown.reading.blender.surfaces.opacity_nodes import show_opacity
 
 CYCLES_NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
 MIN_BAKE_PX = 4  # pixels along each side of a picture that Blender renders

@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.buffers import read_property
-from hulldown.reading.blender.surfaces.shaders import is_clear, surface_shaders
+from hulldown.blender.buffers import read_property
+from hulldown.blender.shaders import is_clear, surface_shaders
 from hulldown.reading.pieces.asset_report import MaterialRow
 from hulldown.reading.pieces.roles import Piece
 

@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from hulldown.reading.blender.api.add_nodes import add_node
-from hulldown.reading.blender.surfaces.nodes import nested_trees
-from hulldown.reading.blender.tidy_properties import RANDOM
+from hulldown.blender.add_nodes import add_node
+from hulldown.blender.nodes import nested_trees
+from hulldown.blender.tidy_properties import RANDOM
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.wording import quote_names
 

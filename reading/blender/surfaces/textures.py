@@ -11,8 +11,8 @@ from typing import Any
 
 import bpy
 
-from hulldown.reading.blender.surfaces.nodes import socket_source
-from hulldown.reading.blender.surfaces.shaders import BASE_COLORS, surface_shaders
+from hulldown.blender.nodes import socket_source
+from hulldown.blender.shaders import BASE_COLORS, surface_shaders
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.asset_report import Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind

@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.api.buffers import image_pixels
+from hulldown.blender.buffers import image_pixels
 
 PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from hulldown.reading.blender.surfaces.nodes import Stack, material_output, socket_source
+from hulldown.blender.nodes import Stack, material_output, socket_source
 
 SEEN_THROUGH = 0.5  # least transmission of a transparent surface
 TRANSPARENT = "BSDF_TRANSPARENT"

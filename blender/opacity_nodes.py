@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from hulldown.blender.add_nodes import add_math, add_node, feed_input
+from hulldown.blender.nodes import group_output, linked_output, material_output
 from hulldown.geometry.color import LUMINANCE
-from hulldown.reading.blender.api.add_nodes import add_math, add_node, feed_input
-from hulldown.reading.blender.surfaces.nodes import group_output, linked_output, material_output
 
 SOCKET = "hulldown opacity"
 

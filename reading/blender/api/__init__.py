@@ -1,1 +1,0 @@
-"""Arrays, nodes, and renders by Blender's API."""
