@@ -93,6 +93,8 @@ SETS = {
         hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],
         values={
             "budget.images_per_class": 72,
+            "budget.background_share": 0.25,
+            "budget.background_distractors": 1.0,
             "placement.vehicles_per_image": [1, 3],
             "placement.distractors_per_image": [0, 2],
             "camera.elevation_deg": [0.5, 6.0],
@@ -109,6 +111,7 @@ SETS = {
         hdris=["hdris/sky_*.exr"],
         values={
             "budget.images_per_class": 96,
+            "budget.background_share": 0.0,
             "placement.vehicles_per_image": [3, 9],
             "placement.companion_distance": [3.0, 30.0],
             "placement.vehicle_clearance": 0.6,

@@ -72,6 +72,7 @@ SHARED = {
     "camera.framing": 0.6,
     "camera.visible_fraction": [0.7, 1.0],
     "budget.images_per_position": 2,
+    "budget.background_share": 0.0,
     "render.profile": "fast",
     "render.width": 256,
     "render.height": 144,

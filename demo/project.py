@@ -32,6 +32,7 @@ SMALL = {
     "placement.distractor_distance": [0.0, 25.0],
     "budget.images_per_class": {TANK: 4, TRUCK: 3, LAUNCHER: 3},
     "budget.background_share": 0.16,
+    "budget.background_distractors": 0.5,
     "budget.images_per_position": 1,
     "camera.target_fraction": [0.15, 0.4],
     "camera.distance_factor": [0.6, 1.6],

@@ -126,6 +126,11 @@ class Summary:
                 f"limits won over {like['another'] + like['none']:,} of {like.total():,} sampled photographs: "
                 f"cameras follow another one in {like['another']:,} images, the configured ranges in {like['none']:,}"
             )
+        if len(self.classes) == 1 and not self.counts["backgrounds"]:
+            notes.append(
+                "no backgrounds: a detector of one class will find it in other vehicles; list distractors, and set "
+                "budget.background_share, for example to 0.25"
+            )
         if self.open_sky:
             notes.append(
                 f"rain or snow fall in {self.open_sky:,} images from any sky: name the overcast HDRIs in light.overcast"

@@ -29,8 +29,11 @@ ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
 _SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 _LINE_WIDTH = 120
 _MAX_COMMENTED_WIDTH = 60  # of a line with a comment beside it
-# One of two alternatives must be given, so the first one gets a value.
-_GIVEN = MappingProxyType({"budget.images_per_class": 140})
+# One of two alternatives must be given, so the first one gets a value. A detector that has seen no picture without its
+# class finds it in cars (docs/study.md).
+_GIVEN = MappingProxyType(
+    {"budget.images_per_class": 140, "budget.background_share": 0.25, "budget.background_distractors": 1.0}
+)
 _BY_PROFILE = frozenset(f"render.{key}" for key in PROFILES["paper"])  # a profile gives their defaults
 _LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
 _LISTED = ("hdris", *_LISTS.values())  # keys of [assets] that get their own format
@@ -129,7 +132,7 @@ def config_text(
     given, others = {**_GIVEN, **values}, config_sections()
     of_assets = [key for key in section_keys(others.pop("assets")) if key.name not in _LISTED]
     blocks = [
-        "# hulldown config. Every key has its default here; delete what you don't want to change.\n"
+        "# hulldown config. Every key has its default here, except in [budget]; delete what you don't want to change.\n"
         "# Paths are relative to this file's folder. A range is [low, high]; one number is a range of one value.\n",
         _key_lines(section_keys(Config), "", given),
         "[assets]\n"

@@ -42,8 +42,10 @@ def read(tmp_path):
     return from_text
 
 
-def test_the_template_has_the_defaults_and_nothing_else(read):
+def test_the_template_has_the_defaults_and_backgrounds(read):
     values = tomllib.loads(bare_text())
+    assert values["budget"].pop("background_share") == 0.25
+    assert values["budget"].pop("background_distractors") == 1.0
     values["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
     assert Config.of(values).model_dump() == read(MINIMAL).model_dump()
 

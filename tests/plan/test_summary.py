@@ -81,6 +81,12 @@ def test_companions_and_distractors_are_counted():
     assert len(summary.notes()) == 2
 
 
+def test_one_class_without_backgrounds_is_noted():
+    assert "background_share" in summarize_plan([row(0)]).notes()[0]
+    assert summarize_plan([row(0), row(1, category="truck")]).notes() == []
+    assert summarize_plan([row(0), row(1, background=True, label="none")]).notes() == []
+
+
 def test_an_empty_plan():
     summary = summarize_plan([])
     assert summary.to_json()["histograms"]["slope_deg"]["lowest"] is None
