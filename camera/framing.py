@@ -127,13 +127,13 @@ def frame_target(
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
     uniform = rng.random((n, 5))
     share = 1.0 - (truncated[0] + uniform[:, 4] * (truncated[1] - truncated[0]))
-    inside, cut_high = _draw_cuts(extent, size, share, uniform)
+    cuts = _draw_cuts(extent, size, share, uniform)
     place = 0.5 + spread * (uniform[:, 2:4] - 0.5)
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
-        # `inside` of the extent is in the frame, the rest sticks out at the low or the high side.
-        cut = np.where(cut_high[rows], size - inside[rows] * extent, (inside[rows] - 1.0) * extent)
-        return np.where(np.isnan(inside[rows]), place[rows] * (size - extent), cut)
+        inside = cuts.inside[rows]
+        cut = np.where(cuts.at_high[rows], size - inside * extent, (inside - 1.0) * extent)
+        return np.where(cuts.is_cut[rows], cut, place[rows] * (size - extent))
 
     search = _Search(cameras, points, rolls, corner)
     return search.by_secants(first, box) if truncated[1] > 0.0 else search.by_iteration(first, box)
@@ -272,43 +272,44 @@ def _projected_box(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Floa
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Cuts:
+    """What the frame cuts off of n boxes, along x and y."""
+
+    is_cut: Bool[np.ndarray, "n 2"]  # whether the frame cuts along this axis; if not, the place is free
+    at_high: Bool[np.ndarray, "n 2"]  # whether it cuts at the right or bottom side, or else at the left or top
+    inside: Float[np.ndarray, "n 2"]  # share of the box's width or height in the frame
+
+
 def _draw_cuts(
     extent: Float[np.ndarray, "n 2"],
     size: Float[np.ndarray, "2"],
     share: Float[np.ndarray, " n"],
     uniform: Float[np.ndarray, "n 5"],
-) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, "n 2"]]:
-    """For each axis the share of the extent to keep inside (nan: all that fits, anywhere), and the side to cut.
+) -> _Cuts:
+    """Draw how the frame cuts boxes so that a share of their areas is inside: across one side, or over a corner.
 
     On the set of places (x, y) with share_x(x) share_y(y) = share, uniform by the area of a thin band around it. A band
     of width ds has the area 2 room_y extent_x ds / most_y where one vertical side is cut, the like for a horizontal
     one, and 4 extent_x extent_y ln(most_x most_y / share) ds over the four corners, where share_x is log-uniform.
     """
-    most = np.minimum(1.0, size / extent)
-    room = np.abs(size - extent)
-    most_area = most.prod(axis=1)
-    keep = np.clip(share, 1e-6, most_area)
-    ratio = log(most_area / keep)
-    weights = np.stack(
-        [
-            2.0 * room[:, 1] * extent[:, 0] / most[:, 1],
-            2.0 * room[:, 0] * extent[:, 1] / most[:, 0],
-            4.0 * extent[:, 0] * extent[:, 1] * ratio,
-        ],
-        1,
+    (width, height), (most_x, most_y) = extent.T, np.minimum(1.0, size / extent).T
+    room_x, room_y = np.abs(size - extent).T
+    most = most_x * most_y
+    kept = np.clip(share, 1e-6, most)
+    log_range = log(most / kept)
+    vertical, horizontal = 2.0 * room_y * width / most_y, 2.0 * room_x * height / most_x
+    edges = np.cumsum(np.stack([vertical, horizontal, 4.0 * width * height * log_range], axis=1), axis=1)
+    kind = (uniform[:, :1] * edges[:, 2:] >= edges[:, :2]).sum(
+        axis=1
+    )  # 0: a vertical side, 1: a horizontal one, 2: both
+
+    # One number has which of the four corners or two sides is cut, and how deep along a corner.
+    quarter, depth = np.divmod(uniform[:, 1] * 4.0, 1.0)
+    across = most_x * exp(-log_range * depth)
+    over_corner = kind == 2
+    return _Cuts(
+        is_cut=np.stack([kind != 1, kind != 0], axis=1) & (kept < most)[:, None],
+        at_high=np.stack([quarter % 2 == 1, quarter // 2 == 1], axis=1),
+        inside=np.where(over_corner, [across, kept / across], [kept / most_y, kept / most_x]).T,
     )
-    edges = np.cumsum(weights, axis=1)
-    kind = (uniform[:, :1] * edges[:, 2:] >= edges[:, :2]).sum(axis=1)
-    # Both sides of the cut come from one number: which corner or side, then how deep along a corner.
-    corner = uniform[:, 1] * 4.0
-    cut_high = np.stack([corner.astype(int) % 2 == 1, corner.astype(int) // 2 == 1], 1)
-    depth = corner % 1.0
-    inside = np.full(extent.shape, math.nan)
-    inside[kind == 0, 0] = (keep / most[:, 1])[kind == 0]
-    inside[kind == 1, 1] = (keep / most[:, 0])[kind == 1]
-    both = kind == 2
-    across = most[:, 0] * exp(-ratio * depth)
-    inside[both, 0] = across[both]
-    inside[both, 1] = (keep / across)[both]
-    inside[keep >= most_area] = math.nan
-    return inside, cut_high

@@ -19,6 +19,7 @@ from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicl
 from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
 from hulldown.planning.search.instance_table import Instances, articulated_boxes
+from hulldown.planning.search.likeness import Following
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
@@ -58,10 +59,10 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
         "background": background,
         "planned": [[each, *extras[j, Role.COMPANION], *extras[j, Role.DISTRACTOR]] for j, each in enumerate(targets)],
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
-        "left_out": np.bincount(table.row[~table.found], minlength=len(target))[owner].tolist(),
+        "left_out": np.bincount(table.row[~table.is_placed], minlength=len(target))[owner].tolist(),
     }
     rows = row_objects(Row, columns)
-    return [row for row, lost in zip(rows, planned.given_up[owner].tolist(), strict=True) if not lost]
+    return [row for row, lost in zip(rows, planned.is_abandoned[owner].tolist(), strict=True) if not lost]
 
 
 def _camera_columns(config: Config) -> dict[str, object]:
@@ -76,17 +77,13 @@ def _camera_columns(config: Config) -> dict[str, object]:
 
 def _followed_photographs(block: Block, views: Views) -> list[Followed | None]:
     """Return the photographs of each image."""
-    if block.likeness is None:
-        return [None] * len(views.sampled)
-    photographs = block.likeness.photographs
-
-    def name(box: int) -> str:
-        return photographs.file_names[photographs.image[box]]
-
-    return [
-        Followed(name(sampled), name(box) if box >= 0 else None) if sampled >= 0 else None
-        for sampled, box in zip(views.sampled.tolist(), views.followed.tolist(), strict=True)
-    ]
+    followed: list[Followed | None] = [None] * len(views.sampled)
+    if block.likeness is not None:
+        photographs = block.likeness.photographs
+        for i in np.flatnonzero(views.following != Following.RANGES).tolist():
+            sampled, box = (photographs.file_names[photographs.image[of[i]]] for of in (views.sampled, views.followed))
+            followed[i] = Followed(sampled, box if views.following[i] == Following.PHOTOGRAPH else None)
+    return followed
 
 
 def _in_images(
@@ -163,7 +160,7 @@ def _track_numbers(planned: Planned) -> list[int | None]:
     """Return a number for each instance of a sequence, and None for the others."""
     block, table = planned.block, planned.table
     number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST_EXTRAS + table.number
-    named = (block.given_poses(block.positions.first_image).sequence >= 0)[table.row]
+    named = block.given_poses(block.positions.first_image).in_sequence[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
 
@@ -172,7 +169,7 @@ def _instance_coats(planned: Planned) -> list[list[Coat]]:
     block, table = planned.block, planned.table
     places = np.zeros(len(table), dtype=np.int64)
     for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
-        placed = np.flatnonzero(table.found & (table.role == role))
+        placed = np.flatnonzero(table.is_placed & (table.role == role))
         rank = np.arange(len(placed)) - np.searchsorted(table.row[placed], table.row[placed])
         places[placed] = first + rank
     coats: list[list[Coat]] = [[]] * len(table)

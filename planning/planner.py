@@ -93,7 +93,7 @@ class Planner:
                     hopeless = planned.hopeless
                     continue
                 rows += block_rows(planned, self.assets, hdri_weights=self._hdri_weights)
-                homeless.append(here[planned.given_up])
+                homeless.append(here[planned.is_abandoned])
             pending, attempt = np.sort(np.concatenate(homeless)), attempt + 1
         if hopeless:
             place, path = f"position {hopeless.position}", hopeless.path

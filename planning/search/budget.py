@@ -131,24 +131,20 @@ def _plan_positions(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Given:
-    """Given poses of n images, in the worlds of their sceneries; what isn't given is nan, and is planned."""
+    """Given poses of n images, in the worlds of their sceneries; what isn't given is 0, and is planned."""
 
     xyz: Float[np.ndarray, "n 3"]  # xyz, yaw: meters and (n,) radians of the vehicles
     yaw: Float[np.ndarray, " n"]
     camera: Float[np.ndarray, "n 3"]  # camera, look_at: meters
     look_at: Float[np.ndarray, "n 3"]
-    sequence: Int[np.ndarray, " n"]  # index of the first image of each image's sequence; -1 without one
+    first: Int[np.ndarray, " n"]  # index of the first image of each image's sequence
     name: np.ndarray  # the sequence's; None without one
-
-    @property
-    def has_position(self) -> Bool[np.ndarray, " n"]:
-        """Whether x and y of an image's vehicle are given."""
-        return ~np.isnan(self.xyz[:, 0])
-
-    @property
-    def has_heading(self) -> Bool[np.ndarray, " n"]:
-        """Whether the heading of an image's vehicle is given."""
-        return ~np.isnan(self.yaw)
+    has_position: Bool[np.ndarray, " n"]  # whether x and y of the vehicle are given
+    has_height: Bool[np.ndarray, " n"]  # whether z of the vehicle is given
+    has_heading: Bool[np.ndarray, " n"]
+    has_camera: Bool[np.ndarray, " n"]  # whether the camera's place is given
+    has_look_at: Bool[np.ndarray, " n"]  # whether a point on the camera's optical axis is given
+    in_sequence: Bool[np.ndarray, " n"]
 
     @property
     def has_place(self) -> Bool[np.ndarray, " n"]:
@@ -156,25 +152,18 @@ class Given:
         return self.has_position & self.has_heading
 
     @property
-    def has_camera(self) -> Bool[np.ndarray, " n"]:
-        """Whether the camera's place is given."""
-        return ~np.isnan(self.camera[:, 0])
-
-    @property
-    def has_look_at(self) -> Bool[np.ndarray, " n"]:
-        """Whether a point on the camera's optical axis is given."""
-        return ~np.isnan(self.look_at[:, 0])
-
-    @property
-    def in_sequence(self) -> Bool[np.ndarray, " n"]:
-        """Whether an image is part of a sequence."""
-        return self.sequence >= 0
+    def has_view(self) -> Bool[np.ndarray, " n"]:
+        """Whether the camera's place or direction is given: it follows no photograph."""
+        return self.has_camera | self.has_look_at
 
 
 def nothing_given(n: int) -> Given:
     """Return n images without given poses."""
-    points = np.full((3, n, 3), np.nan)
-    return Given(points[0], points[0, :, 0].copy(), points[1], points[2], np.full(n, -1), np.full(n, None))
+    points = np.zeros((3, n, 3))
+    return Given(
+        points[0], np.zeros(n), points[1], points[2], np.zeros(n, dtype=np.int64), np.full(n, None),
+        *np.zeros((6, n), dtype=bool),
+    )  # fmt: skip
 
 
 def pose_arrays(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, " p"]) -> Given:
@@ -188,14 +177,19 @@ def pose_arrays(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray
             raise line_error(path, line.line, what, f"they are {list(origins)}")
         if line.scenery is None and len(sites) > 1 and (line.x is not None or line.look_at is not None):
             raise line_error(path, line.line, "gives coordinates but no scenery", f"name one of {list(origins)}")
-        given.xyz[i] = np.array([line.x, line.y, line.z], dtype=np.float64) - origin  # None becomes nan
-        given.yaw[i] = np.nan if line.yaw_deg is None else np.radians(line.yaw_deg)
-        for table, point in ((given.camera, line.camera), (given.look_at, line.look_at)):
-            if point is not None:
-                table[i] = np.array(point) - origin
+        if line.x is not None and line.y is not None:
+            given.xyz[i, :2], given.has_position[i] = np.array([line.x, line.y]) - origin[:2], True
+        if line.z is not None:
+            given.xyz[i, 2], given.has_height[i] = line.z - origin[2], True
+        if line.yaw_deg is not None:
+            given.yaw[i], given.has_heading[i] = np.radians(line.yaw_deg), True
+        if line.camera is not None:
+            given.camera[i], given.has_camera[i] = np.array(line.camera) - origin, True
+        if line.look_at is not None:
+            given.look_at[i], given.has_look_at[i] = np.array(line.look_at) - origin, True
         if line.sequence is not None:
-            given.sequence[i] = starts[np.searchsorted(starts, i, side="right") - 1]
-            given.name[i] = line.sequence
+            given.first[i] = starts[np.searchsorted(starts, i, side="right") - 1]
+            given.name[i], given.in_sequence[i] = line.sequence, True
     return given
 
 

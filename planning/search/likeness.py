@@ -11,10 +11,11 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import IntEnum
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
@@ -46,12 +47,21 @@ MIN_ASPECT_TOLERANCE = 0.03  # relative, of aspect ratios: no vehicle has exactl
 MAX_DISTANCE_ERROR = 2.0  # largest factor by which estimated distances are wrong
 
 
+class Following(IntEnum):
+    """What a camera follows."""
+
+    RANGES = 0  # the configured ranges
+    INSTEAD = 1  # the configured ranges, since the photograph that was sampled for the image can't be followed
+    PHOTOGRAPH = 2
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class TargetBoxes:
     """Boxes of photographs that n tries of cameras should reproduce."""
 
-    sampled: Int[np.ndarray, " n"]  # the box that was sampled for the image; -1 without one
-    box: Int[np.ndarray, " n"]  # the box that this try follows; -1 without one
+    sampled: Int[np.ndarray, " n"]  # the box that was sampled for the image
+    box: Int[np.ndarray, " n"]  # the box that this try may follow
+    following: UInt8[np.ndarray, " n"]  # a `Following`
     corners: Float[np.ndarray, "n 4"]  # its left, top, right, and bottom side in pixels
     cut: Bool[np.ndarray, "n 4"]  # whether the frame cuts it off at this side
     wide: Bool[np.ndarray, " n"]  # whether its width counts, since the frame cuts off its height
@@ -59,11 +69,6 @@ class TargetBoxes:
     kept: Float[np.ndarray, " n"]  # share of the height that a cut over a corner of the photograph leaves
     aspect: Float[np.ndarray, " n"]  # width over height of the box without that cut
     choice: Float[np.ndarray, " n"]  # uniform numbers in [0, 1) that choose directions
-
-    @property
-    def has_box(self) -> Bool[np.ndarray, " n"]:
-        """Whether a try follows a box."""
-        return self.box >= 0
 
     @property
     def horizontal_cut(self) -> Bool[np.ndarray, " n"]:
@@ -79,6 +84,14 @@ class TargetBoxes:
         """Least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
         share = np.minimum((1.0 - TRUNCATION_MARGIN * most_truncated) / self.kept, 1.0)
         return np.stack([np.where(self.horizontal_cut, share, 0.0), np.where(self.horizontal_cut, 0.0, share)], axis=1)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PhotographedPoses:
+    """Places and headings of n companions as photographs show them, relative to targets."""
+
+    xy_yaw: Float[np.ndarray, "n 3"]  # on level ground: meters from the target, and radians
+    is_shown: Bool[np.ndarray, " n"]  # whether the photograph shows this companion
 
 
 class Likeness:
@@ -118,10 +131,10 @@ class Likeness:
 
     def sample_boxes(
         self, draws: RandomStreams, fleet: Fleet, *, model: Int[np.ndarray, " n"], image: Int[np.ndarray, " n"]
-    ) -> Int[np.ndarray, " n"]:
-        """Sample a box for each image, by its target's model; -1: the image follows the configured ranges."""
+    ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Sample a box for each image, by its target's model; return whether images follow it, too."""
         share, rank = draws.uniform(Purpose.LIKE, image, 0, count=2).T
-        return np.where(share < self.config.camera.like_share, self._boxes_at_ranks(fleet, model, rank), -1)
+        return self._boxes_at_ranks(fleet, model, rank), share < self.config.camera.like_share
 
     def _boxes_at_ranks(
         self, fleet: Fleet, model: Int[np.ndarray, " n"], rank: Float[np.ndarray, " n"]
@@ -134,9 +147,22 @@ class Likeness:
             box[rows] = self._by_height[choose_weighted(weights[self._by_height], rank[rows])]
         return box
 
+    def _nearby_boxes(
+        self,
+        draws: RandomStreams,
+        targets: Instances,
+        *,
+        image: Int[np.ndarray, " n"],
+        uniform: Float[np.ndarray, " n"],
+    ) -> Int[np.ndarray, " n"]:
+        """Return boxes of about the height of the sampled ones: half of them within an eighth of all ranks."""
+        rank = np.abs(draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1] + (2.0 * uniform - 1.0) ** 3)
+        reflected = np.where(rank < 1.0, rank, 2.0 - rank).clip(0.0, MAX_RANK)  # at both ends
+        return self._boxes_at_ranks(targets.fleet, targets.model, reflected)
+
     def companion_counts(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-        """Return the number of other boxes in the photograph of each box; -1 without a box."""
-        return np.where(box >= 0, self.photographs.count[self.photographs.image[box]] - 1, -1)
+        """Return the number of other boxes in the photograph of each box."""
+        return self.photographs.count[self.photographs.image[box]] - 1
 
     def target_boxes(
         self,
@@ -148,15 +174,14 @@ class Likeness:
         quarter: Int[np.ndarray, " n"],
     ) -> TargetBoxes:
         """Return the boxes that n tries follow, varied by `camera.like_spread`."""
-        camera, render, photographs = self.config.camera, self.config.render, self.photographs
+        sampled, is_sampled = self.sample_boxes(draws, targets.fleet, model=targets.model, image=image)
         other, taller, right, down, deeper, choice = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6).T
-        sampled = self.sample_boxes(draws, targets.fleet, model=targets.model, image=image)
-        rank = draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1]
-        near_rank = np.abs(rank + (2.0 * other - 1.0) ** 3)  # half of them within an eighth of all ranks
-        near_rank = np.where(near_rank < 1.0, near_rank, 2.0 - near_rank).clip(0.0, MAX_RANK)  # reflected at both ends
-        box = np.where(quarter < 2, sampled, self._boxes_at_ranks(targets.fleet, targets.model, near_rank))
-        box = np.where((sampled >= 0) & (quarter < 3), box, -1)
+        box = np.where(quarter < 2, sampled, self._nearby_boxes(draws, targets, image=image, uniform=other))
+        following = np.where(
+            is_sampled, np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD), Following.RANGES
+        )
 
+        camera, render, photographs = self.config.camera, self.config.render, self.photographs
         size = np.array([render.width, render.height], dtype=np.float64)
         cut, aspect = photographs.cut[box], photographs.aspect[box]
         cut_low, cut_high = cut[:, :2], cut[:, 2:]
@@ -174,6 +199,7 @@ class Likeness:
         return TargetBoxes(
             sampled=sampled,
             box=box,
+            following=following.astype(np.uint8),
             corners=np.concatenate([low, low + extent], axis=1),
             cut=cut,
             wide=wide,
@@ -310,19 +336,20 @@ def companion_poses(
     number: Int[np.ndarray, " n"],
     lenses: Intrinsics,
     rng: RowStreams,
-) -> Float[np.ndarray, "n 3"]:
+) -> PhotographedPoses:
     """Return places and headings on level ground at which companions fill the other boxes of the photographs.
 
     A companion is on the ray through its box's center. Its distance follows from the box's height, or in steep views,
     where a box shows length and width, from where the ray meets the ground.
     """
     photographs, limits = likeness.photographs, likeness.config
-    poses = np.full((len(number), 3), np.nan)
+    poses = np.zeros((len(number), 3))
     azimuth, elevation, distance = choose_directions(targets, boxes, limits.camera, lenses=lenses, rng=rng)
     uniform = rng.random((len(number) * CAMERA_DIRECTIONS,)).reshape(-1, CAMERA_DIRECTIONS)
     # Companions of an image have the same random numbers.
     yaw = 2.0 * math.pi * (uniform + GOLDEN_RATIO * number[:, None])
-    has = np.flatnonzero(number < likeness.companion_counts(boxes.box))
+    is_shown = (boxes.following == Following.PHOTOGRAPH) & (number < likeness.companion_counts(boxes.box))
+    has = np.flatnonzero(is_shown)
     start = np.searchsorted(photographs.image, photographs.image[boxes.box])
     box, of_target = (start + number + (start + number >= boxes.box))[has], boxes.box[has]
     distance, yaw, lenses = distance[has], yaw[has], lenses.take(has)
@@ -353,4 +380,4 @@ def companion_poses(
     xy = level[:, :2, 3] + away[:, :2]
     length = np.maximum(hypot(xy[:, 0], xy[:, 1]), 1e-9)
     poses[has, :2] = xy * (np.clip(length, *limits.placement.companion_distance) / length)[:, None]
-    return poses
+    return PhotographedPoses(poses, is_shown)

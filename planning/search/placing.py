@@ -15,7 +15,6 @@ from hulldown.placement.contact import underside_depth
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, empty_settled, limit_contact, settle_each
 from hulldown.plan.config.scene_sections import PlacementSection
-from hulldown.plan.config.schema import Config
 from hulldown.plan.row import round_field
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import scale_uniform
@@ -44,27 +43,28 @@ def extra_offsets(
 def settle_clear(
     site: Site,
     instances: Instances,
-    config: Config,
+    limits: PlacementSection,
     *,
     xy: Float[np.ndarray, "n 2"],
     yaw: Float[np.ndarray, " n"],
+    upright: Bool[np.ndarray, " n"] | None = None,
     z: Float[np.ndarray, " n"] | None = None,
 ) -> Settled:
-    """Settle n vehicles, or reject those that don't meet the config's limits; poses of `instances` aren't used.
+    """Settle n vehicles, or reject those that don't meet the limits; poses of `instances` aren't used.
 
     `xy`, `yaw`: meters and (n,) radians.
-    `z`: heights of vehicles that are placed upright instead of settling; nan: they settle.
+    `upright`, `z`: vehicles that are placed upright at these heights instead of settling; None: all settle.
     """
-    limits, fleet, rules = config.placement, instances.fleet, settle_rules(config.placement)
+    fleet, rules = instances.fleet, settle_rules(limits)
     settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
-    if z is not None:
-        rows = np.flatnonzero(~np.isnan(z))
-        upright = empty_settled(len(rows))
-        upright.world_from_vehicle[:] = rigid_matrix(rotation_z(yaw[rows]), np.column_stack([xy, z])[rows])
-        upright.tilt[:] = 0.0
-        limit_contact(upright, np.arange(len(rows)), site.terrain, fleet.contacts.take(instances.model[rows]), rules)
-        upright.rejection[~site.terrain.top_hits(xy[rows]).hit] = Rejection.OFF_GROUND
-        put_rows(settled, rows, upright)
+    if upright is not None and z is not None:
+        rows = np.flatnonzero(upright)
+        stood = empty_settled(len(rows))
+        stood.world_from_vehicle[:] = rigid_matrix(rotation_z(yaw[rows]), np.column_stack([xy, z])[rows])
+        stood.tilt[:] = 0.0
+        limit_contact(stood, np.arange(len(rows)), site.terrain, fleet.contacts.take(instances.model[rows]), rules)
+        stood.rejection[~site.terrain.top_hits(xy[rows]).hit] = Rejection.OFF_GROUND
+        put_rows(settled, rows, stood)
     rejection = settled.rejection.copy()
     poses = round_field("world_from_vehicle", settled.world_from_vehicle)  # labels follow from rounded poses
     placed = replace(instances, world_from_vehicle=poses)

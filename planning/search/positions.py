@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Int
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
@@ -23,13 +23,15 @@ from hulldown.geometry.indices import index_batches, matching_pairs
 from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, rejection_sentence
 from hulldown.placement.settle import Settled
-from hulldown.planning.search.likeness import QUARTER_PLACES, candidate_directions, companion_poses
+from hulldown.planning.search.likeness import QUARTER_PLACES, PhotographedPoses, candidate_directions, companion_poses
 from hulldown.planning.search.placing import clear_of_vehicles, extra_offsets, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
 from hulldown.planning.search.tables import (
     MOST_EXTRAS,
     Block,
+    CameraTries,
     InstanceTable,
+    PlaceState,
     Role,
     Seen,
     Views,
@@ -37,7 +39,7 @@ from hulldown.planning.search.tables import (
     draw_weathers,
     no_views,
 )
-from hulldown.planning.search.views import CameraTries, sample_lenses, try_cameras, views_of_others
+from hulldown.planning.search.views import sample_lenses, try_cameras, views_of_others
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 MAX_BATCH_PLACES = 8192
@@ -68,7 +70,7 @@ class Planned:
 
     block: Block
     # whether the position has no place; the other attributes hold values for the other positions only
-    given_up: Bool[np.ndarray, " n"]
+    is_abandoned: Bool[np.ndarray, " n"]
     table: InstanceTable
     views: Views  # views of the m images' targets
     seen: Seen
@@ -96,7 +98,7 @@ def plan_block(block: Block) -> Planned:
     rejected[block.shot == 0] += search.place_rejections
     return Planned(
         block=block,
-        given_up=search.given_up,
+        is_abandoned=search.is_abandoned,
         table=search.table,
         views=search.views,
         seen=search.see_extras(),
@@ -118,13 +120,17 @@ class _Search:
         n = len(self.number)
         self.owner, self.image = block.owner, block.image
         self.problems: dict[int, HopelessPosition] = {}
-        self.given_up = np.zeros(n, dtype=bool)
         self.table = draw_instances(block)
         self.target = np.flatnonzero(self.table.role == Role.TARGET)  # the first instance of each position
         self.end = np.append(self.target[1:], len(self.table))
         self.views = no_views(len(self.image))
         self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
         self.camera_rejections = np.zeros((len(self.image), KINDS), dtype=np.int64)
+
+    @property
+    def is_abandoned(self) -> Bool[np.ndarray, " n"]:
+        """Positions without a place or a view."""
+        return self.table.state[self.target] == PlaceState.ABANDONED
 
     @property
     def tries(self) -> Int[np.ndarray, " n"]:
@@ -162,18 +168,24 @@ class _Search:
             xy = np.where(here.has_position[:, None], here.xyz[:, :2], xy)
             yaw = np.where(here.has_heading, here.yaw, yaw)
             settled = settle_clear(
-                self.block.site, self.table.keep(self.target[row]), self.config, xy=xy, yaw=yaw, z=here.xyz[:, 2]
+                self.block.site,
+                self.table.keep(self.target[row]),
+                self.config.placement,
+                xy=xy,
+                yaw=yaw,
+                upright=here.has_height,
+                z=here.xyz[:, 2],
             )
             taken, chosen, counts = first_accepted(settled.rejection.reshape(-1, ahead), left)
             self.place_rejections[now] += counts
             put_rows(table.settled, self.target[now[taken]], take(settled, chosen))
+            table.state[self.target[now[taken]]] = PlaceState.PLACED
             table.tries[self.target[now]] += counts.sum(axis=1) + taken
             # Further tries at a given place would fail, too.
             table.tries[self.target[now[~taken & given.has_place[now]]]] = limit
             self._give_up_if_placeless(now[~taken])
             pending = np.concatenate([now[~taken], pending[len(now) :]])
             ahead = min(2 * ahead, MAX_BATCH_PLACES // 8)
-        table.found[self.target] = ~self.given_up
 
     def _place_extras(
         self, positions: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]
@@ -184,20 +196,19 @@ class _Search:
         extra without room is left out of its position, which counts as one with room.
         """
         table = self.table
-        extras = np.flatnonzero(np.isin(table.row, positions) & (table.role != Role.TARGET))
-        table.found[extras] = False  # extras that were left out at another place are tried again
+        extras = np.flatnonzero(np.isin(table.row, positions) & table.is_extra)
+        table.state[extras] = PlaceState.PENDING  # extras that were left out at another place are tried again
         photographed = self._photographed_poses(extras)
         roomy = np.ones(len(positions), dtype=bool)
         extra = self.target[positions] + 1  # the next extra of each position
         while (pending := roomy & (extra < self.end[positions])).any():
-            found = self._place_one_each(extra[pending], photographed)
-            roomy[pending] = found | leave_out[pending]
+            placed = self._place_one_each(extra[pending], photographed)
+            table.state[extra[pending][~placed & leave_out[pending]]] = PlaceState.LEFT_OUT
+            roomy[pending] = placed | leave_out[pending]
             extra += 1
         return roomy
 
-    def _place_one_each(
-        self, extras: Int[np.ndarray, " q"], photographed: Float[np.ndarray, "k 3"]
-    ) -> Bool[np.ndarray, " q"]:
+    def _place_one_each(self, extras: Int[np.ndarray, " q"], photographed: PhotographedPoses) -> Bool[np.ndarray, " q"]:
         """Place extras, at most one of a position, in batches that double their tries; return which have a place."""
         table, pending, done, ahead = self.table, extras, 0, FIRST_EXTRA_TRIES
         while len(pending) and done < MAX_EXTRA_TRIES:
@@ -210,13 +221,14 @@ class _Search:
             settled.rejection[stands[~clear]] = Rejection.VEHICLE
             taken, chosen, _ = first_accepted(settled.rejection.reshape(-1, ahead))
             put_rows(table.settled, pending[taken], take(settled, chosen))
-            table.tries[pending[taken]], table.found[pending[taken]] = attempt[chosen] + 1, True
+            table.tries[pending[taken]], table.state[pending[taken]] = attempt[chosen] + 1, PlaceState.PLACED
             pending, done, ahead = pending[~taken], done + ahead, 2 * ahead
-        return table.found[extras]
+        return table.is_placed[extras]
 
-    def _photographed_poses(self, extras: Int[np.ndarray, " q"]) -> Float[np.ndarray, "k 3"]:
-        """Return where the photographs of first images show companions; see `companion_poses`."""
-        table, likeness, poses = self.table, self.block.likeness, np.full((len(self.table), 3), np.nan)
+    def _photographed_poses(self, extras: Int[np.ndarray, " q"]) -> PhotographedPoses:
+        """Return where the photographs of first images show these companions."""
+        table, likeness, k = self.table, self.block.likeness, len(self.table)
+        poses = PhotographedPoses(np.zeros((k, 3)), np.zeros(k, dtype=bool))
         extras = extras[table.role[extras] == Role.COMPANION]
         if likeness is None or not len(extras):
             return poses
@@ -224,25 +236,26 @@ class _Search:
         image, attempt = self.block.positions.first_image[row], self.tries[row] * self.config.camera.max_tries
         targets = self.table.keep(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
-        poses[extras] = companion_poses(
+        shown = companion_poses(
             likeness,
             targets,
             self.table.keep(extras),
             likeness.target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
-            lenses=sample_lenses(self.config, first[:, 0]),
+            lenses=sample_lenses(self.config.intrinsics, self.config.camera.fov_x_deg, first[:, 0]),
             rng=candidate_directions(self.draws, image, attempt),
         )
+        put_rows(poses, extras, shown)
         return poses
 
     def _settle_extras(
-        self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: Float[np.ndarray, "k 3"]
+        self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: PhotographedPoses
     ) -> Settled:
         """Settle tries of extras around their targets' present places, without regard to other vehicles.
 
         Offsets and headings move from those in the photograph to random ones as tries go on.
         """
-        table, tries = self.table, []
+        table, limits, tries = self.table, self.config.placement, []
         for batch in index_batches(len(which), MAX_BATCH_PLACES):
             extras = which[batch]
             role, row = table.role[extras], table.row[extras]
@@ -254,18 +267,18 @@ class _Search:
                 count=3,
             )
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
-            pose = np.column_stack([extra_offsets(role, self.config.placement, uniform[:, :2]), yaw])
+            pose = np.column_stack([extra_offsets(role, limits, uniform[:, :2]), yaw])
             anywhere = np.minimum(number[batch] / COMPANION_FOLLOWS, 1.0)[:, None]
-            shown = photographed[extras]
-            pose = np.where(np.isnan(shown), pose, shown + anywhere * (pose - shown))
+            shown = take(photographed, extras)
+            pose = np.where(shown.is_shown[:, None], shown.xy_yaw + anywhere * (pose - shown.xy_yaw), pose)
             xy, yaw = pose[:, :2] + table.world_from_vehicle[self.target[row], :2, 3], pose[:, 2]
-            tries.append(settle_clear(self.block.site, self.table.keep(extras), self.config, xy=xy, yaw=yaw))
+            tries.append(settle_clear(self.block.site, self.table.keep(extras), limits, xy=xy, yaw=yaw))
         return join_rows(tries)
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
         """Return whether these tries of extras are clear of the target and of the extras with places."""
         tried = replace(self.table.keep(which), world_from_vehicle=settled.world_from_vehicle)
-        standing = self.table.keep(np.flatnonzero(self.table.found))
+        standing = self.table.keep(np.flatnonzero(self.table.is_placed))
         of_tried, of_standing = matching_pairs(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
         apart = clear_of_vehicles(
@@ -277,7 +290,7 @@ class _Search:
     def _find_cameras(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Find cameras for all images of these positions, and return the positions with an image that has none."""
         max_tries = self.config.camera.max_tries
-        extras = self.table.keep(np.flatnonzero(self.table.found & (self.table.role != Role.TARGET)))
+        extras = self.table.keep(np.flatnonzero(self.table.is_placed & self.table.is_extra))
         blind = self.place_rejections[:, Rejection.NO_VIEW] // QUARTER_PLACES
         pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
         while len(pending) and done < max_tries:
@@ -307,9 +320,9 @@ class _Search:
 
     def see_extras(self) -> Seen:
         """Return the cameras' views of the extras."""
-        table, shown = self.table, np.flatnonzero(~self.given_up[self.owner])
-        present = np.flatnonzero(table.found & ((table.role != Role.TARGET) | ~self.block.empty[table.row]))
-        extras = np.flatnonzero(table.found & (table.role != Role.TARGET))
+        table, shown = self.table, np.flatnonzero(~self.is_abandoned[self.owner])
+        present = np.flatnonzero(table.is_placed & (table.is_extra | ~self.block.empty[table.row]))
+        extras = np.flatnonzero(table.is_placed & table.is_extra)
         pair, of = matching_pairs(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
         seen, standing = [], self.table.keep(present)
@@ -324,14 +337,14 @@ class _Search:
                 views=views,
                 cameras=Cameras(self.config.intrinsics(views.fov_x_deg), views.world_from_camera),
                 visibility_m=self._visibility_m[image[batch]],
-                config=self.config,
+                rays=self.config.camera.visibility_rays,
             )
             seen.append(Seen(image[batch], instance[batch], views, pixels))
         return join_rows(seen)
 
     def _hopeful_positions(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Return the positions among these that aren't given up."""
-        return rows[~self.given_up[rows]]
+        return rows[~self.is_abandoned[rows]]
 
     def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
         self._abandon_positions(
@@ -355,8 +368,7 @@ class _Search:
         """Give up these positions, and all positions after the first of them that isn't movable."""
         rows, block = self._hopeful_positions(rows), self.block
         given = block.given_poses(block.positions.first_image)
-        self.given_up[rows] = True
-        self.table.found[np.isin(self.table.row, rows)] = False
+        self.table.state[np.isin(self.table.row, rows)] = PlaceState.ABANDONED
         for row in rows.tolist():
             counts = self.place_rejections[row] + self.camera_rejections[self.owner == row].sum(axis=0)
             model, position = self.fleet.models[block.model[row]], int(self.number[row])
@@ -374,4 +386,4 @@ class _Search:
                 remedy=remedy,
             )
             if not block.movable[row]:
-                self.given_up |= self.number > position
+                self.table.state[self.number[self.table.row] > position] = PlaceState.ABANDONED

@@ -10,18 +10,21 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.boxes import Boxes
+from hulldown.camera.cameras import Cameras
+from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.columns import take
 from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.portable import sin_cos
+from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, empty_settled
 from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.plan.config.schema import Config
 from hulldown.plan.row import round_field
 from hulldown.planning.search.budget import Budget, Given, Positions, nothing_given
 from hulldown.planning.search.instance_table import Instances, articulated_boxes, drawn_angles, no_boxes
-from hulldown.planning.search.likeness import Likeness
+from hulldown.planning.search.likeness import Likeness, TargetBoxes
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 from hulldown.planning.search.stage import PlanStage, Site
 
@@ -49,20 +52,26 @@ class Extras:
     count: tuple[int, int]  # least and largest number in an image
 
     def drawn(
-        self, draws: RandomStreams, position: Int[np.ndarray, " n"], wanted: Int[np.ndarray, " n"]
-    ) -> tuple[Int[np.ndarray, "n g"], Float[np.ndarray, "n g 64"]]:
-        """Draw up to g extras for each position: their models, -1 for none, and uniform numbers for their angles.
+        self,
+        draws: RandomStreams,
+        position: Int[np.ndarray, " n"],
+        *,
+        wanted: Int[np.ndarray, " n"],
+        is_wanted: Bool[np.ndarray, " n"],
+    ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, "q 64"]]:
+        """Draw extras of each position: their rows, numbers, models, and uniform numbers for their angles.
 
-        Their number is `wanted`, clipped to the limits; it is drawn where `wanted` is -1.
+        `wanted`: how many, within the limits, where `is_wanted`; elsewhere their number is drawn.
         """
         low, high = self.count
         choice = Purpose.COMPANY if self.role == Role.COMPANION else Purpose.DISTRACTORS
         size = draws.uniform(choice, position, 0, count=1)[:, 0]
         number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
-        number = np.where(wanted >= 0, np.clip(wanted, low, high), number)
+        number = np.where(is_wanted, np.clip(wanted, low, high), number)
         uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS)
         model = self.models[choose_weighted(self.weights, uniform[..., 0])]
-        return np.where(np.arange(high) < number[:, None], model, -1), uniform[..., 1:]
+        row, rank = np.nonzero(np.arange(high) < number[:, None])
+        return row, rank, model[row, rank], uniform[row, rank, 1:]
 
 
 def scenery_extras(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
@@ -152,6 +161,62 @@ def draw_weathers(
     ]
 
 
+class CameraRule(IntEnum):
+    """What determines the place of a try's camera."""
+
+    GIVEN = 0  # the user; the camera is then turned to frame the target
+    EQUATION = 1  # the paper's distance; the camera is then turned to frame the target
+    SIZE = 2  # a size of the target's box, with the target in frame
+    PHOTOGRAPH = 3  # a photograph's box, which the target's box reproduces
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CameraTries:
+    """n tries of cameras; row i of every field is try i."""
+
+    targets: Instances
+    others: Instances  # the vehicles beside the targets, by `Instances.row`
+    given: Given  # what the user's poses give
+    image: Int[np.ndarray, " n"]  # index of each try's image
+    attempt: Int[np.ndarray, " n"]  # number of the try among those of its image
+    quarter: Int[np.ndarray, " n"]  # 0 to 3: how many quarters of an image's tries are used up; see `likeness`
+    visibility_m: Float[np.ndarray, " n"]  # nan in clear air
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CameraDraws:
+    """What is drawn for n tries, besides the places of the cameras."""
+
+    lenses: Intrinsics  # one for all, or n
+    azimuth: Float[np.ndarray, " n"]  # azimuth, elevation: direction from the target's center, radians
+    elevation: Float[np.ndarray, " n"]
+    roll: Float[np.ndarray, " n"]  # about the optical axis, radians
+    fraction: Float[np.ndarray, " n"]  # share of the image that the target should fill
+    factor: Float[np.ndarray, " n"]  # of the paper's distance
+    boxes: TargetBoxes | None  # the boxes of photographs; None without photographs
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CameraCandidates:
+    """Cameras of n tries before they're checked."""
+
+    drawn: CameraDraws
+    rule: UInt8[np.ndarray, " n"]  # a `CameraRule`
+    # level and aimed at the target's center by the first two rules, which are framed later; final by the others
+    world_from_camera: Float[np.ndarray, "n 4 4"]
+    distance: Float[np.ndarray, " n"]  # meters from the target's center
+    has_distance: Bool[np.ndarray, " n"]  # whether a distance gives the wanted size; else pose and distance are unset
+
+    def cameras(self, rows: Int[np.ndarray, " k"]) -> Cameras:
+        """Return the cameras of tries that have one."""
+        return Cameras(self.drawn.lenses.take(rows), self.world_from_camera[rows])
+
+    @property
+    def is_framed(self) -> Bool[np.ndarray, " n"]:
+        """Whether the pose is final."""
+        return self.rule >= CameraRule.SIZE
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Views:
     """n cameras and what each sees of one vehicle; nan for values after a rejection."""
@@ -163,9 +228,15 @@ class Views:
     visible_fraction: Float[np.ndarray, " n"]  # shares; 0 for a vehicle outside the frame
     air_contrast: Float[np.ndarray, " n"]  # share of the vehicle's contrast after haze; see `camera.weather.extinction`
     rejection: UInt8[np.ndarray, " n"]
-    # sampled, followed: boxes of photographs; see `planning.search.likeness.Wishes`. -1: none.
+    # following, sampled, followed: a `Following`, and boxes of photographs; see `likeness.TargetBoxes`
+    following: UInt8[np.ndarray, " n"]
     sampled: Int[np.ndarray, " n"]
     followed: Int[np.ndarray, " n"]
+
+    @property
+    def accepted(self) -> Int[np.ndarray, " k"]:
+        """Rows that no check has rejected."""
+        return np.flatnonzero(self.rejection == Rejection.NONE)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -187,8 +258,9 @@ def no_views(n: int) -> Views:
         np.full(n, np.nan),
         np.full(n, np.nan),
         np.zeros(n, dtype=np.uint8),
-        np.full(n, -1),
-        np.full(n, -1),
+        np.zeros(n, dtype=np.uint8),
+        np.zeros(n, dtype=np.int64),
+        np.zeros(n, dtype=np.int64),
     )
 
 
@@ -235,12 +307,21 @@ class Block:
     @property
     def scene(self) -> Int[np.ndarray, " m"]:
         """Index of the image whose light, weather, and lens each image shares: the first of its sequence, or itself."""
-        sequence = self.given_poses(self.image).sequence
-        return np.where(sequence >= 0, sequence, self.image)
+        given = self.given_poses(self.image)
+        return np.where(given.in_sequence, given.first, self.image)
 
     def given_poses(self, image: Int[np.ndarray, " k"]) -> Given:
         """Return the given poses of the images with these indices."""
         return nothing_given(len(image)) if self.given is None else take(self.given, image)
+
+
+class PlaceState(IntEnum):
+    """Whether an instance has a place."""
+
+    PENDING = 0  # not yet
+    PLACED = 1
+    LEFT_OUT = 2  # an extra without room at its target's place
+    ABANDONED = 3  # its position has no place or no view
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -251,7 +332,17 @@ class InstanceTable(Instances):
     number: Int[np.ndarray, " k"]
     settled: Settled  # resting poses, which share the array `world_from_vehicle`
     tries: Int[np.ndarray, " k"]  # places tried so far; an instance with a place has the last one
-    found: Bool[np.ndarray, " k"]  # whether it has a place
+    state: UInt8[np.ndarray, " k"]  # a `PlaceState`
+
+    @property
+    def is_placed(self) -> Bool[np.ndarray, " k"]:
+        """Whether each instance has a place."""
+        return self.state == PlaceState.PLACED
+
+    @property
+    def is_extra(self) -> Bool[np.ndarray, " k"]:
+        """Whether each instance is a companion or distractor."""
+        return self.role != Role.TARGET
 
 
 def draw_instances(block: Block) -> InstanceTable:
@@ -259,26 +350,33 @@ def draw_instances(block: Block) -> InstanceTable:
     positions, fleet, draws = block.positions, block.stage.fleet, block.draws
     n = len(positions.number)
     turns = draws.uniform(Purpose.ARTICULATION, positions.number, 0, count=fleet.parts)
-    zero, photographed, likeness = np.zeros(n, dtype=np.int64), np.full(n, -1), block.likeness
+    zero, likeness = np.zeros(n, dtype=np.int64), block.likeness
+    photographed, is_photographed = (
+        zero,
+        np.zeros(n, dtype=bool),
+    )  # number of companions in the photograph, if one counts
     if likeness is not None:
-        sampled = likeness.sample_boxes(draws, fleet, model=block.model, image=positions.first_image)
+        sampled, is_photographed = likeness.sample_boxes(draws, fleet, model=block.model, image=positions.first_image)
         photographed = likeness.companion_counts(sampled)
     columns = [(np.arange(n), zero, zero, block.model, turns)]
     for background, kinds in block.extras.items():
         rows = np.flatnonzero(positions.background == background)
         for kind in kinds if len(rows) else ():
-            wanted = photographed[rows] if kind.role == Role.COMPANION else np.full(len(rows), -1)
-            models, numbers = kind.drawn(draws, positions.number[rows], wanted)
-            i, j = np.nonzero(models >= 0)
+            i, number, model, uniform = kind.drawn(
+                draws,
+                positions.number[rows],
+                wanted=photographed[rows],
+                is_wanted=is_photographed[rows] & (kind.role == Role.COMPANION),
+            )
             turned = np.zeros((len(i), fleet.parts))
-            turned[:, :MOST_EXTRAS] = numbers[i, j, : fleet.parts]
-            columns.append((rows[i], np.full(len(i), kind.role), j, models[i, j], turned))
+            turned[:, :MOST_EXTRAS] = uniform[:, : fleet.parts]
+            columns.append((rows[i], np.full(len(i), kind.role), number, model, turned))
     row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))
     row, role, number, model = row[order], role[order], number[order], model[order]
     angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
     k, settled = len(row), empty_settled(len(row))
     center = articulated_boxes(fleet, model, angles).mean(axis=1)
-    tries, found = np.zeros(k, dtype=np.int64), np.zeros(k, dtype=bool)
+    tries, state = np.zeros(k, dtype=np.int64), np.full(k, PlaceState.PENDING, dtype=np.uint8)
     poses = settled.world_from_vehicle
-    return InstanceTable(fleet, row, model, poses, angles, center, role, number, settled, tries, found)
+    return InstanceTable(fleet, row, model, poses, angles, center, role, number, settled, tries, state)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from enum import IntEnum
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -21,9 +22,8 @@ from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put_rows, take
 from hulldown.geometry.transforms import rigid_matrix
 from hulldown.placement.rejection import Rejection
-from hulldown.plan.config.schema import Config
+from hulldown.plan.config.scene_sections import CameraSection, RenderSection
 from hulldown.plan.row import round_field
-from hulldown.planning.search.budget import Given
 from hulldown.planning.search.instance_table import (
     Instances,
     filled_fraction,
@@ -32,122 +32,137 @@ from hulldown.planning.search.instance_table import (
     size_cameras,
     vehicle_boxes,
 )
-from hulldown.planning.search.likeness import TargetBoxes, candidate_directions, match_cameras
+from hulldown.planning.search.likeness import Following, candidate_directions, match_cameras
 from hulldown.planning.search.random_streams import Purpose, RowStreams, scale_uniform
 from hulldown.planning.search.stage import Site
-from hulldown.planning.search.tables import Block, Views, no_views
+from hulldown.planning.search.tables import (
+    Block,
+    CameraCandidates,
+    CameraDraws,
+    CameraRule,
+    CameraTries,
+    Views,
+    no_views,
+)
 
 MIN_CAMERA_DISTANCE_M = 1e-6  # from a target's center to a given camera, which keeps the direction defined
 SIZE_TOLERANCE = 1e-9  # relative, of solved sizes: the solver and the box's projection round differently
 SURELY_VISIBLE_PX2 = 1000.0  # visible area of a box above which some pixel center surely shows the target
 
 
-class CameraRule(IntEnum):
-    """What determines the place of a try's camera."""
-
-    GIVEN = 0  # the user; the camera is then turned to frame the target
-    EQUATION = 1  # the paper's distance; the camera is then turned to frame the target
-    SIZE = 2  # a size of the target's box, with the target in frame
-    PHOTOGRAPH = 3  # a photograph's box, which the target's box reproduces
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class CameraTries:
-    """n tries of cameras; row i of every field is try i."""
-
-    targets: Instances
-    others: Instances  # the vehicles beside the targets, by `Instances.row`
-    given: Given  # what the user's poses give
-    image: Int[np.ndarray, " n"]  # index of each try's image
-    attempt: Int[np.ndarray, " n"]  # number of the try among those of its image
-    quarter: Int[np.ndarray, " n"]  # 0 to 3: how many quarters of an image's tries are used up; see `likeness`
-    visibility_m: Float[np.ndarray, " n"]  # nan in clear air
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class CameraCandidates:
-    """Cameras of n tries before they're checked."""
-
-    rule: UInt8[np.ndarray, " n"]  # a `CameraRule`
-    lenses: Intrinsics  # one for all, or n
-    roll: Float[np.ndarray, " n"]  # about the optical axis, radians
-    distance: Float[np.ndarray, " n"]  # meters from the target's center; nan: no distance gives the size
-    # level and aimed at the target's center by the first two rules, which are framed later; final by the others
-    world_from_camera: Float[np.ndarray, "n 4 4"]
-    fraction: Float[np.ndarray, " n"]  # share of the image that the target should fill
-    boxes: TargetBoxes | None  # the boxes of photographs; None without photographs
-
-    def cameras(self, rows: Int[np.ndarray, " k"]) -> Cameras:
-        """Return the cameras of tries that have one."""
-        return Cameras(self.lenses.take(rows), self.world_from_camera[rows])
-
-    @property
-    def is_framed(self) -> Bool[np.ndarray, " n"]:
-        """Whether the pose is final."""
-        return self.rule >= CameraRule.SIZE
-
-
 def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
-    """Sample lenses and directions, and find the place of each camera by its rule."""
-    config, draws, targets, given = block.config, block.draws, tries.targets, tries.given
-    n, limits, measure = len(tries.image), config.camera, config.camera.size_measure
+    """Draw the cameras of tries, and find their places, each by its rule."""
+    drawn, n = draw_cameras(block, tries), len(tries.image)
+    by_default = CameraRule.EQUATION if block.config.camera.size_measure == "paper" else CameraRule.SIZE
+    rule = np.where(tries.given.has_camera, CameraRule.GIVEN, by_default)
+    if drawn.boxes is not None:
+        followed = drawn.boxes.following == Following.PHOTOGRAPH
+        rule[followed & ~tries.given.has_view] = CameraRule.PHOTOGRAPH
+    poses, distance = np.zeros((n, 4, 4)), np.zeros(n)
+    for place, of_rule in (
+        (place_given, CameraRule.GIVEN),
+        (place_by_equation, CameraRule.EQUATION),
+        (place_by_size, CameraRule.SIZE),
+        (place_by_photograph, CameraRule.PHOTOGRAPH),
+    ):
+        rows = np.flatnonzero(rule == of_rule)
+        if len(rows):
+            poses[rows], distance[rows] = place(block, tries, drawn, rows)
+    return CameraCandidates(drawn, rule.astype(np.uint8), poses, distance, ~np.isnan(distance))
+
+
+def draw_cameras(block: Block, tries: CameraTries) -> CameraDraws:
+    """Draw lenses, directions, and sizes of tries within the config's limits."""
+    config, draws, given, n = block.config, block.draws, tries.given, len(tries.image)
+    limits = config.camera
     rng = RowStreams(draws, Purpose.CAMERA, tries.image, tries.attempt)
     lens, size, factor = rng.random((n, 3)).T
     azimuth = draw_azimuth(n, rng=rng)
     low, high = (math.radians(angle) for angle in limits.elevation_deg)
     elevation = draw_elevation(n, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
-    turn = rng.random((n, 1))[:, 0]
+    roll = rng.random((n, 1))[:, 0]
     # All images of a sequence have the lens and the roll of its first.
-    of_sequence = draws.uniform(Purpose.SEQUENCE, np.maximum(given.sequence, 0), 0, count=2)
-    lens = np.where(given.in_sequence, of_sequence[:, 0], lens)
-    turn = np.where(given.in_sequence, of_sequence[:, 1], turn)
-    lenses, fraction = sample_lenses(config, lens), scale_uniform(*limits.target_fraction, size)
-    roll = np.radians(scale_uniform(*limits.roll_deg, turn))
-
-    rule = np.where(given.has_camera, CameraRule.GIVEN, CameraRule.EQUATION if measure == "paper" else CameraRule.SIZE)
+    of_sequence = draws.uniform(Purpose.SEQUENCE, given.first, 0, count=2)
+    lens, roll = np.where(given.in_sequence, of_sequence.T, [lens, roll])
     boxes = None
     if block.likeness is not None:
         boxes = block.likeness.target_boxes(
-            draws, targets, image=tries.image, attempt=tries.attempt, quarter=tries.quarter
+            draws, tries.targets, image=tries.image, attempt=tries.attempt, quarter=tries.quarter
         )
-        rule[~given.has_camera & ~given.has_look_at & boxes.has_box] = CameraRule.PHOTOGRAPH
-
-    distance, poses = np.full(n, np.nan), np.full((n, 4, 4), np.nan)
-    i = np.flatnonzero(rule == CameraRule.GIVEN)
-    away, azimuth[i], elevation[i] = shell_place(given.camera[i] - targets.take(i).centers)
-    distance[i] = np.maximum(away, MIN_CAMERA_DISTANCE_M)
-    i = np.flatnonzero(rule == CameraRule.EQUATION)
-    smallest = targets.fleet.size.min(axis=1)[targets.model[i]]
-    distance[i] = lenses.take(i).target_distance(smallest, fraction[i]) * scale_uniform(
-        *limits.distance_factor, factor[i]
+    return CameraDraws(
+        lenses=sample_lenses(config.intrinsics, limits.fov_x_deg, lens),
+        azimuth=azimuth,
+        elevation=elevation,
+        roll=np.radians(scale_uniform(*limits.roll_deg, roll)),
+        fraction=scale_uniform(*limits.target_fraction, size),
+        factor=scale_uniform(*limits.distance_factor, factor),
+        boxes=boxes,
     )
-    i = np.flatnonzero(rule <= CameraRule.EQUATION)
-    poses[i] = camera_pose(targets.take(i).centers, distance[i], azimuth[i], elevation[i])
-    if measure != "paper":
-        for model, of_model in targets.by_model():
-            i = of_model[rule[of_model] == CameraRule.SIZE]
-            poses[i], distance[i] = size_cameras(
-                targets.take(i),
-                posed_hull(model, targets.world_from_vehicle[i], targets.model_angles(model, i)),
-                lenses=lenses.take(i),
-                pixels=fraction[i] * image_size(measure, config.render),
-                measure=measure,
-                azimuth=azimuth[i],
-                elevation=elevation[i],
-                roll=roll[i],
-                frame=partial(frame_targets, block, tries, rows=i, roll=roll[i]),
-            )
-    if boxes is not None:
-        i = np.flatnonzero(rule == CameraRule.PHOTOGRAPH)
-        poses[i], distance[i] = match_cameras(
-            targets.take(i),
-            take(boxes, i),
-            limits,
-            lenses=lenses.take(i),
-            roll=roll[i],
-            rng=candidate_directions(draws, tries.image[i], tries.attempt[i]),
+
+
+def sample_lenses(
+    make: Callable[[Float[np.ndarray, " n"]], Intrinsics],
+    fov_x_deg: tuple[float, float],
+    uniform: Float[np.ndarray, " n"],
+) -> Intrinsics:
+    """Return lenses with fields of view in proportion to numbers in [0, 1); `make` is `Config.intrinsics`."""
+    return make(round_field("fov_x_deg", scale_uniform(*fov_x_deg, uniform)))
+
+
+# The places of cameras by a rule: poses and distances from targets' centers of these rows of the tries.
+Places: TypeAlias = tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, " k"]]
+
+
+def place_given(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+    """Place cameras where users give them, level and toward the targets' centers."""
+    centers = tries.targets.take(rows).centers
+    away, azimuth, elevation = shell_place(tries.given.camera[rows] - centers)
+    distance = np.maximum(away, MIN_CAMERA_DISTANCE_M)
+    return camera_pose(centers, distance, azimuth, elevation), distance
+
+
+def place_by_equation(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+    """Place cameras at the paper's distance."""
+    targets = tries.targets.take(rows)
+    smallest = targets.fleet.size.min(axis=1)[targets.model]
+    distance = drawn.lenses.take(rows).target_distance(smallest, drawn.fraction[rows]) * drawn.factor[rows]
+    return camera_pose(targets.centers, distance, drawn.azimuth[rows], drawn.elevation[rows]), distance
+
+
+def place_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+    """Frame targets by cameras at which their boxes have the drawn size; nan without such a distance."""
+    measure = block.config.camera.size_measure
+    assert measure != "paper"
+    pixels = drawn.fraction * image_size(measure, block.config.render)
+    poses, distance = np.zeros((len(rows), 4, 4)), np.zeros(len(rows))
+    for model, of_model in tries.targets.take(rows).by_model():
+        i = rows[of_model]
+        targets = tries.targets.take(i)
+        poses[of_model], distance[of_model] = size_cameras(
+            targets,
+            posed_hull(model, targets.world_from_vehicle, targets.model_angles(model, np.arange(len(i)))),
+            lenses=drawn.lenses.take(i),
+            pixels=pixels[i],
+            measure=measure,
+            azimuth=drawn.azimuth[i],
+            elevation=drawn.elevation[i],
+            roll=drawn.roll[i],
+            frame=partial(frame_targets, block, tries, rows=i, roll=drawn.roll[i]),
         )
-    return CameraCandidates(rule.astype(np.uint8), lenses, roll, distance, poses, fraction, boxes)
+    return poses, distance
+
+
+def place_by_photograph(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+    """Reproduce photographs' boxes; nan where no distance does."""
+    assert drawn.boxes is not None
+    return match_cameras(
+        tries.targets.take(rows),
+        take(drawn.boxes, rows),
+        block.config.camera,
+        lenses=drawn.lenses.take(rows),
+        roll=drawn.roll[rows],
+        rng=candidate_directions(block.draws, tries.image[rows], tries.attempt[rows]),
+    )
 
 
 def frame_targets(
@@ -171,97 +186,108 @@ def frame_targets(
     return framed
 
 
-def sample_lenses(config: Config, uniform: Float[np.ndarray, " n"]) -> Intrinsics:
-    """Return the calibrated camera, or n cameras with fields of view in proportion to numbers in [0, 1)."""
-    return config.intrinsics(round_field("fov_x_deg", scale_uniform(*config.camera.fov_x_deg, uniform)))
-
-
 def try_cameras(block: Block, tries: CameraTries) -> Views:
     """Make cameras, and check them against the config's limits.
 
-    Checks are in the order of their cost, and each is of the rows that passed those before. Limits of distance and size
-    don't apply to given cameras.
+    Checks are in the order of their cost, each of the rows that passed those before. They set these rows' rejections.
     """
-    site, limits, config, candidates = block.site, block.config.camera, block.config, sample_cameras(block, tries)
-    n = len(tries.image)
-    views = no_views(n)
-    views.fov_x_deg[:] = round_field("fov_x_deg", candidates.lenses.fov_x_deg)
-    if (boxes := candidates.boxes) is not None:
-        views.sampled[:] = np.where(tries.given.has_camera | tries.given.has_look_at, -1, boxes.sampled)
-        views.followed[:] = np.where(candidates.rule == CameraRule.PHOTOGRAPH, boxes.box, -1)
+    limits, candidates, views = block.config.camera, sample_cameras(block, tries), no_views(len(tries.image))
+    views.fov_x_deg[:] = round_field("fov_x_deg", candidates.drawn.lenses.fov_x_deg)
+    if (boxes := candidates.drawn.boxes) is not None:
+        views.sampled[:], views.followed[:] = boxes.sampled, boxes.box
+        views.following[:] = np.where(tries.given.has_view, Following.RANGES, boxes.following)
 
-    def passed() -> Int[np.ndarray, " k"]:
-        return np.flatnonzero(views.rejection == Rejection.NONE)
-
-    views.rejection[:] = reject_distance(candidates, tries.visibility_m, config)
-    rows = passed()
-    views.rejection[rows] = site.camera_room.reject_places(
-        candidates.world_from_camera[rows, :3, 3],
-        ground_clearance=limits.ground_clearance,
-        obstacle_clearance=limits.obstacle_clearance,
-        vehicles=[*tries.targets.take(rows).posed_vehicles(), *tries.others.repeat_rows(rows)[0].posed_vehicles()],
-    )
-
-    rows = passed()
-    cameras, unframed = candidates.cameras(rows), np.flatnonzero(~candidates.is_framed[rows])
-    i = rows[unframed]
-    framed = frame_targets(block, tries, cameras.take(unframed), rows=i, roll=candidates.roll[i])
-    cameras.world_from_camera[unframed] = framed.world_from_camera
-    # Labels follow from rounded poses.
-    cameras = cameras.at_poses(round_field("world_from_camera", cameras.world_from_camera))
-    targets = tries.targets.take(rows)
+    contrast = block.config.weather.min_contrast
+    views.rejection[:] = reject_distance(candidates, tries.visibility_m, limits.distance_m, min_contrast=contrast)
+    rows = views.accepted
+    views.rejection[rows] = reject_camera_places(block.site, tries, candidates, limits, rows)
+    rows = views.accepted
+    cameras, targets = framed_cameras(block, tries, candidates, rows), tries.targets.take(rows)
     views.world_from_camera[rows] = cameras.world_from_camera
     views.air_contrast[rows] = air_contrasts(targets, cameras, tries.visibility_m[rows])
     put_rows(views.boxes, rows, vehicle_boxes(targets, cameras))
-    views.rejection[rows] = reject_box(take(views.boxes, rows), candidates, rows, config)
+    views.rejection[rows] = reject_box(take(views.boxes, rows), candidates, rows, limits, image=block.config.render)
 
-    def visible() -> tuple[Instances, Instances, Cameras]:
-        """Return targets, others, and cameras of these rows."""
-        cameras = candidates.lenses.take(rows), views.world_from_camera[rows]
-        return tries.targets.take(rows), tries.others.repeat_rows(rows)[0], Cameras(*cameras)
+    def scenes(rows: Int[np.ndarray, " k"]) -> tuple[Site, Instances, Instances, Cameras]:
+        """Return the site, and targets, others, and cameras of these rows."""
+        cameras = Cameras(candidates.drawn.lenses.take(rows), views.world_from_camera[rows])
+        return block.site, tries.targets.take(rows), tries.others.repeat_rows(rows)[0], cameras
 
-    rows = passed()
-    views.visible_fraction[rows] = visible_shares(site, *visible(), rays=limits.visibility_rays)
+    rows = views.accepted
+    views.visible_fraction[rows] = visible_shares(*scenes(rows), rays=limits.visibility_rays)
     views.rejection[rows] = reject_outside(
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
-
-    rows = passed()
+    rows = views.accepted
     rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < SURELY_VISIBLE_PX2]
-    shown = pixels_shown(site, *visible(), xywh=views.boxes.xywh[rows])
+    shown = pixels_shown(*scenes(rows), xywh=views.boxes.xywh[rows])
     views.rejection[rows[~shown]] = Rejection.HIDDEN
     return views
 
 
 def reject_distance(
-    candidates: CameraCandidates, visibility_m: Float[np.ndarray, " n"], config: Config
+    candidates: CameraCandidates,
+    visibility_m: Float[np.ndarray, " n"],
+    distance_m: tuple[float, float],
+    *,
+    min_contrast: float,
 ) -> UInt8[np.ndarray, " n"]:
-    """Return rejections of candidates by their distance, and by the contrast at that distance."""
-    distance, (low, high) = candidates.distance, config.camera.distance_m
-    faint = reject_outside(air_contrast(visibility_m, distance), config.weather.min_contrast, below=Rejection.FAINT)
-    apart = reject_outside(distance, low, high, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
+    """Return rejections of candidates by their distance, unless it's given, and by the contrast at that distance."""
+    distance = candidates.distance
+    faint = reject_outside(air_contrast(visibility_m, distance), min_contrast, below=Rejection.FAINT)
+    apart = reject_outside(distance, *distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
     rejection = np.where((candidates.rule != CameraRule.GIVEN) & (apart != Rejection.NONE), apart, faint)
-    rejection[np.isnan(distance)] = Rejection.SIZE
-    return rejection
+    return np.where(candidates.has_distance, rejection, Rejection.SIZE)
+
+
+def reject_camera_places(
+    site: Site, tries: CameraTries, candidates: CameraCandidates, limits: CameraSection, rows: Int[np.ndarray, " k"]
+) -> UInt8[np.ndarray, " k"]:
+    """Return rejections of these rows by what is near their cameras."""
+    beside = tries.targets.take(rows), tries.others.repeat_rows(rows)[0]
+    return site.camera_room.reject_places(
+        candidates.world_from_camera[rows, :3, 3],
+        ground_clearance=limits.ground_clearance,
+        obstacle_clearance=limits.obstacle_clearance,
+        vehicles=[vehicle for each in beside for vehicle in each.posed_vehicles()],
+    )
+
+
+def framed_cameras(
+    block: Block, tries: CameraTries, candidates: CameraCandidates, rows: Int[np.ndarray, " k"]
+) -> Cameras:
+    """Return the final cameras of these rows, rounded, since labels follow from rounded poses."""
+    cameras, unframed = candidates.cameras(rows), np.flatnonzero(~candidates.is_framed[rows])
+    i = rows[unframed]
+    framed = frame_targets(block, tries, cameras.take(unframed), rows=i, roll=candidates.drawn.roll[i])
+    cameras.world_from_camera[unframed] = framed.world_from_camera
+    return cameras.at_poses(round_field("world_from_camera", cameras.world_from_camera))
 
 
 def reject_box(
-    boxes: Boxes, candidates: CameraCandidates, rows: Int[np.ndarray, " k"], config: Config
+    boxes: Boxes,
+    candidates: CameraCandidates,
+    rows: Int[np.ndarray, " k"],
+    limits: CameraSection,
+    *,
+    image: RenderSection,
 ) -> UInt8[np.ndarray, " k"]:
-    """Return rejections of these rows of the candidates by their targets' boxes."""
-    limits, rule = config.camera, candidates.rule[rows]
+    """Return rejections of these rows of the candidates by their targets' boxes.
+
+    Limits of size don't apply to given cameras. Sizes can miss if part of the target is nearer than the near plane.
+    """
+    rule = candidates.rule[rows]
     # A target outside the frame has the box nan, which is too small.
     small = reject_outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
     cut = reject_outside(
         boxes.truncated_fraction, *limits.truncated_fraction, below=Rejection.TRUNCATION, above=Rejection.TRUNCATION
     )
     rejection = np.where(cut, cut, small)
-    # Sizes can miss if part of the target is nearer than the near plane.
     if limits.size_measure != "paper":
-        filled = filled_fraction(boxes.amodal, limits.size_measure, config.render)
-        rejection[(rule == CameraRule.SIZE) & ~is_size(filled, candidates.fraction[rows])] = Rejection.SIZE
-    if candidates.boxes is not None:
-        wanted = take(candidates.boxes, rows)
+        filled = filled_fraction(boxes.amodal, limits.size_measure, image)
+        rejection[(rule == CameraRule.SIZE) & ~is_size(filled, candidates.drawn.fraction[rows])] = Rejection.SIZE
+    if candidates.drawn.boxes is not None:
+        wanted = take(candidates.drawn.boxes, rows)
         width, height = boxes.amodal[:, 2:].T
         size = np.where(wanted.wide, width, height)
         rejection[(rule == CameraRule.PHOTOGRAPH) & ~is_size(size, wanted.pixels)] = Rejection.SIZE
@@ -281,7 +307,7 @@ def views_of_others(
     views: Views,
     cameras: Cameras,
     visibility_m: Float[np.ndarray, " n"],
-    config: Config,
+    rays: int,
 ) -> tuple[Views, Bool[np.ndarray, " n"]]:
     """Return views of vehicles that aren't targets, and whether those with a class cover the center of any pixel.
 
@@ -291,7 +317,7 @@ def views_of_others(
     seen = replace(
         views,
         boxes=vehicle_boxes(subjects, cameras),
-        visible_fraction=visible_shares(site, subjects, others, cameras, rays=config.camera.visibility_rays),
+        visible_fraction=visible_shares(site, subjects, others, cameras, rays=rays),
         air_contrast=air_contrasts(subjects, cameras, visibility_m),
     )
     named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
