@@ -34,8 +34,6 @@ Two things have no such bound and are measured instead (docs/benchmarks.md: 5e-1
 and gun, which put up to two more matrices into the product, and cuts, which move by their rounding over the sine of
 the angle between plane and edge. A clipped box is the exact one of a frustum that is moved by rounding.
 
-References
-----------
 Higham, Accuracy and Stability of Numerical Algorithms, 2nd edition, SIAM, 2002.
 """
 

@@ -21,8 +21,6 @@ def clip_triangles(
 ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
     """Return corners of triangles clipped by planes, each one's polygon, and as bits the planes that it was cut by.
 
-    References
-    ----------
     Sutherland, Hodgman, Reentrant polygon clipping, CACM 17(1), 1974: here on all polygons at once, their corners in
     one flat list.
     """

@@ -23,8 +23,6 @@ def mask_polygons(segmentation: object, width: int, height: int, *, within: floa
     `within`: pixels: corners are dropped if the outline moves by no more. A piece or hole with fewer than three
     corners left is dropped.
 
-    Examples
-    --------
     >>> mask_polygons({"size": [4, 4], "counts": [5, 2, 2, 2, 5]}, 4, 4, within=0.6)
     [[1.0, 1.5, 2.5, 1.0, 3.0, 2.5, 1.5, 3.0]]
     """
@@ -56,8 +54,6 @@ def bridge_rings(rings: Sequence[Ring]) -> Ring:
 def simplify_ring(ring: Ring, within: float) -> Ring:
     """Drop corners of a ring that are within a distance of the line between the kept ones.
 
-    References
-    ----------
     Douglas and Peucker, Algorithms for the reduction of the number of points required to represent a digitized line,
     Cartographica 1973; begun here at the corner farthest from the center and the one farthest from that.
     """

@@ -83,8 +83,6 @@ class CategoryRecord(CategoryKeypoints, kw_only=True):
 def declared_fields(record: Record, kind: type[Declared]) -> Declared:
     """Return the declared fields of a record; optional ones that don't have their type and range are left out.
 
-    Examples
-    --------
     >>> declared_fields({"scenery": "hills", "fov_x_deg": "wide"}, View).scenery
     'hills'
     """

@@ -22,8 +22,6 @@ def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.nd
 
     `width`, `height`: of the image, in pixels.
 
-    Examples
-    --------
     >>> mask_rectangle({"size": [3, 3], "counts": [0, 1, 3, 1, 3, 1]}, 3, 3).round(3).tolist()
     [1.5, 1.5, 4.243, 1.414, 0.785]
     """
@@ -73,8 +71,6 @@ def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.nd
 def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:
     """Return corners of rectangles (..., 5), in order around each; the first two are where its height begins.
 
-    Examples
-    --------
     >>> rectangle_corners([2.0, 1.0, 4.0, 2.0, 0.0]).tolist()
     [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]]
     """

@@ -29,8 +29,6 @@ def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3
 
     `pixels`: radiance, the lowest row first.
 
-    Examples
-    --------
     >>> (level_irradiance(np.ones((16, 32, 3))) / np.pi).round(12).tolist()
     [1.0, 1.0, 1.0]
     """

@@ -21,8 +21,6 @@ UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so tha
 def atomic_writer(path: Path) -> Iterator[BinaryIO]:
     """Open a temporary file that replaces `path` in one step when all of it is on disk.
 
-    Examples
-    --------
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:

@@ -40,8 +40,6 @@ def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
 
     `refuse`: makes the error that is raised if it isn't a regular file, is larger than `most` bytes, or can't be read.
 
-    Examples
-    --------
     >>> from functools import partial
     >>> from hulldown.base.errors import HulldownError
     >>> read_file(Path("nothing.toml"), partial(HulldownError, path="nothing.toml"))
@@ -92,8 +90,6 @@ def read_json(path: Path, kind: type[T], refuse: Refuse, *, what: str, most: int
 def parse_json(content: bytes | memoryview, kind: type[T]) -> T:
     """Return a JSON value as a `kind`.
 
-    Examples
-    --------
     >>> parse_json(b'{"size": [640, 480]}', dict[str, tuple[int, int]])
     {'size': (640, 480)}
     """

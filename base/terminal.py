@@ -36,8 +36,6 @@ STDERR = Terminal(stderr=True, highlight=False)
 def escape_controls(text: str) -> str:
     r"""Escape the characters that control a terminal: escape codes, returns, direction marks.
 
-    Examples
-    --------
     >>> print(escape_controls("tank" + chr(27) + "[2J" + chr(0x202E)))
     tank\x1b[2J\u202e
     """

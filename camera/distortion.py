@@ -11,8 +11,6 @@ to the first r at which that is zero the potential is convex, so no two points o
 
 Coefficients are in OpenCV's order: k1, k2, p1, p2, k3. Runs in Blender too, which may have numpy only.
 
-References
-----------
 D. C. Brown, Close-range camera calibration, Photogrammetric Engineering 37(8), 1971. OpenCV, Camera Calibration and 3D
 Reconstruction: the formula above.
 """

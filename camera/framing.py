@@ -227,8 +227,6 @@ class _Search:
         Out of the frame, the turn that keeps the horizon level may end before the box is there. By the smallest turn,
         a box that stays in front of the camera gets everywhere: its distance to the pixel is bounded.
 
-        References
-        ----------
         C. G. Broyden, A class of methods for solving nonlinear simultaneous equations, Mathematics of Computation
         19(92), 1965, method 1.
         """

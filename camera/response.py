@@ -1,7 +1,5 @@
 """White balance, Blender's view transform, and the exposure at which a gray card is mid-gray.
 
-References
-----------
 T. Sobotka, AgX, https://github.com/sobotka/AgX, 2022; in Blender since 4.0 with matrices and a curve of its own.
 CIE 15, Colorimetry, 2004: the daylight locus. K. M. Lam, Metamerism and color constancy, PhD thesis, University of
 Bradford, 1985: the cone responses that white balance scales.
@@ -38,8 +36,6 @@ _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389
 def display_levels(radiance: np.ndarray) -> np.ndarray:
     """Levels from 0 to 255 of linear Rec. 709 radiance in a picture.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> display_levels(np.array([[0.0, 0.0, 0.0], [1e3, 1e3, 1e3]])).round().tolist()
     [[0.0, 0.0, 0.0], [255.0, 255.0, 255.0]]
@@ -55,8 +51,6 @@ def white_balance(offset_k: float) -> np.ndarray:
 
     `offset_k`: offset of its setting from `NEUTRAL_K`; 0 changes nothing, and more makes pictures warmer.
 
-    Examples
-    --------
     >>> red, _, blue = white_balance(1000.0).sum(axis=1)
     >>> bool(red > 1.0 > blue)
     True
@@ -86,8 +80,6 @@ def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
 
     `light`: linear Rec. 709; not black.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> off_daylight(np.ones(3)) < 0.01 < off_daylight(np.array([0.1, 0.1, 1.0]))
     True

@@ -114,13 +114,7 @@ class CocoDataset:
         return ((record["id"], str(record.get("file_name"))) for record in self._document.images)
 
     def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
-        """Refuse ids reserved for an image to be appended if other records have them after a manual edit.
-
-        Raises
-        ------
-        DatasetError
-            Naming the first.
-        """
+        """Refuse ids reserved for an image to be appended if other records have them after a manual edit."""
         document = self._document
         if image_id in document.images.ids:
             what = f"image {image_id} ({next(name for i, name in self.images() if i == image_id)!r})"
@@ -279,13 +273,7 @@ class CocoDataset:
             self._lock.release()
 
     def abandon(self) -> None:
-        """Close as if it had never been opened; for a run that cannot begin.
-
-        Raises
-        ------
-        ValueError
-            If images have been appended.
-        """
+        """Close as if it had never been opened; for a run that cannot begin."""
         if len(self) > self._images:
             raise ValueError(f"abandon: expected no image since the dataset was opened, got some in {self.folder}")
         if not self._lock.is_locked:

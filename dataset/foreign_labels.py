@@ -2,8 +2,6 @@
 
 Read here, because supervision forgets VOC's `difficult` and rounds YOLO's polygons to pixels.
 
-References
-----------
 Ultralytics' and Roboflow's documentation of YOLO folders; Everingham et al., The Pascal visual object classes
 challenge, IJCV 2010, and its development kit: pixels are counted from 1.
 """

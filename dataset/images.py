@@ -37,8 +37,6 @@ class LabeledImages:
     def classes(self) -> list[Category]:
         """Categories in the order of ids, without parents of others that label nothing, as Roboflow writes them.
 
-        Examples
-        --------
         >>> found = [{"id": 0, "name": "army", "supercategory": "none"}]
         >>> found += [{"id": 1, "name": "tank", "supercategory": "army"}]
         >>> coco = {"categories": found, "images": [], "annotations": []}

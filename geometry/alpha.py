@@ -35,8 +35,6 @@ class Cut(IntEnum):
 class AlphaMap:
     """The opacity of a material over texture coordinates.
 
-    Examples
-    --------
     >>> leaf = AlphaMap(np.array([[0, 255]], dtype=np.uint8), smooth=False)
     >>> leaf.opacity(np.array([[0.25, 0.5], [0.75, 0.5], [1.25, 0.5]])).tolist()
     [0.0, 1.0, 0.0]
@@ -120,8 +118,6 @@ class TexelCounts:
     An interpolated value lies between those of its four texels, and curves are monotone; so where all texels of a
     stretch are above a threshold, all that is looked up there is.
 
-    References
-    ----------
     Crow, Summed-area tables for texture mapping, SIGGRAPH 1984.
     """
 

@@ -49,8 +49,6 @@ def positive_array(value: ArrayLike, name: str) -> np.ndarray:
 def are_numbers(values: Iterable[object]) -> bool:
     """Return whether all values are finite numbers; true and false are not.
 
-    Examples
-    --------
     >>> are_numbers([1, 2.5]), are_numbers([1, np.nan]), are_numbers([True])
     (True, False, False)
     """

@@ -14,8 +14,6 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709, and of dis
 def linear_from_srgb(coded: ArrayLike) -> np.ndarray:
     """Return linear light for sRGB values from 0 to 1, in the precision of the values.
 
-    References
-    ----------
     IEC 61966-2-1:1999, the sRGB transfer function.
     """
     values = np.asarray(coded)
@@ -31,8 +29,6 @@ def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
 def linear_color(name: str) -> tuple[float, float, float]:
     """Return the linear light of an sRGB color "#rrggbb".
 
-    Examples
-    --------
     >>> [round(x, 4) for x in linear_color("#ff8000")]
     [1.0, 0.2159, 0.0]
     """

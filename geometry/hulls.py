@@ -17,8 +17,6 @@ def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> In
     than this share of the set's size, are taken too: after each point has been moved and rounded by itself, one of
     them may be the greatest in the vertex's place.
 
-    References
-    ----------
     Barber, Dobkin, Huhdanpaa, The Quickhull algorithm for convex hulls, ACM TOMS 22(4), 1996.
     """
     if len(points) < 4:
@@ -63,8 +61,6 @@ def hulls_of_groups(
 
     Groups without an area have none. Corners within `COLLINEAR_TOLERANCE` of a straight line are left out.
 
-    References
-    ----------
     Andrew, Another efficient algorithm for convex hulls in two dimensions, Information Processing Letters, 1979.
     """
     order = np.lexsort((points[:, 1], points[:, 0], group))

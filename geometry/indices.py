@@ -11,8 +11,6 @@ from jaxtyping import Int
 def group_and_rank(counts: Int[np.ndarray, " g"]) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Group of each element and its number in the group, for consecutive groups of `counts` elements.
 
-    Examples
-    --------
     >>> [column.tolist() for column in group_and_rank(np.array([2, 0, 3]))]
     [[0, 0, 2, 2, 2], [0, 1, 0, 1, 2]]
     """
@@ -36,8 +34,6 @@ def matching_pairs(keys: Int[np.ndarray, " k"], wanted: Int[np.ndarray, " n"]) -
 def rank_batches(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 2) -> Iterator[Int[np.ndarray, " m"]]:
     """Yield the indices of the first few of each group, then the next few, in ever larger batches.
 
-    Examples
-    --------
     >>> [batch.tolist() for batch in rank_batches(np.array([3, 3, 3, 8, 8]))]
     [[0, 3], [1, 4], [2]]
     """
@@ -52,8 +48,6 @@ def rank_batches(group: Int[np.ndarray, " k"], *, first: int = 1, growth: int = 
 def even_sample(n: int, most: int) -> Int[np.ndarray, " k"]:
     """Return indices of at most `most` of `n` things, ascending, spread evenly from the first to the last.
 
-    Examples
-    --------
     >>> even_sample(10, 4)
     array([0, 3, 6, 9])
     """

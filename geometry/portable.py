@@ -4,8 +4,6 @@ NumPy and the C library pick another implementation of these functions for each 
 bits. IEEE 754 leaves no choice for the four operations and the square root. Plans are made with the functions below.
 They run in Blender too, which may have numpy only.
 
-References
-----------
 Sun Microsystems, fdlibm 5.3, 1993: the reductions of the arguments and the coefficients, with its errors below 1 ulp.
 """
 

@@ -16,8 +16,6 @@ so a larger |fl(l − r)| has the right sign. The bound gets 1e-250 more, far ab
    r₂ do. This decides diagonals of regular grids.
 3. The rest is computed in Python's integers: every float64 is an integer times a power of two.
 
-References
-----------
 Shewchuk, Adaptive precision floating-point arithmetic and fast robust geometric predicates, Discrete & Computational
 Geometry 18, 1997: the filter of section 4.3 (ORIENT2D, stage A) and the exact product of section 2.5.
 Dekker, A floating-point technique for extending the available precision, Numerische Mathematik 18, 1971.

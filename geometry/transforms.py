@@ -103,8 +103,6 @@ def rigid_matrix(rotation: ArrayLike, translation: ArrayLike) -> Float[np.ndarra
 def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Rotation by `angle` radians (...) about the unit `axis` (..., 3) through the origin.
 
-    References
-    ----------
     Rodrigues' formula: Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 1994, eq 2.14.
     """
     k = checked_array(axis, "axis", ("...", 3))
@@ -134,8 +132,6 @@ def rotation_z(angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
 def tilt_rotation(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Return the smallest rotation that takes +z to the unit `normal` (..., 3), which must not point to -z.
 
-    References
-    ----------
     Moeller, Hughes, Efficiently building a matrix to rotate one vector to another, JGT 4(4), 1999.
     """
     n = checked_array(normal, "normal", ("...", 3))

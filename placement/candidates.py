@@ -24,8 +24,6 @@ def sample_candidates(
     `n`: how many candidates; 0 is legal.
     `margin`: share of the bounds that is kept along each axis, about the center; in (0, 1].
 
-    References
-    ----------
     Paper, section 2.1.5: the placeable area is shrunk to 80 percent of the scenery.
     """
     low, high = checked_array(np.asarray(bounds)[..., :2], "bounds", (2, 2))

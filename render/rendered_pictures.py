@@ -13,8 +13,6 @@ NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 def without_notes(data: bytes) -> bytes:
     """Remove text, date, and EXIF chunks, so that equal pictures are equal files.
 
-    References
-    ----------
     W3C, Portable Network Graphics (PNG) Specification, 3rd edition, section 5.
     """
     if not data.startswith(SIGNATURE):

@@ -27,8 +27,6 @@ PAIRS_PER_BLOCK = 1 << 14  # pairs of box and triangle tested at a time
 def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
     """Straight up first, then directions spread evenly over the upper half of the sphere, from the top down.
 
-    References
-    ----------
     Vogel, A better way to construct the sunflower head, Mathematical Biosciences 44, 1979: the golden angle.
     """
     i = np.arange(n)
@@ -47,8 +45,6 @@ def boxes_touch(
 ) -> Bool[np.ndarray, " p"]:
     """Return whether two boxes, each about the origin of its own frame, touch.
 
-    References
-    ----------
     Gottschalk, Lin, Manocha, OBBTree, SIGGRAPH 1996, section 5.
     """
     rotation, offset = a_from_b[:, :3, :3], a_from_b[:, :3, 3]
@@ -75,8 +71,6 @@ def triangles_touch_box(
 
     `corners`: x, y, z of the three corners in the frame of the box, each an array (p,) for speed.
 
-    References
-    ----------
     Akenine-Moeller, Fast 3D triangle-box overlap testing, JGT 6(1), 2001.
     """
     touch = np.ones(len(half[0]), dtype=bool)

@@ -91,8 +91,6 @@ NO_OBSTACLES = InstancedScene([], [], [])
 class Scene:
     """Ground, obstacles, and vehicles; each is optional.
 
-    Examples
-    --------
     >>> import numpy as np
     >>> world = Scene(ground=Plane(0.0))
     >>> hits = world.nearest([[0.0, 0.0, 2.0]], [[0.0, 0.0, -1.0]])

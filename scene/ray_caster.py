@@ -200,8 +200,6 @@ def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray
     A Morton curve over a 256 x 256 raster of the two widest axes: 16-bit keys, which NumPy sorts by radix in a
     hundredth of the time that tracing takes, and that give most of what a finer curve would.
 
-    References
-    ----------
     Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM, 1966.
     """
     n = len(points)

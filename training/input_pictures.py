@@ -63,8 +63,6 @@ class Pictures:
 def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     """Find the pictures at the user's paths.
 
-    Examples
-    --------
     >>> find_pictures(["photographs/*.jpg"]).images[0].file_name  # doctest: +SKIP
     '0001.jpg'
     """

@@ -24,13 +24,9 @@ def rain_extinction(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
     drop is much larger than a wavelength, and takes twice its cross-section out of the light. Fits to measurements
     are alike: 0.312 R^0.67.
 
-    References
-    ----------
     J. S. Marshall, W. M. Palmer, The distribution of raindrops with size, Journal of Meteorology 5, 1948.
     D. Atlas, Shorter contribution: optical extinction by rainfall, Journal of Meteorology 10, 1953.
 
-    Examples
-    --------
     >>> [round(1000.0 * float(rain_extinction(rate)), 3) for rate in (1.0, 10.0, 100.0)]
     [0.365, 1.557, 6.642]
     """
@@ -40,8 +36,6 @@ def rain_extinction(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 def rain_visibility_m(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
     """Meteorological visibility in rain of these rates, in mm/h.
 
-    Examples
-    --------
     >>> [round(float(rain_visibility_m(rate))) for rate in (1.0, 10.0, 100.0)]
     [10718, 2513, 589]
     """
@@ -51,8 +45,6 @@ def rain_visibility_m(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 def surface_wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
     """Wetness of surfaces, 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice without a source.
 
-    Examples
-    --------
     >>> [round(float(surface_wetness(rate)), 2) for rate in (0.0, 1.0, 5.0, 20.0)]
     [0.0, 0.39, 0.92, 1.0]
     """
@@ -65,14 +57,10 @@ def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.nda
     `visibility_m`: meteorological visibility; nan where the air is clear.
     `distance_m`: from the camera, meters.
 
-    References
-    ----------
     H. Koschmieder, Theorie der horizontalen Sichtweite, Beitraege zur Physik der freien Atmosphaere 12, 1924.
     World Meteorological Organization, Guide to Instruments and Methods of Observation (WMO-No. 8), chapter 9: what is
     seen by day keeps 5 % at least (`MIN_LABEL_CONTRAST`).
 
-    Examples
-    --------
     >>> air_contrast([1000.0, 1000.0, float("nan")], [0.0, 1000.0, 500.0]).round(6).tolist()
     [1.0, 0.02, 1.0]
     """

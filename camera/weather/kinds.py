@@ -36,12 +36,8 @@ FOG_KEEPS = (0.02, 0.05)  # CIE 1976 u'v' off daylight from which fog has some o
 def air_extinction(visibility_m: float) -> float:
     """Extinction in 1/m of air with this visibility in meters.
 
-    References
-    ----------
     H. Koschmieder, Theorie der horizontalen Sichtweite, Beitraege zur Physik der freien Atmosphaere 12, 1924.
 
-    Examples
-    --------
     >>> round(air_extinction(1000.0), 6)
     0.003912
     """
@@ -162,8 +158,6 @@ def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
 def airlight_radiance(kind: str, sky: np.ndarray) -> np.ndarray:
     """Radiance (3,) of endless air under a sky that lights the ground as brightly as an even one of radiance `sky`.
 
-    References
-    ----------
     H. C. van de Hulst, Multiple Light Scattering, 1980: the reflectance of a thick cloud.
     O. Dubovik et al., Variability of absorption and optical properties of key aerosol types observed in worldwide
     locations, Journal of the Atmospheric Sciences 59, 2002: the albedo of desert dust.

@@ -2,8 +2,6 @@
 
 Needs numpy only, as it runs in Blender too. Diameters are in meters, positions relative to the eye.
 
-References
-----------
 J. S. Marshall, W. McK. Palmer, The distribution of raindrops with size, Journal of Meteorology 5, 1948.
 R. Gunn, G. D. Kinzer, The terminal velocity of fall for water droplets in stagnant air, Journal of Meteorology 6, 1949.
 D. Atlas, R. C. Srivastava, R. S. Sekhon, Doppler radar characteristics of precipitation at vertical incidence, Reviews

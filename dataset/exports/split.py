@@ -27,8 +27,6 @@ def assign_splits(
 
     `fractions`: shares of train, valid, and test; they add up to 1.
 
-    References
-    ----------
     Sechidis, Tsoumakas, Vlahavas, On the stratification of multi-label data, ECML PKDD 2011, algorithm 1. A group has
     the label (class, k) if it has k objects of the class or more, so crowded pictures are spread out as well.
     """

@@ -23,8 +23,6 @@ RESERVED = (
 def normal_name(file_name: str) -> str:
     """Return the normal form of a name: ``images/./1.png`` and ``images//1.png`` are the same file.
 
-    Examples
-    --------
     >>> normal_name("images/./1.png"), normal_name("images//1.png")
     ('images/1.png', 'images/1.png')
     """

@@ -17,8 +17,6 @@ FLAT_DEVIATION_LEVELS = 2.0  # of 255: standard deviation of a picture that has 
 def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
     """Return a picture's perceptual hash; None without contrast, where the hash is meaningless.
 
-    References
-    ----------
     Zauner, Implementation and benchmarking of perceptual image hash functions, 2010, section 3.2.1 (DCT hash).
     """
     gray = Image.fromarray(pixels).convert("L")

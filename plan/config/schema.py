@@ -1,7 +1,5 @@
 """The config: all its sections, its file, and what they imply together.
 
-References
-----------
 Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
 """
 

@@ -4,8 +4,6 @@ A class's images go to its models by turns and weights, a model's images to its 
 different classes alternate, and those of backgrounds are spread evenly between them, so that any beginning of the plan
 is as balanced as the whole.
 
-References
-----------
 Paper, equation 1 (I = V * I_p * P_v) and section 2.1.8 (a number of images per class, by round robin over its models).
 """
 

@@ -1,7 +1,5 @@
 """Pairs of vehicles and sceneries: those that the config allows, without those whose trial positions fail.
 
-References
-----------
 Paper, section 2.1.8, for random sceneries; impossible pairs aren't in the paper.
 """
 

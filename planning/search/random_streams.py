@@ -2,8 +2,6 @@
 
 Numbers don't depend on those drawn before, so the result doesn't depend on batches.
 
-References
-----------
 Steele, Lea, Flood, Fast splittable pseudorandom number generators, OOPSLA 2014: SplitMix64, whose mixing function and
 increment are used. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC 2011, for the idea.
 """

@@ -89,8 +89,6 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
 class RestPose:
     """Extension of Blender's glTF importer: nodes keep the pose in the file, not that of an animation's first frame.
 
-    References
-    ----------
     Khronos Group, glTF-Blender-IO: hooks of import user extensions.
     """
 
@@ -142,8 +140,6 @@ def _clear_false_glass(path: Path) -> None:
     The importer takes ``Tf`` as the share of light that passes. Exporters such as that of 3ds Max write ``Tf 1 1 1``
     for opaque materials, where it has no meaning: only the illumination models in `GLASS` transmit light.
 
-    References
-    ----------
     Alias|Wavefront, MTL material format, in File Formats, version 4.2, 1995, section 5 (``illum``).
     """
     found = [(m.name, shader) for m in bpy.data.materials for shader, _ in surface_shaders(m)]

@@ -1,7 +1,5 @@
 """List the files that a .blend refers to, without opening them: Blender opens libraries and fonts while it reads.
 
-References
-----------
 Blender's source/blender/blenloader_core: BLO_core_blend_header.hh and BLO_core_bhead.hh.
 """
 

@@ -4,8 +4,6 @@ As a program, ``python -I landlock.py POLICY COMMAND...`` confines itself and be
 of Blender, and what it may start, are confined from their first instruction. Needs the standard library only. Where the
 kernel has no Landlock, `confined` leaves the command as it is.
 
-References
-----------
 Landlock: unprivileged access control. The Linux Kernel documentation, userspace-api/landlock.
 """
 

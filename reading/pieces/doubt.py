@@ -54,8 +54,6 @@ _RANK = {kind: rank for rank, kind in enumerate(DoubtKind)}
 class Doubt:
     """Something in a file that looks unintended.
 
-    Examples
-    --------
     >>> str(Doubt(DoubtKind.SCALE, "the vehicle is 600 m long; set scale if that is wrong"))
     'the vehicle is 600 m long; set scale if that is wrong'
     """
@@ -73,8 +71,6 @@ class Doubt:
 def file_warnings(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     """Return one warning for each file, those with the worst doubts first, each with its worst `MAX_SHOWN_KINDS` kinds.
 
-    Examples
-    --------
     >>> odd, worse = Doubt(DoubtKind.PARTS, "odd"), Doubt(DoubtKind.MISSING, "missing: b.png")
     >>> for warning in file_warnings({"a.obj": [odd], "b.obj": [odd, worse, odd]}):
     ...     print(warning)

@@ -11,8 +11,6 @@ MOST_NAMES = 12  # names that a sentence lists
 def quote_names(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
     """Quote names, each once, and count the rest.
 
-    Examples
-    --------
     >>> quote_names(["Hull", "Gun", "Hull", "Cab"], most=2)
     "'Hull', 'Gun' and 1 more"
     """

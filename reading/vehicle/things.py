@@ -237,8 +237,6 @@ def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[
 def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
     """Return patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
 
-    Examples
-    --------
     >>> from types import SimpleNamespace
     >>> def piece(name):
     ...     return SimpleNamespace(name=name, data="", chain=[SimpleNamespace(name=name, collections=())])

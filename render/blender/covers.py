@@ -3,8 +3,6 @@
 Each group's share is in a node called `SHARE`, the only change from one picture to the next. Runs
 inside Blender; needs bpy only.
 
-References
-----------
 Lagarde, "Water drop 3b: physically based wet surfaces", 2013.
 """
 

@@ -2,8 +2,6 @@
 
 Runs inside Blender; imports numpy-free standard library and bpy only.
 
-References
-----------
 Paper, section 2.1.4: Cycles, 128 samples, OpenImageDenoise.
 """
 

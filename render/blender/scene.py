@@ -3,8 +3,6 @@
 The scenery is the tidy twin of its file (`reading.blender.tidy`): in meters, z up, relative to its origin, without
 lamps, cameras, or anything that Blender evaluates. Runs inside Blender; needs numpy and bpy only.
 
-References
-----------
 Paper, sections 2.1.3 and 2.1.4.
 """
 

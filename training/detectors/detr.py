@@ -4,8 +4,6 @@ Its LightningModule and `build_trainer` are used unchanged. Settings replace eve
 budget of draws: learning rates follow the steps of the budget instead of epochs, the draws replace its data module and
 augmentation, and the result is the averaged weights at the end.
 
-References
-----------
 Robinson et al., RF-DETR, 2026: the model of the paper, section 2.2. Its package, rfdetr, Apache-2.0.
 """
 

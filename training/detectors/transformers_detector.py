@@ -3,8 +3,6 @@
 The library has networks, matching, losses, and decoding of boxes; weights are folders as its `save_pretrained` writes
 them.
 
-References
-----------
 Peng, Li, Wu, Zhang, Sun, Wu, D-FINE: redefine regression task in DETRs as fine-grained distribution refinement,
 ICLR 2025. Its code and weights: Apache-2.0.
 """

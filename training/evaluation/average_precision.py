@@ -3,8 +3,6 @@
 faster-coco-eval equals pycocotools on thousands of random sets with crowds, ties, areas, and empty classes, in a sixth
 of its time. No library resamples positions.
 
-References
-----------
 Lin et al., Microsoft COCO, ECCV 2014; the COCO evaluation code, `COCOeval.accumulate`.
 """
 

@@ -5,8 +5,6 @@ together. Each photograph is its own position. Percentiles of few resampled posi
 labels, all found, would give 1.000 to 1.000), so an interval is Wilson's, with the number of trials that matches the
 resampled spread, and with Student's quantile. docs/evaluation.md has the measured coverage.
 
-References
-----------
 Efron and Tibshirani, An Introduction to the Bootstrap, 1993, chapters 6 and 8.
 Wilson, Probable inference, the law of succession, and statistical inference, JASA 1927.
 Korn and Graubard, Confidence intervals for proportions with small expected number of positive counts estimated from
@@ -83,8 +81,6 @@ def share_interval(
     `freedom`: degrees of freedom of the error. If the error is 0, the trials are one more: if all observations agree,
     positions count instead of labels.
 
-    Examples
-    --------
     Five photographs with one label each, all found:
 
     >>> share_interval(1.0, 0.0, freedom=4).round(2).tolist()

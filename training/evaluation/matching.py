@@ -2,8 +2,6 @@
 
 The library doesn't know oriented boxes; their overlaps come from Shapely.
 
-References
-----------
 Lin et al., Microsoft COCO, ECCV 2014; pycocotools 2.0, `COCOeval.evaluateImg`.
 """
 

@@ -1,7 +1,5 @@
 """The paper's figures at an operating point: counts, precision, recall, F1, mean IoU, mean confidence; and curves.
 
-References
-----------
 Paper, section 2.3.
 """
 
@@ -43,8 +41,6 @@ def grouped_sums(
 def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
     """`FIGURES` from `SUMS` in the last axis; nan if undefined.
 
-    Examples
-    --------
     The paper's Figure 9, real images alone, in percent:
 
     >>> import numpy as np

@@ -1,7 +1,5 @@
 """Augmentation of pictures and boxes by an Albumentations file; `augmentations/table1.yaml` is the paper's Table 1.
 
-References
-----------
 The paper, section 2.2 and Table 1. Buslaev et al., Albumentations: fast and flexible image augmentations,
 Information 11(2), 2020.
 """

@@ -38,8 +38,6 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
 
     `shares`: each source's share of the draws, see `source_shares`. Empty: every picture is equally likely.
 
-    Examples
-    --------
     >>> draws = make_draws([21, 420], 25_000, seed=0)
     >>> np.bincount(draws.source).tolist()
     [1147, 23853]

@@ -3,8 +3,6 @@
 Every run has the same test pictures, resampled in the same way, so the difficulty of pictures
 cancels in differences. Intervals include the spread of seeds, so they cover other trainings.
 
-References
-----------
 Efron and Tibshirani, An Introduction to the Bootstrap, 1993, sections 8 and 13.3.
 """
 
@@ -229,8 +227,6 @@ def photographs_needed(
     Between two fractions, a curve is linear in the logarithm of the count, and below the least fraction in the count
     itself, from 0. Falling parts are replaced by the maximum so far.
 
-    Examples
-    --------
     >>> curve = np.array([[0.2, 0.2, 0.2], [0.4] * 3])
     >>> photographs_needed(np.array([10.0, 100.0]), curve, np.array([0.1, 0.3, 0.5])).round(1)
     array([ 5. , 31.6,  inf])

@@ -1,7 +1,5 @@
 """Hugging Face's image folder: pictures and ``metadata.jsonl``, for ``load_dataset("imagefolder", data_dir=...)``.
 
-References
-----------
 Hugging Face Datasets documentation, "Create an image dataset", section "ImageFolder".
 """
 

@@ -1,7 +1,5 @@
 """KITTI's object labels: a text file per picture with 3D boxes, if poses are known, and camera.
 
-References
-----------
 Geiger, Lenz, Urtasun, Are we ready for autonomous driving? The KITTI vision benchmark suite, CVPR 2012, and the
 readme of its object development kit, which defines the fields.
 """

@@ -1,7 +1,5 @@
 """Pascal VOC: an XML file a picture.
 
-References
-----------
 Everingham et al., The Pascal visual object classes challenge, IJCV 2010, and its development kit: pixels are counted
 from 1, and the last one of a box belongs to it.
 """

@@ -1,7 +1,5 @@
 """Labels for YOLO readers: one text line per label, in shares of the image.
 
-References
-----------
 Ultralytics documentation, "Object detection datasets", "Instance segmentation datasets", and "Oriented bounding box
 datasets".
 """

@@ -3,8 +3,6 @@
 Cycles' random number follows from an object's name, which in a twin depends on what else is loaded. So twins keep that
 of the file. Attributes, particles, and places in the file are lost, which is a doubt.
 
-References
-----------
 Blender 5.0, intern/cycles/blender/object.cpp and blenkernel/intern/object_dupli.cc (random numbers).
 """
 
@@ -34,8 +32,6 @@ def random_number(instance: Any) -> float:
 def random_number_of_name(name: str) -> float:
     """Return Cycles' random number of an object that is no instance.
 
-    References
-    ----------
     Bob Jenkins, lookup3.c, 2006: the macro `final`.
     """
     total = 0
