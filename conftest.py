@@ -61,7 +61,20 @@ INSTALLS = {
     **dict.fromkeys(("dask", "distributed"), "pip install 'hulldown[cluster]'"),
     **dict.fromkeys(("datasets", "onnxruntime"), "pip install 'hulldown[readers]'"),
     **dict.fromkeys(
-        ("albumentations", "cv2", "lightning_fabric", "pyarrow", "pytorch_lightning", "rfdetr", "torch", "torchvision"),
+        [
+            "albumentations",
+            "cv2",
+            "huggingface_hub",
+            "lightning_fabric",
+            "pyarrow",
+            "pytorch_lightning",
+            "rfdetr",
+            "safetensors",
+            "tensorboard",
+            "torch",
+            "torchvision",
+            "transformers",
+        ],
         "pip install 'hulldown[training]'",
     ),
 }
