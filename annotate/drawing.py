@@ -53,10 +53,7 @@ class Overlay:
 
 
 def draw_boxes(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) -> Image.Image:
-    """Return a copy of a picture with labels on it; `tint`: with masks, too.
-
-    Lines are drawn just outside the boxes, so that they hide nothing inside, but never outside the picture.
-    """
+    """Return a copy of a picture with labels, drawn just outside the boxes but never outside it; `tint`: and masks."""
     picture = image.convert("RGB")
     values = [[declared_fields(label.record, kind) for kind in LABEL_TYPES] if label.record else [] for label in labels]
     for label, of_label in zip(labels, values, strict=True):

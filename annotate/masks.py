@@ -30,10 +30,7 @@ def decode_mask(segmentation: object, width: int, height: int) -> Bool[np.ndarra
 
 
 def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray, " n"]:
-    """Return a COCO segmentation as run lengths, column by column, background first; errors of `decode_mask`.
-
-    They are few however large the image is.
-    """
+    """Return a COCO segmentation as run lengths by columns, background first, without decoding large images."""
     if isinstance(segmentation, Mapping):
         size, given = segmentation.get("size"), segmentation.get("counts")
         if size != [height, width]:

@@ -17,14 +17,8 @@ Ring = Float[np.ndarray, "_ 2"]
 def mask_polygons(segmentation: object, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
     """Return a COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
 
-    The outline runs half way between the centers of pixels in the mask and out of it.
-
-    `width`, `height`: of the image, in pixels.
-    `within`: pixels: corners are dropped if the outline moves by no more. A piece or hole with fewer than three
-    corners left is dropped.
-
-    >>> mask_polygons({"size": [4, 4], "counts": [5, 2, 2, 2, 5]}, 4, 4, within=0.6)
-    [[1.0, 1.5, 2.5, 1.0, 3.0, 2.5, 1.5, 3.0]]
+    The outline runs half way between the centers of pixels in the mask and out of it. Corners are dropped if it moves
+    by no more than `within` pixels, and pieces and holes with fewer than three corners left.
     """
     if not within >= 0.0:
         raise ValueError(f"within: expected pixels, at least 0, got {within!r}")
@@ -38,10 +32,7 @@ def mask_polygons(segmentation: object, width: int, height: int, *, within: floa
 
 
 def bridge_rings(rings: Sequence[Ring]) -> Ring:
-    """Several rings as one, tied together by bridges without width where they come nearest to the first.
-
-    `rings`: corners each, in pixels, the last not repeating the first.
-    """
+    """Several rings, open and in pixels, as one, tied by bridges without width where they come nearest to the first."""
     whole = np.asarray(rings[0], dtype=np.float64)
     for ring in rings[1:]:
         apart = ((whole[:, None] - ring[None]) ** 2).sum(axis=2)

@@ -23,11 +23,7 @@ MOST_RAYS = 1 << 18  # cast together
 def vehicle_masks(
     vehicle: PosedVehicle, camera: Cameras, *, xywh: ArrayLike | None = None, world: Scene | None = None
 ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
-    """Return the pixels whose center is on the vehicle, and those of them that nothing hides.
-
-    `xywh`: the vehicle's box in the image: only pixels with their center in it are tested. None: all pixels.
-    `world`: occluders: ground, obstacles, and other vehicles. None: nothing hides it.
-    """
+    """Return the pixels in the box `xywh` whose center is on the vehicle, and those that nothing in `world` hides."""
     size = np.array([camera.lenses.width, camera.lenses.height])
     whole, mask = np.zeros((2, *size[::-1]), dtype=bool)
     box = np.append([0.0, 0.0], size) if xywh is None else checked_array(xywh, "xywh", (4,))

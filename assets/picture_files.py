@@ -92,10 +92,7 @@ def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
 
 
 def rgb_pixels(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture's colors as 8-bit RGB, scaled by its bit depth.
-
-    Transparency is ignored. Integers of 16 and 32 bits are scaled from their whole range, floats from 0 to 1.
-    """
+    """Return a picture's colors as 8-bit RGB, integers scaled from their whole range, floats from 0 to 1."""
     mode = picture.mode
     if mode == "F":
         values = np.asarray(picture, dtype=np.float64)

@@ -23,14 +23,10 @@ EVEN = SkyLight()  # of radiance 1 everywhere
 
 
 def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:
-    """Irradiance of level ground under an equirectangular picture: the exact integral, small suns included.
+    """Irradiance of level ground under equirectangular radiance, the lowest row first.
 
-    Between the centers of its pixels a picture is linear, as it is rendered; the integral is in closed form.
-
-    `pixels`: radiance, the lowest row first.
-
-    >>> (level_irradiance(np.ones((16, 32, 3))) / np.pi).round(12).tolist()
-    [1.0, 1.0, 1.0]
+    It's exact: between the centers of its pixels a picture is linear, as it is rendered, and the integral is in closed
+    form.
     """
     height, width = pixels.shape[:2]
     rows = pixels.sum(axis=1, dtype=np.float64) * (2.0 * math.pi / width)

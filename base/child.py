@@ -25,10 +25,8 @@ class Stopped(Exception):
 class Child:
     """A running child process. Leaving it as a context kills it.
 
-    It has a session of its own, so that Ctrl-C in the terminal reaches this process alone. Its stdin ends when this
-    process does, even by ``kill -9``; see `end_with_parent`.
-
-    `log`: file that its stderr is appended to; None: stderr goes to `on_line` too.
+    It has a session of its own, so that Ctrl-C reaches this process alone. Its stdin ends when this process does, even
+    by ``kill -9``; see `end_with_parent`. Its stderr is appended to `log`, or goes to `on_line` too.
     """
 
     def __init__(

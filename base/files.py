@@ -114,10 +114,7 @@ def _check_regular(descriptor: int, mode: str, path: Path) -> BinaryIO:
 
 
 def open_in_place(path: Path) -> BinaryIO:
-    """Open a file for reading and appending, created if missing, without following a link.
-
-    For files that grow or are continued; everything else is written with `atomic_writer`.
-    """
+    """Open a file to read and append to in place, created if missing, without following a link."""
     if path.is_symlink():
         raise OSError(errno.ELOOP, "it is a link, which could lead anywhere; delete it", str(path))
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND

@@ -36,10 +36,7 @@ def read_property(elements: Any, name: str, dtype: DTypeLike, width: int = 1) ->
 
 
 def texture_coordinates(mesh: Any, layer: str) -> np.ndarray | None:
-    """Texture coordinates (k, 2) of each face corner, 0 in place of NaN; None if there is no such layer.
-
-    `layer`: its name; "" for the one that is rendered.
-    """
+    """Texture coordinates (k, 2) of each face corner, 0 for NaN; None without such a layer; "" is the rendered one."""
     layers = mesh.uv_layers
     found = layers.get(layer) if layer else next((each for each in layers if each.active_render), None)
     if found is None:

@@ -104,11 +104,7 @@ def _clamp_value(tree: Any, value: Any) -> Any:
 
 
 def show_opacity(material: Any, strength: Callable[[Any], Any] | None = None) -> None:
-    """Make a material emit its opacity and nothing else.
-
-    `strength`: called with the tree for a socket with the strength at which it emits where it's at least half opaque;
-    it's invisible elsewhere. None: it emits everywhere, in proportion to its opacity.
-    """
+    """Make a material emit its opacity and nothing else; with `strength`, that strength where it's half opaque."""
     opacity = opacity_socket(material)
     tree = material.node_tree
     for node in [node for node in tree.nodes if node.bl_idname == "ShaderNodeOutputMaterial"]:

@@ -16,8 +16,7 @@ FADE = math.radians(10.0)  # angle above such a horizon over which the HDRI fade
 def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
     """Radiance (3,) of the backdrop below a high horizon: the median per channel where the HDRI begins.
 
-    `sky`: equirectangular map of radiance, the zenith in the first row.
-    `horizon`: elevation in radians, above `HIGH`.
+    The zenith is in the first row of `sky`; `horizon` is in radians, above `HIGH`.
     """
     elevation = math.pi / 2.0 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     nearest = np.abs(elevation - horizon - FADE / 2.0)

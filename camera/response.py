@@ -100,10 +100,7 @@ def _chromaticity_uv(xyz: np.ndarray) -> np.ndarray:
 
 
 def metered_exposures_ev(radiance: np.ndarray) -> np.ndarray:
-    """Exposures in EV at which these colors have the luminance `CARD_LEVEL` in a picture; the maximum for black.
-
-    `radiance`: linear Rec. 709 of gray cards.
-    """
+    """Exposures in EV at which gray cards of this radiance have `CARD_LEVEL` in a picture; the maximum for black."""
     low, high = (np.full(len(radiance), end) for end in (-FARTHEST_EV, FARTHEST_EV))
     for _ in range(_EXPOSURE_HALVINGS):
         middle = (low + high) / 2.0

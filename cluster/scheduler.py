@@ -86,12 +86,9 @@ def run_cluster(
 
 @contextmanager
 def local_cluster(workers: int, *, port: int) -> Iterator[str]:
-    """Run a scheduler in this process, and workers for rendering and training, during the block; yields its address.
+    """Run a scheduler on `port` (0: any) and `workers` that share the machine; yields the scheduler's address.
 
     The workers end with the scheduler in any case; one that dies is restarted.
-
-    `workers`: number of workers, which share the machine's cores and memory.
-    `port`: the scheduler's; 0 for any.
     """
     with needing_dask():
         import dask

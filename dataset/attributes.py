@@ -100,10 +100,7 @@ def viewing_angles(
 
 
 def seen_sides(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return which of `SIDES` is seen from azimuths in degrees; -1 for nan.
-
-    Front is within 45 degrees of straight ahead, rear within 45 of straight behind.
-    """
+    """Return which of `SIDES`, 90 degrees each, is seen from azimuths in degrees; -1 for nan."""
     turned = np.abs(azimuth)
     return np.select([turned <= 45.0, turned < 135.0, turned <= 180.0], [0, 1, 2], -1)
 

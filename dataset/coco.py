@@ -136,14 +136,9 @@ class CocoDataset:
         return sum(each.images - sum(map(each.has_image, ids)) for each in reservations)
 
     def add_categories(self, records: Iterable[Record], *, keypoints: bool = False) -> None:
-        """Give an id to each category with a new name; its other fields are kept.
+        """Give an id to each category with a new name, in order; its other fields are kept.
 
-        Parameters
-        ----------
-        records
-            COCO categories, in the order in which they get ids.
-        keypoints
-            Refuse an existing category with other keypoints, or without keypoints.
+        With `keypoints`, an existing category must have the same.
         """
         known = {str(category.get("name")): category for category in reversed(self._document.categories)}
         records = list(records)
@@ -163,15 +158,8 @@ class CocoDataset:
     def reserve(self, key: str, *, images: int, annotations: int) -> Reservation:
         """Reserve ids and file names for a plan, or return the reservation it has.
 
-        So ``annotations.json`` doesn't depend on the order in which images are finished, and two plans
-        never have the same file name.
-
-        Parameters
-        ----------
-        key
-            The plan's key.
-        images, annotations
-            Largest number of each.
+        So ``annotations.json`` doesn't depend on the order in which images are finished, and two plans never have the
+        same file name.
         """
         if not key or images < 0 or annotations < 0:
             raise ValueError(f"reserve: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")

@@ -52,10 +52,7 @@ class Land:
         thing.data.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv[corners].astype(np.float32).ravel())
 
     def surroundings(self, ground: Height, mountains: Height, material: Any, *, rise: tuple[float, float]) -> None:
-        """Eight sheets around the square of the ground, coarser outwards, that carry the view to the horizon.
-
-        `material`, `rise`: of all sheets; in meters.
-        """
+        """Eight sheets of ground around the square, coarser outwards, that rise to the horizon's height in meters."""
         half = self.half
 
         def outland(x: np.ndarray, y: np.ndarray) -> np.ndarray:

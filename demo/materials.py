@@ -102,10 +102,7 @@ def dark_glass() -> Any:
 
 
 def camouflage_paint(name: str, colors: Sequence[Color], *, dust: Color, unit: float = 1.0, size: float = 1.0) -> Any:
-    """Paint in two or three colors in soft-edged patches meters wide, with wear, and dust on the lower hull.
-
-    `unit` is how many file units make a meter; patches are placed in the object's own coordinates.
-    """
+    """Paint in two or three colors in soft-edged patches meters wide, with wear, and dust on the lower hull."""
     g = Graph(name)
     where = _position_in_units(g, unit)
     first = g.noise(where, 0.55 / size, detail=1.5, warp=0.6)

@@ -14,10 +14,7 @@ from hulldown.demo.shapes import Point, Shape, make_box
 
 
 class BlendModel:
-    """One vehicle, modeled in meters, stored in file units.
-
-    `unit`: file units in a meter: 100 stores centimeters and sets the scene's unit scale.
-    """
+    """One vehicle, modeled in meters, stored in file units, `unit` of which make a meter."""
 
     def __init__(self, name: str, *, unit: float = 1.0) -> None:
         bpy.ops.wm.read_factory_settings(use_empty=True)

@@ -1,7 +1,4 @@
-"""Plants, stones, and grass of both demo sceneries.
-
-They're instanced in three ways: as copies, in groups by empties, and by geometry nodes.
-"""
+"""Plants, stones, and grass of both demo sceneries, as copies, in groups by empties, and by geometry nodes."""
 
 from __future__ import annotations
 

@@ -47,11 +47,7 @@ def positive_array(value: ArrayLike, name: str) -> np.ndarray:
 
 
 def are_numbers(values: Iterable[object]) -> bool:
-    """Return whether all values are finite numbers; true and false are not.
-
-    >>> are_numbers([1, 2.5]), are_numbers([1, np.nan]), are_numbers([True])
-    (True, False, False)
-    """
+    """Return whether all values are finite numbers; true and false are not."""
     # NaN fails the comparison, and so do integers beyond the largest float.
     return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= LARGEST for x in values)
 

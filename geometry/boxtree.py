@@ -24,10 +24,7 @@ PAIRS_PER_BLOCK = 1 << 12  # (query, node) pairs expanded at a time: what they t
 
 
 class BoxTree:
-    """A hierarchy over boxes; built once, never changes. Touching counts: all tests are closed.
-
-    `bounds`: lowest and highest corners in d dimensions; k = 0 is legal.
-    """
+    """A hierarchy over boxes in d dimensions; built once, never changes. Touching counts: all tests are closed."""
 
     def __init__(self, bounds: Float[np.ndarray, "k 2 d"]) -> None:
         self._order = _morton_order(bounds)

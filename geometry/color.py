@@ -12,10 +12,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709, and of dis
 
 
 def linear_from_srgb(coded: ArrayLike) -> np.ndarray:
-    """Return linear light for sRGB values from 0 to 1, in the precision of the values.
-
-    IEC 61966-2-1:1999, the sRGB transfer function.
-    """
+    """Return linear light for sRGB values from 0 to 1 (IEC 61966-2-1:1999), in the precision of the values."""
     values = np.asarray(coded)
     return np.where(values <= 0.04045, values / 12.92, ((np.maximum(values, 0.0) + 0.055) / 1.055) ** 2.4)
 
@@ -27,10 +24,6 @@ def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
 
 
 def linear_color(name: str) -> tuple[float, float, float]:
-    """Return the linear light of an sRGB color "#rrggbb".
-
-    >>> [round(x, 4) for x in linear_color("#ff8000")]
-    [1.0, 0.2159, 0.0]
-    """
+    """Return the linear light of an sRGB color "#rrggbb"."""
     red, green, blue = linear_from_srgb([int(name[i : i + 2], 16) / 255 for i in (1, 3, 5)]).tolist()
     return red, green, blue

@@ -42,11 +42,7 @@ def rotate_vectors(
 
 
 def matrix_product(a: Float[np.ndarray, "*#n 3 3"], b: Float[np.ndarray, "*#n 3 k"]) -> Float[np.ndarray, "*n 3 k"]:
-    """Return `a @ b` as explicit sums, without checks; leading axes broadcast.
-
-    A matrix product may round differently with the number of rows, and rows of plans and labels must not depend on
-    others. For many small matrices it's also faster.
-    """
+    """Return `a @ b` as explicit sums, without checks; leading axes broadcast."""
     return a[..., :, 0:1] * b[..., 0:1, :] + a[..., :, 1:2] * b[..., 1:2, :] + a[..., :, 2:3] * b[..., 2:3, :]
 
 
@@ -101,10 +97,7 @@ def rigid_matrix(rotation: ArrayLike, translation: ArrayLike) -> Float[np.ndarra
 
 
 def axis_rotation(axis: ArrayLike, angle: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
-    """Rotation by `angle` radians (...) about the unit `axis` (..., 3) through the origin.
-
-    Rodrigues' formula: Murray, Li, Sastry, A Mathematical Introduction to Robotic Manipulation, 1994, eq 2.14.
-    """
+    """Rotation by `angle` radians (...) about the unit `axis` (..., 3) through the origin, by Rodrigues' formula."""
     k = checked_array(axis, "axis", ("...", 3))
     theta = checked_array(angle, "angle", ("...",))[..., None, None]
     zero = np.zeros(k.shape[:-1])
@@ -150,13 +143,11 @@ def tilt_rotation(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
 
 
 def upright_rotation(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
-    """Return the rotation whose z axis is `up` and whose x axis, seen from above, points along `yaw`.
+    """Return the rotation whose z axis is `up` and whose x axis, seen from above, points along `yaw` from +x.
 
     This is the tilt that keeps the heading: the vertical plane that holds the x axis does not turn, whatever `up` is.
-    (`tilt_rotation(up) @ rotation_z(yaw)`, the smallest tilt after the turn, lets the heading drift by up to about a
-    quarter of the square of the tilt: 4 degrees at a tilt of 30.)
-
-    `yaw`: radians, counter-clockwise from +x.
+    (The smallest tilt after the turn lets the heading drift by up to about a quarter of the square of the tilt: 4
+    degrees at a tilt of 30.)
     """
     theta = checked_array(yaw, "yaw", ("...",))
     z_axis = checked_array(up, "up", ("...", 3))

@@ -19,10 +19,7 @@ def contact_sheet(
     tile_width: int = 480,
     captions: Sequence[str] | None = None,
 ) -> Image.Image:
-    """Pictures side by side, row after row, each as wide as a tile.
-
-    `columns`, `tile_width`: how many in a row, and how wide each is, in pixels.
-    """
+    """Pictures side by side, `columns` in a row, each `tile_width` pixels wide."""
     if not pictures:
         raise ValueError("pictures: expected at least one, got none")
     if captions is not None and len(captions) != len(pictures):

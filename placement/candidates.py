@@ -13,18 +13,10 @@ from hulldown.geometry.uniform import UniformNumbers
 def sample_candidates(
     bounds: ArrayLike, n: int, *, rng: UniformNumbers, margin: float = 0.8
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Positions uniform in the shrunken bounds, and headings uniform over the circle.
+    """Positions uniform in the bounds shrunk to the share `margin`, and headings in [-pi, pi) from +x.
 
     Row i depends on the generator's state and on i alone, not on `n`: the first rows of a longer draw from the same
-    state are the rows of a shorter one.
-
-    Returns: meters, and (n,) radians in [-pi, pi), counterclockwise from +x.
-
-    `bounds`: or (2, 3) lowest and highest corner in the world, meters; z is ignored.
-    `n`: how many candidates; 0 is legal.
-    `margin`: share of the bounds that is kept along each axis, about the center; in (0, 1].
-
-    Paper, section 2.1.5: the placeable area is shrunk to 80 percent of the scenery.
+    state are the rows of a shorter one. The paper shrinks to 80 percent (section 2.1.5).
     """
     low, high = checked_array(np.asarray(bounds)[..., :2], "bounds", (2, 2))
     if (low > high).any():

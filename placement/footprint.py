@@ -24,12 +24,10 @@ MAX_FOOT_HEIGHT_SHARE = 0.01  # of the footprint's longer side: a foot is no hig
 
 
 def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
-    """Return lowest and highest (x, y) of the lowest band of a mesh, which touches the ground.
+    """Return lowest and highest (x, y) of the lowest band of vertices (vehicle frame), which touches the ground.
 
     A long barrel, a raised dozer blade, or an antenna widens the bounding box without touching the ground; wheels,
     tracks, and skids are low. The band begins at the lowest vertex and is doubled until it's wide enough to stand on.
-
-    `vertices`: of the parts that stand on the ground, vehicle frame, z up.
     """
     points = checked_array(vertices, "vertices", ("v", 3))
     if not len(points):
@@ -56,12 +54,10 @@ class Underside:
 
 
 def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
-    """Return the underside of a vehicle over its contact footprint.
+    """Return the underside of a vehicle's mesh at rest over its contact footprint.
 
-    The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell,
-    since no such ray meets an upright sheet.
-
-    `mesh`: the vehicle at rest, in its own frame: z = 0 is what it stands on.
+    The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell, since
+    no such ray meets an upright sheet.
     """
     used = mesh.vertices[mesh.used_vertices]
     box = contact_footprint(used)

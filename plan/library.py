@@ -215,7 +215,7 @@ def load_planned_library(
 ) -> Library:
     """Return the assets that a plan was made from; parameters as of `load_library`.
 
-    The default for `cache` is beside the plan. The one in its header isn't used, since plans come from anybody.
+    The cache named in the plan's header isn't used, since plans come from anybody.
     """
     own_cache = plan.path.parent / CACHE_NAME
     if not cache and own_cache.is_symlink():

@@ -180,10 +180,7 @@ class Summary:
 
 
 def summarize_plan(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), overcast: bool = False) -> Summary:
-    """Count over all rows of a plan, in about 64 bytes per row.
-
-    `left_out` is the header's; `overcast` tells whether the config names overcast HDRIs.
-    """
+    """Count over all rows of a plan, in about 64 bytes per row; `overcast` tells whether overcast HDRIs are named."""
     images = positions = open_sky = no_room = 0
     classes, sizes = defaultdict[str, Counter[str]](Counter), defaultdict[str, Counter[str]](Counter)
     counts: dict[str, Counter[str]] = {key: Counter() for key in COUNTED}

@@ -1,7 +1,4 @@
-"""Plan any run of positions, in blocks by scenery.
-
-Row i depends only on config, assets, and i. Blocks, workers, and restarts don't change it.
-"""
+"""Plan any run of positions, in blocks by scenery; row i depends only on config, assets, and i."""
 
 from __future__ import annotations
 

@@ -77,10 +77,7 @@ class Hdri:
 
 
 def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
-    """Return a sky's usable radiance, and its repairs, a sentence each.
-
-    `pixels`: linear Rec. 709, equirectangular; the first row is the lowest or the highest.
-    """
+    """Return a sky's usable radiance, linear Rec. 709, and its repairs, a sentence each."""
     height, width = pixels.shape[:2]
     if width != 2 * height:
         raise AssetError(f"is {width} x {height} pixels, but an HDRI of a whole sky is twice as wide as high")

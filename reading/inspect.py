@@ -70,10 +70,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
 
 
 def draw_asset(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:
-    """Return a vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
-
-    `size`: width and height of each of the four views in pixels.
-    """
+    """Return a vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked."""
     if isinstance(asset, VehicleShape):
         world, bounds = (
             Scene(vehicles=[PosedVehicle(VehicleCaster(asset), np.eye(4)[None], {})]),

@@ -71,10 +71,7 @@ def export_asset(
     options: Options = DEFAULTS,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Exported:
-    """Read the file `path` once and write bundle and tidy twin into `folder`.
-
-    `kind`: "vehicle", "scenery", or None to judge by the contents.
-    """
+    """Read `path` once as its kind (None: judged by contents), and write bundle and tidy twin into `folder`."""
     job = reader_job(Path(path), Path(folder), kind=kind, options=options)
     ask_reader([job], limits=limits)
     return finished_export(job)

@@ -42,10 +42,7 @@ def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
 
 
 def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
-    """Elevation in degrees up to which it shows anything but sky, and signs that it isn't open land.
-
-    `sky`: radiance in linear Rec. 709, the zenith in the first row; see `small_map`.
-    """
+    """Elevation in degrees up to which a `small_map` shows more than sky, and signs that it isn't open land."""
     height = len(sky)
     if height < MIN_JUDGED_ROWS:  # too coarse to tell
         return round(min(90.0 / height, TOP_DEG), 3), ()

@@ -49,10 +49,7 @@ def shared_files(library: Library) -> dict[str, tuple[int, int]]:
 
 
 def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
-    """Return the reason why this process can't render for a client; empty if it can.
-
-    `files`: the client's `shared_files`.
-    """
+    """Return the reason why this process can't render for a client with these `shared_files`; empty if it can."""
     if package_versions("bpy")["bpy"] == MISSING:
         return "has no bpy"
     if wrong := version_difference({name: version for name, version in client.items() if version != MISSING}):
@@ -80,10 +77,7 @@ class Setting:
 
 
 def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
-    """Render an image on this Dask worker.
-
-    `setting`: Blender's parameters.
-    """
+    """Render an image on this Dask worker, with a Blender of this setting."""
     is_wanted, opened = task_is_wanted(), _open_blender()
     with opened.use_blender(setting):
         output = opened.pictures / "picture.png"

@@ -119,10 +119,7 @@ class Pool:
     def results(
         self, jobs: Sequence[int], job_of: Callable[[int], RenderJob | MaskJob]
     ) -> Iterator[tuple[int, Outcome]]:
-        """Do all jobs, neighbors in one Blender; yields each with its outcome when it ends, while others continue.
-
-        `jobs`: the caller's numbers of jobs, ordered so that neighbors share assets.
-        """
+        """Do all jobs, neighbors, which should share assets, in one Blender; yields each with its outcome."""
         n = self.working
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]
         running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each, ended ones included

@@ -135,11 +135,7 @@ class Confinement:
 
 
 class Blender:
-    """A Blender that starts with its first job and stays open. Leaving it as a context ends it.
-
-    `program`: an installed Blender, or None for the bpy module of this Python.
-    `confinement`: what it may read and write; None for everything.
-    """
+    """A Blender that starts with its first job and stays open, perhaps confined. Leaving it as a context ends it."""
 
     def __init__(
         self,

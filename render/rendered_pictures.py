@@ -11,10 +11,7 @@ NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
 
 def without_notes(data: bytes) -> bytes:
-    """Remove text, date, and EXIF chunks, so that equal pictures are equal files.
-
-    W3C, Portable Network Graphics (PNG) Specification, 3rd edition, section 5.
-    """
+    """Remove text, date, and EXIF chunks (PNG, section 5), so that equal pictures are equal files."""
     if not data.startswith(SIGNATURE):
         raise ValueError("data: expected a PNG file, got something else")
     kept, at = [SIGNATURE], len(SIGNATURE)

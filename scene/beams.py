@@ -26,10 +26,7 @@ def passed_in_beams(
     *,
     reach: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    """Return each ray's transmittance: 0 or 1 as by `scene.occluded`, or a share behind alpha textures.
-
-    `reach`: how far each looks, in meters from the near plane; -inf: it isn't cast.
-    """
+    """Return each ray's transmittance to its `reach` in meters, -inf: not cast; 0 or 1 without alpha textures."""
     passed, far = np.ones(len(reach)), reach.copy()
     if not len(scene.bounds):
         return passed
@@ -51,10 +48,7 @@ def nearest_in_beams(
     *,
     reach: Float[np.ndarray, " k"],
 ) -> InstanceHits:
-    """Return the first hit of all rays of n cameras: as `scene.cast`, faster for whole images of a wood.
-
-    `reach`: how far each looks, in meters from the near plane.
-    """
+    """Return the first hit of all rays of n cameras within `reach`: as `scene.cast`, faster for images of a wood."""
     hits, far = InstanceHits.missed(len(reach)), reach.copy()
     if not len(scene.bounds):
         return hits
@@ -78,10 +72,7 @@ def _meeting_pairs(
     world_from_camera: Float[np.ndarray, "n 4 4"],
     far: Float[np.ndarray, "n r"],
 ) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
-    """Yield rays and instances that may meet, in blocks, each camera's nearest instances first.
-
-    `far` is how far each ray still looks: callers lower it as rays meet something.
-    """
+    """Yield rays and instances that may meet within `far`, which callers lower, each camera's nearest first."""
     edges, apex = camera_rays.edges(world_from_camera), world_from_camera[:, :3, 3]
     low, high = scene.bounds[:, 0].min(axis=0), scene.bounds[:, 1].max(axis=0)
     end = np.linalg.norm(np.maximum(np.abs(apex - low), np.abs(apex - high)), axis=1)

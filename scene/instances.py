@@ -160,10 +160,7 @@ class InstancedScene:
         hidden: Bool[np.ndarray, " n"],
         reach: Float[np.ndarray, " n"] | None = None,
     ) -> None:
-        """Let instances hide what lies along the rays that they're paired with.
-
-        `reach`: how far each ray looks; None: endlessly.
-        """
+        """Let instances hide what lies within `reach` along the rays that they're paired with."""
         for batch in rank_batches(ray, growth=4):
             on = batch[~hidden[ray[batch]]]
             for caster, rows, inside, inward, scale in self._mesh_rays(start, along, ray[on], instance[on]):

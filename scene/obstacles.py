@@ -43,10 +43,7 @@ MIN_FREE_RAYS = 4  # free rays needed if the first is blocked; below a wide shee
 def boxes_touch(
     half_a: Float[np.ndarray, "p 3"], half_b: Float[np.ndarray, "p 3"], a_from_b: Float[np.ndarray, "p 4 4"]
 ) -> Bool[np.ndarray, " p"]:
-    """Return whether two boxes, each about the origin of its own frame, touch.
-
-    Gottschalk, Lin, Manocha, OBBTree, SIGGRAPH 1996, section 5.
-    """
+    """Return whether two boxes, each about the origin of its own frame, touch (Gottschalk et al., OBBTree, 1996)."""
     rotation, offset = a_from_b[:, :3, :3], a_from_b[:, :3, 3]
     # The axis of nearly parallel edges is mostly rounding error; a margin keeps it from separating the boxes.
     spread = np.abs(rotation) + 1e-12
@@ -67,9 +64,7 @@ def boxes_touch(
 def triangles_touch_box(
     corners: Sequence[Sequence[Float[np.ndarray, " p"]]], half: Sequence[Float[np.ndarray, " p"]]
 ) -> Bool[np.ndarray, " p"]:
-    """Return whether each triangle touches its box about the origin.
-
-    `corners`: x, y, z of the three corners in the frame of the box, each an array (p,) for speed.
+    """Return whether each triangle touches its box about the origin, in whose frame its corners are.
 
     Akenine-Moeller, Fast 3D triangle-box overlap testing, JGT 6(1), 2001.
     """

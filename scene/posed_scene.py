@@ -104,10 +104,7 @@ class Scene:
 
     @classmethod
     def of(cls, scenery: Scenery, *, fallback_z: float | None = None) -> Scene:
-        """Return a scenery without vehicles.
-
-        `fallback_z`: height of the plane that replaces missing ground, in the file's coordinates. None: no plane.
-        """
+        """Return a scenery without vehicles; missing ground is the plane `fallback_z` of the file's frame, if given."""
         ground: RayCaster | Plane | None = None
         if scenery.ground is not None:
             ground = make_caster(scenery.ground)
@@ -227,12 +224,10 @@ class Scene:
         *,
         reach: Float[np.ndarray, " k"],
     ) -> Float[np.ndarray, " k"]:
-        """Transmittance of rays of n cameras.
+        """Transmittance of rays of n cameras to their `reach` in meters from the near plane, -inf: not cast.
 
-        It's 0 or 1 without alpha textures, like `occluded`, and faster among many obstacles.
-        With them, the transmittances of faces are multiplied, as in Cycles.
-
-        `reach`: how far each looks, in meters from the near plane; -inf: it isn't cast.
+        It's 0 or 1 without alpha textures, like `occluded`, and faster among many obstacles. With them, the
+        transmittances of faces are multiplied, as in Cycles.
         """
         passed, cast = np.ones(len(reach)), np.flatnonzero(reach > -np.inf)
         if self.ground is not None:

@@ -115,10 +115,7 @@ class PosedVehicle:
         row: Int[np.ndarray, " n"] | None = None,
         max_distance: ArrayLike = np.inf,
     ) -> RayHits:
-        """Return the first face of the shape's mesh along each ray in the world; arguments as for `RayCaster.cast`.
-
-        `row`: ascending: the camera of each ray, which meets the poses of that camera. None: all are of camera 0.
-        """
+        """Return the first face of the shape's mesh along each ray in the world; arguments as for `Scene.occluded`."""
         start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
         reach, hits = np.broadcast_to(max_distance, len(start)), RayHits.missed(len(start))
         pose, ray = self._pose_ray_pairs(row, len(start))

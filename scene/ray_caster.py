@@ -85,11 +85,7 @@ class RayCaster:
         return self._built
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
-        """Return the first face along each ray.
-
-        `origins`: meters, in the mesh's frame.
-        `max_distance`: how far to look, in meters; a number or (n,).
-        """
+        """Return the first face along each ray in the mesh's frame, within `max_distance` in meters."""
         start, unit, limit = checked_rays(origins, directions, max_distance)
         hits = RayHits.missed(len(start))
         for i, entry, along, reach, skipped in self._ray_blocks(start, unit, limit):

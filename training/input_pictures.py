@@ -61,11 +61,7 @@ class Pictures:
 
 
 def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
-    """Find the pictures at the user's paths.
-
-    >>> find_pictures(["photographs/*.jpg"]).images[0].file_name  # doctest: +SKIP
-    '0001.jpg'
-    """
+    """Find the pictures at the user's paths: a dataset, folders, files, and patterns such as photographs/*.jpg."""
     first = Path(paths[0])
     if len(paths) == 1 and _has_records(first):
         return Pictures.of(read_labels(first))

@@ -26,11 +26,7 @@ SHARES = make_parser("shares such as 1,0.5,0.25", lambda text: tuple(map(float, 
 
 
 def subset_name(fraction: float) -> str:
-    """Return the folder's name of a fraction: its percentage.
-
-    >>> [subset_name(fraction) for fraction in (1.0, 0.05, 0.125)]
-    ['100', '5', '12.5']
-    """
+    """Return the folder's name of a fraction: its percentage."""
     return f"{100 * fraction:.10g}"
 
 

@@ -67,10 +67,7 @@ class BoxInCamera(LabelType):
 
     @classmethod
     def compute_from_poses(cls, vehicle: VehicleInCamera) -> dict[str, object]:
-        """Return the position in the camera's frame, and the box's corners.
-
-        Corners may be outside of the image; those nearer than the near plane are None.
-        """
+        """Return position and box's corners in the camera's frame; those nearer than the near plane are None."""
         low, high = vehicle.bounds
         world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, vehicle.camera.world_from_camera
         camera_from_world = world_from_camera[:3, :3].T

@@ -99,11 +99,7 @@ def category_fields(
     *,
     path: Path,
 ) -> dict[str, object]:
-    """Return COCO's `keypoints` and `skeleton`, the same for all categories, so an image's labels are one array.
-
-    `patterns`: the config's `annotate.keypoints`; None: no keypoints, and an empty result.
-    `lines`: the config's `annotate.skeleton`; None: none.
-    """
+    """Return COCO's `keypoints` and `skeleton`, the same for all categories, so an image's labels are one array."""
     if patterns is None:
         return {}
     there = list(dict.fromkeys(name for shape in shapes for name in shape.keypoint_names))

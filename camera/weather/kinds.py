@@ -67,10 +67,7 @@ class Weather:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WeatherKind:
-    """A kind of weather: its keys in the config's `[weather]` and its effect on air, light, surfaces, and previews.
-
-    The key with the share of images is the kind's name.
-    """
+    """A kind of weather: its keys in the config's `[weather]`, that of its share being its name, and its effects."""
 
     # visibility, rate: keys of the range of visibilities, or of the rates of rain that visibility and wetness follow
     # from
@@ -174,10 +171,7 @@ def airlight_radiance(kind: str, sky: np.ndarray) -> np.ndarray:
 
 
 def even_sky(sky: np.ndarray) -> np.ndarray:
-    """Radiance (3,) of an even sky that lights level ground as brightly as this one.
-
-    `sky`: equirectangular map of radiance, the zenith in the first row.
-    """
+    """Radiance (3,) of an even sky that lights level ground as a map of radiance does, the zenith in its first row."""
     elevation = math.pi / 2 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)
     return np.asarray((sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum())

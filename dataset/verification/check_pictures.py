@@ -64,10 +64,7 @@ def check_pictures(
 def _check_picture(
     folder: Path, record: Record, image: Image | None, *, fast: bool
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
-    """Return a picture's problems, the hash of its bytes, and a photograph's perceptual hash.
-
-    `image` is the image of its record, if that fits.
-    """
+    """Return a picture's problems, its hash, and a photograph's perceptual hash; `image` if its record fits."""
     name = record.get("file_name")
     if not stays_inside(name):  # found among records
         return [], None, None

@@ -238,10 +238,7 @@ class LightSection(Section):
 
 
 class WeatherSection(Section):
-    """Shares of images with each kind of weather, and its ranges; the other images are clear.
-
-    An entry of `KINDS` names the keys of its kind.
-    """
+    """Shares of images with each kind of weather, by an entry of `KINDS`, and its ranges; other images are clear."""
 
     fog: Share = 0.0
     """share of images with fog"""

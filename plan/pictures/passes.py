@@ -171,10 +171,7 @@ def _part_numbers(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarra
 
 
 def panoptic_segments(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
-    """Return an image's segments: a picture with their numbers as colors, and a list.
-
-    The ids of `STUFF` follow those of `class_ids`.
-    """
+    """Return an image's segments, as a picture of their numbers and a list; `STUFF` follows the classes."""
     segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
     for one in [Instance(0, "sky", "sky"), *pixels.table]:
         i = one.id

@@ -32,10 +32,7 @@ def shade_pixels(
     strength: float,
     weather: Weather | None,
 ) -> Float[np.ndarray, "n 3"]:
-    """Return colors from 0 to 1 of a camera's n pixels, row by row.
-
-    `paints`: color of each vehicle of the world.
-    """
+    """Return colors from 0 to 1 of a camera's n pixels, row by row, its vehicles in these paints."""
     along = camera.rays(camera.lenses.pixel_centers)[1]
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)

@@ -54,10 +54,9 @@ def draw_lights(
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
 ) -> dict[str, Sequence[object]]:
-    """Draw the light of the images with these indices, and how a camera records it, as columns of rows.
+    """Draw light and exposure of the images with these indices, as columns of rows, by the weights of HDRIs.
 
-    Exposure, white balance, and horizon don't depend on the HDRI's rotation and the weather. `weights` are those of
-    `hdri_weights`.
+    Exposure, white balance, and horizon don't depend on the HDRI's rotation and the weather.
     """
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)

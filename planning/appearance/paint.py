@@ -22,10 +22,7 @@ COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the tar
 def draw_coats(
     paint: Sequence[PaintEntry], draws: RandomStreams, *, position: Int[np.ndarray, " n"], place: ArrayLike
 ) -> list[list[Coat]]:
-    """Draw the coats of a vehicle at n positions.
-
-    `place` is 0 for the target, `COMPANIONS` + k for companion k of the row, and `DISTRACTORS` + k for distractor k.
-    """
+    """Draw the coats of a vehicle at n positions; `place` is `COMPANIONS` + k, `DISTRACTORS` + k, or 0, the target."""
     n, kinds = len(position), len(paint)
     if not kinds:
         return [[] for _ in range(n)]

@@ -34,8 +34,7 @@ class _Numbers(Struct):
 def read_camera(path: Path) -> dict[str, object]:
     """Return "section.key" -> value of a config with a calibrated camera.
 
-    OpenCV's pixel coordinates start at the center of the first pixel, a config's at its corner, so cx and cy grow by
-    half a pixel.
+    OpenCV's pixels begin half a pixel later than a config's, so cx and cy grow by half a pixel.
     """
     table = _read_table(path)
     for inner in ("camera_info", "cam0"):

@@ -161,10 +161,7 @@ def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
 def found_config(
     folder: Path, found: Sequence[FoundFile], config_folder: Path, values: Mapping[str, object] = MappingProxyType({})
 ) -> str:
-    """Return the text of a config in `config_folder` that lists the usable files of `folder`, with their notes.
-
-    `values` are those of `plan.config.config_keys.config_text`.
-    """
+    """Return the text of a config in `config_folder` that lists the usable files of `folder`, with their notes."""
     base = os.path.relpath(folder.resolve(), config_folder.resolve())
     listed = {file.path: Path(base, file.path).as_posix() for file in found}
     models = {file.path for file in found if file.kind not in ("hdri", "")}

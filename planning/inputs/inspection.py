@@ -95,10 +95,7 @@ def inspect_file(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[Inspected]:
-    """Inspect an asset or an HDRI, read without a cache, or the vehicles and sceneries of a config, in its order.
-
-    `kind`: "vehicle" or "scenery"; None: by the asset's contents. A config's entries have their own kind.
-    """
+    """Inspect an asset or HDRI as its kind (None: by its contents), without a cache, or all assets of a config."""
     if _is_config(path):
         library = load_library(Config.read(path), strict=strict, progress=progress, limits=limits)
         models = library.shapes

@@ -28,10 +28,7 @@ SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the 
 def extra_offsets(
     role: Int[np.ndarray, " n"], limits: PlacementSection, uniform: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return offsets from targets to extras, meters in x and y, in proportion to numbers in [0, 1).
-
-    Companions are uniform in distance, distractors in area.
-    """
+    """Return offsets in meters to extras for numbers in [0, 1): companions uniform in distance, distractors in area."""
     of_roles = np.array([(0.0, 0.0), limits.companion_distance, limits.distractor_distance])
     low, high = of_roles[role].T
     by_distance = scale_uniform(low, high, uniform[:, 0])

@@ -75,10 +75,7 @@ class RandomStreams:
 
 
 class RowStreams:
-    """A generator for functions that draw n rows at a time: row i comes from the stream of item i.
-
-    Parameters are those of `RandomStreams.uniform`.
-    """
+    """A generator for functions that draw n rows at a time: row i comes from the stream of item i."""
 
     def __init__(self, draws: RandomStreams, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
         self._states = draws.first_states(purpose, item, attempt)
@@ -106,10 +103,7 @@ def scale_uniform(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[
 
 
 def choose_weighted(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
-    """Return n indices, with probabilities in proportion to weights, from numbers in [0, 1).
-
-    `weights` are (k,), for numbers of any shape, or (n, k) with a row for each; each row has one above 0.
-    """
+    """Return n indices by weights, (k,) or a row for each with one above 0, from numbers in [0, 1)."""
     table = np.asarray(weights, dtype=np.float64)
     running = np.cumsum(table, axis=-1)
     if np.size(uniform) and not (running[..., -1] > 0.0).all():

@@ -309,11 +309,7 @@ def views_of_others(
     visibility_m: Float[np.ndarray, " n"],
     rays: int,
 ) -> tuple[Views, Bool[np.ndarray, " n"]]:
-    """Return views of vehicles that aren't targets, and whether those with a class cover the center of any pixel.
-
-    `views`: the cameras' views of their targets.
-    Row i of `subjects` and of `others` is camera i; `visibility_m` is nan in clear air.
-    """
+    """Return views of vehicles `others` that aren't targets, row i by camera i, and whether classes cover a pixel."""
     seen = replace(
         views,
         boxes=vehicle_boxes(subjects, cameras),

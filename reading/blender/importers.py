@@ -87,10 +87,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
 
 
 class RestPose:
-    """Extension of Blender's glTF importer: nodes keep the pose in the file, not that of an animation's first frame.
-
-    Khronos Group, glTF-Blender-IO: hooks of import user extensions.
-    """
+    """Extension of Khronos's glTF importer: nodes keep the pose in the file, not that of an animation's first frame."""
 
     def gather_import_animations(self, animations: list[Any] | None, options: Any, gltf: Any) -> None:
         """Leave out the file's animations."""

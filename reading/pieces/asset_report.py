@@ -49,11 +49,7 @@ class ObjectRow:
 
 
 def gather_copies(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
-    """Return the rows, with numbered copies (Tree.001, Tree.002, ...) in one row where there are many of them.
-
-    Copies of the same kind and use are gathered. The row has their name with an asterisk, the
-    reason of the first, the total count, and the largest size.
-    """
+    """Return the rows, with copies of the same kind and use (Tree.001, Tree.002, ...) in one row where they're many."""
     families: dict[tuple[str, str, str], list[ObjectRow]] = {}
     for row in rows:
         families.setdefault((_unnumbered_name(row.name), row.kind, row.use), []).append(row)

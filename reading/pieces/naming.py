@@ -120,10 +120,7 @@ BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", 
 
 
 def name_words(name: str) -> tuple[str, ...]:
-    """Return the lower-case words of `name`, without Blender's ``.001``.
-
-    Split at anything but letters and digits, between letters and digits, and at camelCase.
-    """
+    """Return the lower-case words and numbers of `name`, split at camelCase too, without Blender's ``.001``."""
     return _split_words(re.sub(r"\.\d{3,}$", "", name))
 
 

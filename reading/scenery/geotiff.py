@@ -103,10 +103,7 @@ def _remove_nodata(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
 def read_orthophoto(
     path: Path, *, crs: str, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
 ) -> UInt8[np.ndarray, "h w 4"]:
-    """Read an orthophoto, resampled to a rectangle of another map; transparent where it has no pixels.
-
-    `crs`: the map's coordinate reference system; "" for that of the file.
-    """
+    """Read an orthophoto, resampled to a rectangle of a map in `crs` ("": the file's); transparent without pixels."""
     with _open_raster(path) as raster:
         import rasterio.transform
         import rasterio.warp

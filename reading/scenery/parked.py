@@ -22,10 +22,7 @@ MIN_UPRIGHT_COSINE = 0.9
 def parked_vehicles(
     drawn: Evaluated, roles: Sequence[PieceRole], meters: Float[np.ndarray, "4 4"]
 ) -> dict[str, list[str]]:
-    """Obstacles that are vehicles, by a name or by wheels: the name of each, and of its objects.
-
-    `meters`: from the file to meters, z up.
-    """
+    """Obstacles that are vehicles, by a name or by wheels: the name of each, and of its objects."""
     pieces = drawn.pieces
     among = [i for i, role in enumerate(roles) if role.use == "obstacle" and not pieces[i].hair]
     found: dict[str, list[str]] = {}

@@ -233,8 +233,7 @@ def gun_barrel(
 ) -> int | None:
     """Return the solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
 
-    `solids`, `ahead`, `middle`, `half`: the vehicle's solids, the horizontal unit vector along it (either way), its
-    middle, and half its length.
+    The vehicle is `half` long on either side of `middle` along the horizontal unit vector `ahead` (either way).
     """
     if not len(solids):
         return None

@@ -92,10 +92,7 @@ class Naming:
 
 
 def names_of_parts(whole: PlacedPieces, options: Options, *, no_gun: Collection[str]) -> dict[str, str]:
-    """Return the part that each name of an object or a collection names, if any.
-
-    `options`: the user's patterns for turret and gun instead of the built-in words; "" for none.
-    """
+    """Return the part that each name of an object or collection names, if any, by the user's patterns if given."""
     of_pieces = [_chain_names(piece.chain) for piece in whole.pieces]
     # A name that covers the whole vehicle is the vehicle's, not a part's.
     shared = set.intersection(*of_pieces) if of_pieces else set()

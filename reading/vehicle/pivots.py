@@ -65,10 +65,7 @@ def find_pivot(
     behind: Float[np.ndarray, "3"],
     options: Options,
 ) -> Pivot:
-    """Find a part's pivot: the config's, an object named so, an empty, the part's mesh, or a guess by shape.
-
-    `by_part`: part -> its pieces; None: the hull's.
-    """
+    """Find a part's pivot: the config's, an object named so, an empty, the part's mesh, or a guess by shape."""
     if asked := _configured_pivot(whole, part, options):
         return asked
     # Where "set origin" puts origins.
@@ -175,10 +172,7 @@ def _shape_pivot(by_part: Mapping[str | None, PlacedPieces], part: str, behind: 
 
 
 def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[np.ndarray, "3"] | None = None) -> Pivot:
-    """Estimate a turret's axis from shape: the middle of its ring, or of the hull below.
-
-    `trunnions`: trunnions of its gun; None if it has none.
-    """
+    """Estimate a turret's axis from shape: the middle of its ring, of the hull below, or by its gun's trunnions."""
     own, under = turret.all_vertices, hull.all_vertices[:, 1]
     low, high = own.min(axis=0), own.max(axis=0)
     width = float(np.ptp(under)) if len(under) else float(high[1] - low[1])

@@ -34,11 +34,7 @@ class Upright:
 
 
 def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
-    """Turn drawn pieces upright.
-
-    `unit`: meters to one unit of the file.
-    `up`: the config's up axis; None: found by the wheels.
-    """
+    """Turn drawn pieces upright by the config's up axis, or by their wheels; `unit` is meters to one of the file's."""
     meters = meters_from_file(unit, stated_up)
     points = [transform_points(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])

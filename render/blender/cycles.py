@@ -73,10 +73,7 @@ def _graphics_cards(preferences: Any, kind: str) -> list[Any]:
 
 
 def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
-    """Configure `scene` as planned.
-
-    `threads`: CPU threads; 0 for all.
-    """
+    """Configure `scene` as planned, on this many CPU threads; 0: all."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     picture = render.image_settings

@@ -50,13 +50,7 @@ class Fog:
         self._world.dim_light([], 0.0, np.zeros(3))
 
     def fill_air(self, kind: str, visibility: float, glow: np.ndarray, camera: np.ndarray, *, below: float) -> None:
-        """Fill the air.
-
-        `visibility`: in meters.
-        `glow`: radiance of endless air.
-        `camera`: the camera's position in the scenery, in meters.
-        `below`: meters from the camera down to the lit surfaces.
-        """
+        """Fill the air about the camera down to surfaces `below` it, in meters, with endless air's radiance `glow`."""
         air = air_layers(kind, visibility)
         density = sum(layer.extinction for layer in air)
         self._absorption.inputs["Density"].default_value = density

@@ -106,11 +106,7 @@ class HdriWorld:
         return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
 
     def dim_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
-        """Dim light by air; the camera sees the sky through the air above the box of `Fog`.
-
-        `below`: meters from the camera down to what is lit.
-        `glow`: radiance of endless air.
-        """
+        """Dim light by air of the radiance `glow`; the camera sees the sky through the air above the box of `Fog`."""
         light = self._dimmed.dimmed_light(air, below, glow) if air else self._background.outputs["Background"]
         self._link_nodes(light, self._output)
 

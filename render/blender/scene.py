@@ -122,10 +122,7 @@ class Stage:
         data.clip_start, data.clip_end = camera.near, CLIP_END_M
 
     def set_weather(self, weather: Weather | None, seed: int) -> None:
-        """Fill the air and cover surfaces, after everything else is set, since fog is lit by the sky.
-
-        `weather`: None: clear air and uncovered surfaces.
-        """
+        """Fill the air and cover surfaces, or undo both, after everything else is set, since fog is lit by the sky."""
         if not weather:
             self.fog.clear()
             self.precipitation.clear()

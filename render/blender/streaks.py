@@ -49,10 +49,7 @@ class Precipitation:
         set_hidden(self._object, True)
 
     def draw_streaks(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray) -> None:
-        """Draw streaks.
-
-        `eye`: the camera's position in the scenery, in meters.
-        """
+        """Draw streaks around the eye, in the scenery's frame."""
         mesh, count = self._object.data, len(streaks.gain)
         mesh.clear_geometry()
         mesh.vertices.add(4 * count)

@@ -44,10 +44,7 @@ class Surfaces:
         self.left: list[str] = []  # materials without a shader that rain can change
 
     def set(self, kind: str, ground: float, vehicle: float, vehicles: Iterable[Any]) -> None:
-        """Cover scenery and vehicles.
-
-        `ground`, `vehicle`: shares from 0 to 1 of water in pores, snow on level ground, or dust.
-        """
+        """Cover scenery and vehicles, each by shares from 0 to 1 of water in pores, snow on level ground, or dust."""
         kind = kind if KINDS[kind].surfaces and max(ground, vehicle) > 0 else ""
         if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _scene_materials()):
             self.clear()

@@ -147,10 +147,7 @@ def detr_contents(module: RFDETRModelModule, classes: Sequence[str], network: An
 
 
 class DetrDetector:
-    """RF-DETR as a detector; see `training.detectors.detector.Detector`.
-
-    `resolution`: side of the network's input in pixels.
-    """
+    """RF-DETR as a `Detector`; `resolution` is the side of its input in pixels."""
 
     def __init__(
         self, network: Any, postprocess: Any, names: dict[int, str], resolution: int, device: torch.device

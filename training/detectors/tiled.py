@@ -18,10 +18,7 @@ MIN_SAME_OBJECT_SHARE = (
 
 
 class TiledDetector:
-    """A detector that sees pictures as tiles; see `training.detectors.detector.Detector`.
-
-    `size`: width and height of a tile, pixels: those of its training pictures. Smaller pictures are one tile.
-    """
+    """A `Detector` that sees pictures as tiles of this width and height in pixels, those of its training pictures."""
 
     def __init__(self, detector: Detector, size: tuple[int, int], *, batch: int) -> None:
         self.classes = detector.classes

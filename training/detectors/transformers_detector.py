@@ -114,7 +114,7 @@ def _config_with_queries(config: Any, settings: Settings) -> Any:
 
 
 def _read_pretrained(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any, list[str]]:
-    """Load network and image processor from a folder or, by their name there, from the hub; code in it isn't run.
+    """Load network and image processor from a folder or by name from the hub, without running its code.
 
     With settings, weights of another number of classes stay random; their names are the last result.
     """

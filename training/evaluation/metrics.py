@@ -91,8 +91,7 @@ def threshold_curves(matching: Matching, *, label: int | None = None) -> dict[st
 def confusion_matrix(matching: Matching) -> Int[np.ndarray, "k k"]:
     """Return the confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
 
-    The diagonal has the true positives. The rest is matched again, ignoring classes, by the same rule; what
-    remains is background.
+    What is no true positive is matched again, ignoring classes, by the same rule; what remains is background.
     """
     labels, predictions = matching.labels, matching.predictions
     background = len(predictions.class_names)

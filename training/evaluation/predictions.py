@@ -69,10 +69,7 @@ class Predictions(BoxTable):
 
 
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
-    """Read detections from a file of COCO results: a list, or the ``annotations`` of an object.
-
-    `name`: their name; None: the file's name without its extension.
-    """
+    """Read COCO results, a list or the ``annotations`` of an object; `name`: None: the file's without extension."""
     path = Path(path)
     found, names = _read_file(path), {}
     if isinstance(found, dict):

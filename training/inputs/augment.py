@@ -46,10 +46,7 @@ class Augmenter:
             )  # fmt: skip
 
     def __call__(self, sample: Sample, seed: int) -> Sample:
-        """Augment a sample; boxes that are mostly outside of the picture are dropped.
-
-        Boxes follow their masks if there are any. Boxes of `sample` must be inside its picture.
-        """
+        """Augment a sample with boxes inside its picture, which follow masks; boxes mostly outside afterwards go."""
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.
         self._compose.set_random_state(np.random.default_rng(seed), random.Random(seed))

@@ -127,10 +127,7 @@ def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> 
 
 
 def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
-    """Load settings from a TOML file, if given, with changes from the command line.
-
-    `changes`: field -> value; None: unchanged.
-    """
+    """Load settings from a TOML file, if given, with changes to its fields; a change of None changes nothing."""
     data = {} if path is None else resolved_augmentation(read_toml(path), path.parent)
     data.update({key: value for key, value in changes.items() if value is not None})
     return validate_model(Settings, data, path)

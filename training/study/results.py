@@ -179,10 +179,7 @@ def compared_cells(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
 
 
 class Equivalent(NamedTuple):
-    """How many more photographs the real arm needs to be as good as a cell, with its interval; inf: more than `most`.
-
-    `most` is the number of further photographs, the largest value that can be shown.
-    """
+    """How many more photographs the real arm needs to be as good as a cell; inf: above `most`, the largest shown."""
 
     photographs: float
     interval: list[float]

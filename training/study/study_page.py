@@ -84,10 +84,7 @@ def arm_color(arm: str) -> str:
 
 
 def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
-    """Bars of arms in four panels, as in the paper's Figures 5 to 9.
-
-    `group_cells` has a cell for each arm; None is unknown.
-    """
+    """Bars of arms in four panels, as in the paper's Figures 5 to 9; None in `group_cells` is unknown."""
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
     for axis, keys in zip(axes, PANELS, strict=True):

@@ -91,10 +91,7 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
 
 
 def flat_names(images: Sequence[Image]) -> list[str]:
-    """Return a name without folders for each image; stems are unique, since label files have them.
-
-    Dots in stems become underscores, because some readers take the first dot for the suffix's.
-    """
+    """Return a unique name without folders for each image, dots in stems as underscores, which readers need."""
     names = []
     taken: set[str] = set()
     for image in images:

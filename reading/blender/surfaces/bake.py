@@ -154,10 +154,7 @@ def _coordinate_range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
 def _render_materials(
     materials: Sequence[Any], layer: str, uv: Float[np.ndarray, "2 2"], size: Sequence[int]
 ) -> Float32[np.ndarray, "n h w"]:
-    """Return the light of materials, from 0 to 1, each on a rectangle of its own.
-
-    `size`: width and height of each in pixels.
-    """
+    """Return the light of materials, from 0 to 1, each on a rectangle of its own of this size in pixels."""
     scene, lens = bpy.data.scenes.new("hulldown bake"), bpy.data.cameras.new("hulldown bake")
     mesh = bpy.data.meshes.new("hulldown bake")
     (width, height), count = size, len(materials)

@@ -16,10 +16,7 @@ from hulldown.reading.pieces.roles import Piece
 
 
 def material_rows(meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Sequence[int]) -> tuple[MaterialRow, ...]:
-    """Return materials of the pieces with a part, largest share first.
-
-    `pieces`, `piece_part`: the pieces, and the part of each; -1: none.
-    """
+    """Return materials of the pieces with a part (`piece_part`; -1: none), largest share first."""
     scales: dict[int, float] = defaultdict(float)
     for piece, part in zip(pieces, piece_part, strict=True):
         if part >= 0 and isinstance(meshes[piece.mesh], bpy.types.Mesh):

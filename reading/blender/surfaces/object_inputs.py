@@ -30,10 +30,7 @@ def random_number(instance: Any) -> float:
 
 
 def random_number_of_name(name: str) -> float:
-    """Return Cycles' random number of an object that is no instance.
-
-    Bob Jenkins, lookup3.c, 2006: the macro `final`.
-    """
+    """Return Cycles' random number of an object that is no instance: `final` of Jenkins's lookup3.c, 2006."""
     total = 0
     for byte in name.encode("utf-8", "surrogateescape"):
         total = (total * 37 + byte) % 2**32

@@ -166,10 +166,7 @@ def is_curved(image: Any, channel: str) -> bool:
 
 
 def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
-    """Texels of a channel, in 255ths where the file has bytes, and in sRGB if `is_curved`.
-
-    `image`: with pixels.
-    """
+    """Texels of a channel of an image with pixels, in 255ths if the file has bytes, and in sRGB if `is_curved`."""
     if image.alpha_mode == "NONE" and channel == "alpha":
         return np.full((1, 1), 255, np.uint8)
     width, height = image.size
