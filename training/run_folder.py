@@ -31,7 +31,7 @@ class RunData(Struct, frozen=True):
     sha256: str
 
 
-class RunConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
+class RunConfig(Struct, frozen=True, kw_only=True):
     """What determines a run's weights: the contents of config.json."""
 
     settings: dict[str, object]  # of `training.inputs.settings.Settings`
@@ -39,7 +39,6 @@ class RunConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     data: dict[str, RunData]
     valid: RunData | None
     weights_sha256: str | None  # of a file or folder that the settings name
-    draws_sha256: str | None = None  # of given draws
 
 
 class RunFolder:

@@ -73,7 +73,6 @@ def train_detector(
     settings: SettingsLike = None,
     workers: int | None = None,
     device: str = "auto",
-    draws: Annotated[Draws | None, Parameter(parse=False)] = None,
     checkpoint_every_s: Annotated[float, Parameter(parse=False)] = 60.0,
     progress: Callable[[str, int, int], None] | None = None,
     say: Callable[[str], None] = show_line,
@@ -99,8 +98,6 @@ def train_detector(
         Processes that read and augment pictures; by default one per core but one. Pixels don't depend on it.
     device
         auto, cpu, gpu, or PyTorch's name of a device, such as cuda:1; auto is a GPU if there is one.
-    draws
-        As many draws from the datasets as the budget; None: sampled.
     checkpoint_every_s
         Seconds between checkpoints.
     progress
@@ -135,7 +132,7 @@ def train_detector(
     if progress is None and is_interactive():
         with progress_bars() as bars:
             return train_detector(
-                data, output, settings=settings, valid=valid, draws=draws, workers=workers, device=device,
+                data, output, settings=settings, valid=valid, workers=workers, device=device,
                 checkpoint_every_s=checkpoint_every_s, progress=bars, say=say,
             )  # fmt: skip
     progress = progress or (lambda what, done, total: None)
@@ -160,17 +157,13 @@ def train_detector(
         data={source.name: RunData(len(source), checked[source.name].sha256) for source in sources},
         valid=RunData(len(held_back[0]), checked["valid"].sha256) if held_back else None,
         weights_sha256=weights_digest(named) if named.exists() else None,
-        draws_sha256=None if draws is None else draws.digest,
     )
     if (run := finished_run(out, run_config)) is not None:
         say(f"{out}: is finished already")
         return run
     from hulldown.training.fitting import Training, fit_network
 
-    if draws is None:
-        draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
-    if len(draws) != settings.budget:
-        raise ValueError(f"draws: expected {settings.budget} draws, got {len(draws)}")
+    draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
     with silence_libraries():
         trainee = prepare_trainee(settings, classes, chosen, out)
         with lock_folder(out, marker=CONFIG_NAME, what="run"):

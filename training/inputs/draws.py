@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -26,11 +25,6 @@ class Draws:
 
     def __len__(self) -> int:
         return len(self.source)
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of all draws."""
-        return hashlib.sha256(np.stack((self.source, self.image, self.seed)).astype("<i8").tobytes()).hexdigest()
 
 
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float] = ()) -> Draws:
