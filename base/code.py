@@ -9,26 +9,6 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = (
-    "base",
-    "geometry",
-    "assets",
-    "camera",
-    "scene",
-    "placement",
-    "annotate",
-    "pictures",
-    "blender",
-    "reading",
-    "plan",
-    "dataset",
-    "planning",
-    "cluster",
-    "render",
-    "training",
-    "demo",
-    "verbs",
-)
 MISSING = "not installed"
 
 
@@ -36,7 +16,8 @@ MISSING = "not installed"
 def code_sha256() -> str:
     """SHA-256 of all modules."""
     digest = hashlib.sha256()
-    for path in sorted(path for folder in FOLDERS for path in (ROOT / folder).rglob("*.py")):
+    folders = [path.parent for path in ROOT.glob("*/__init__.py")]  # the product's, in a checkout too
+    for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
         digest.update(f"{path.relative_to(ROOT)} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()
 
