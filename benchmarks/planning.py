@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.benchmarks.scenes import vehicles
 from hulldown.demo.project import CONFIG, create_project, project_text
 from hulldown.geometry.meshes import Mesh

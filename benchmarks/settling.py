@@ -18,8 +18,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rotation_z
 from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.rest import NUDGE, OTHER_WAYS
-from hulldown.placement.rules import SettleRules
-from hulldown.placement.settle import settle
+from hulldown.placement.settle import SettleRules, settle
 from hulldown.placement.terrain import Terrain
 
 SIZE = np.array([7.0, 3.5, 2.5])

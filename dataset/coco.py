@@ -186,7 +186,7 @@ class CocoDataset:
         image
             ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height``, and any other
             fields. An ``id`` is used as given, for ids reserved by `reserve`; without one it gets the next. With
-            ``picture_sha256``, the hash of its file, `dataset.verification.verify` finds another picture.
+            ``picture_sha256``, the hash of its file, `render.verify` finds another picture.
         annotations
             Each with ``category`` (a name), ``bbox`` (xywh pixels), and any other fields. ``id`` as
             for images. ``area`` is the box's unless given, ``iscrowd`` 0, ``segmentation`` empty.

@@ -8,6 +8,7 @@ and after the tilt.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,17 +16,52 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array
+from hulldown.geometry.arrays import checked_array, whole_number
 from hulldown.geometry.columns import join_rows, put_rows
 from hulldown.geometry.indices import index_batches
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 from hulldown.geometry.transforms import rigid_matrix, upright_rotation
-from hulldown.placement.contact import Footing, gap_and_penetration, stack_samples
-from hulldown.placement.footprint import Samples, Underside
+from hulldown.placement.footprint import Samples, Underside, plate_samples, underside_samples
 from hulldown.placement.rejection import Rejection
 from hulldown.placement.rest import Rest, averaged_plane, underside_plane
-from hulldown.placement.rules import SettleRules
 from hulldown.placement.terrain import Terrain
+
+RULES = ("averaged", "support")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SettleRules:
+    """The rules of settling, and the limits of a resting pose."""
+
+    # how the rest plane follows from the footprint: "averaged" takes the mean height and mean normal (the paper's),
+    # "support" finds the plane that a rigid footprint comes to rest on
+    rule: str = "support"
+    # the footprint is sampled by n x n vertical rays, border included. If it is an `Underside`, the support rule sends
+    # each to the lowest spot near its place, and lets the ground reach the underside there.
+    n: int = 5
+    # gap and penetration are measured at contact_n x contact_n points of the tilted underside; 0 leaves them nan
+    contact_n: int = 9
+    # greatest inclination in radians, of the ground at (x, y) and of the rest plane
+    max_slope: float = math.radians(30.0)
+    min_share: float = 0.8  # least share of the n x n rays that must meet ground
+    max_gap: float = math.inf  # max_gap, max_penetration: largest `Settled.gap` and `Settled.penetration`, in meters
+    max_penetration: float = math.inf
+
+    def __post_init__(self) -> None:
+        if self.rule not in RULES:
+            raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {self.rule!r}")
+        if not 2 <= whole_number(self.n, "n") <= 9:
+            raise ValueError(f"n: expected 2 to 9 rays a side, got {self.n}")
+        if whole_number(self.contact_n, "contact_n") < 0:
+            raise ValueError(f"contact_n: expected 0 or more points a side, got {self.contact_n}")
+        if not 0.0 <= self.max_slope < math.pi / 2:
+            raise ValueError(f"max_slope: expected radians in [0, pi/2), got {self.max_slope}")
+        if not 0.0 <= self.min_share <= 1.0:
+            raise ValueError(f"min_share: expected a share in [0, 1], got {self.min_share}")
+        for name in ("max_gap", "max_penetration"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"{name}: expected meters of 0 or more, got {getattr(self, name)}")
+
 
 BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
 DEFAULT_RULES = SettleRules()
@@ -257,3 +293,62 @@ def _rest_planes(
 def _normal_inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
     """Return angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
     return arctan2(hypot(normal[:, 0], normal[:, 1]), normal[:, 2])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Footing:
+    """Points at which a vehicle's underside is compared with the ground."""
+
+    samples: Samples  # points for the rest plane
+    contact: Samples  # points at which gap and penetration are measured
+
+    @classmethod
+    def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, rules: SettleRules) -> Footing:
+        """Return the sample points of a footprint by these rules."""
+        if not isinstance(footprint, Underside):
+            return cls(plate_samples(footprint, rules.n), plate_samples(footprint, rules.contact_n))
+        contact = underside_samples(footprint, rules.contact_n).below_underside()
+        support = rules.rule == "support"
+        return cls(underside_samples(footprint, rules.n) if support else plate_samples(footprint.box, rules.n), contact)
+
+
+def stack_samples(samples: Sequence[Samples]) -> Samples:
+    """Stack the samples of several vehicles, padded with each one's first sample."""
+    most = max(len(sample.xy) for sample in samples)
+    padded = [np.minimum(np.arange(most), len(sample.xy)) % max(len(sample.xy), 1) for sample in samples]
+    xy, height, foot = (
+        np.stack([getattr(sample, field)[i] for sample, i in zip(samples, padded, strict=True)])
+        for field in ("xy", "height", "foot")
+    )
+    return Samples(xy, height, foot, np.stack([sample.center for sample in samples]))
+
+
+def gap_and_penetration(
+    terrain: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
+    """Measure `settle.Settled.gap` and `penetration` of posed vehicles; points without ground don't count."""
+    points, up = underside_points(world_from_vehicle, contact), world_from_vehicle[:, 2, 2, None]
+    hits = terrain.top_hits(points[..., :2].reshape(-1, 2))
+    above = points[..., 2] - hits.z.reshape(points.shape[:2])
+    # Height of the underside above the plane that the vehicle rests on, measured straight down.
+    below = np.where(contact.foot, above - contact.height / up, np.nan)
+    # fmax passes over the nan of a miss.
+    return np.fmax.reduce(below, axis=1, initial=0.0), np.fmax.reduce(-above, axis=1, initial=0.0)
+
+
+def underside_depth(
+    surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
+) -> Float[np.ndarray, " k"]:
+    """Largest depth in meters of posed vehicles' undersides below a surface such as water; 0 next to it."""
+    points = underside_points(world_from_vehicle, contact)
+    hits = surface.top_hits(points[..., :2].reshape(-1, 2))
+    return np.fmax.reduce(hits.z.reshape(points.shape[:2]) - points[..., 2], axis=1, initial=0.0)
+
+
+def underside_points(world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples) -> Float[np.ndarray, "k p 3"]:
+    """Return the points of posed vehicles' undersides in the world."""
+    x, y, height = contact.xy[..., 0], contact.xy[..., 1], contact.height
+    forward, left, up, origin = (world_from_vehicle[:, :3, i, None] for i in range(4))
+    points = np.stack([origin[:, i] + (forward[:, i] * x + left[:, i] * y) for i in range(3)], axis=2)
+    points += np.stack([up[:, i] * height for i in range(3)], axis=2)
+    return points

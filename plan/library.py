@@ -12,14 +12,13 @@ import numpy as np
 
 from hulldown.annotate.labels.keypoints import category_fields
 from hulldown.assets.bundle import load_scenery, load_vehicle
-from hulldown.assets.fingerprint import asset_fingerprint
-from hulldown.assets.library import Assets, GeometrySource, HdriSource, Source
+from hulldown.assets.plan_assets import Assets, GeometrySource, HdriSource, Source, asset_fingerprint
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.arguments import AnyPath
+from hulldown.base.code import package_version
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.base.terminal import reading_status
 from hulldown.geometry.transforms import transform_points
-from hulldown.plan.changed_assets import refuse_changed
 from hulldown.plan.config.asset_sections import (
     CACHE_NAME,
     DistractorEntry,
@@ -30,15 +29,14 @@ from hulldown.plan.config.asset_sections import (
 )
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
-from hulldown.plan.usual_lengths import odd_length, refuse_odd_lengths, usual_text
 from hulldown.reading.cache import cached_export
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.doubts import format_length
+from hulldown.reading.doubts import format_length, likely_scale
 from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
-from hulldown.reading.pieces.asset_report import MaterialRow, refuse_missing
+from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, refuse_missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
-from hulldown.reading.pieces.naming import is_named
+from hulldown.reading.pieces.naming import first_match, is_named
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.reader_process import Exported
@@ -262,3 +260,79 @@ def _as_given(path: Path, config: Config) -> str:
         return path.relative_to(config.folder).as_posix()
     except ValueError:
         return str(path)
+
+
+def refuse_changed(plan: PlanFile, assets: Assets) -> None:
+    """Refuse assets whose files have changed since planning, or whose geometry is read differently here."""
+    for kind in ("vehicles", "distractors", "sceneries", "hdris"):
+        planned: Mapping[str, Source] = getattr(plan.header, kind)
+        files = assets.files.get(kind, {})
+        for name, was in planned.items():
+            if name not in files or (was.sha256 and _source_digests(files[name]) != _source_digests(was)):
+                raise ConfigError(
+                    f"{kind}: {name!r} ({was.path}) is not what it was when this was planned",
+                    path=plan.path,
+                    remedy="plan again with `hulldown plan`, or bring the old file back",
+                )
+            if not _reads_the_same(was, files[name]):
+                raise ConfigError(
+                    f"{kind}: {name!r} ({was.path}) has another geometry here than when this was planned"
+                    f" ({_blender_versions(plan)})",
+                    path=plan.path,
+                    remedy="plan again here, or use the Blender that it was planned with",
+                )
+
+
+def _source_digests(source: Source) -> tuple[str, str]:
+    """Return the digests of a file and of its rendered copy."""
+    return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
+
+
+def _reads_the_same(was: Source, now: Source) -> bool:
+    """Return whether a file's geometry is that of the plan, as far as the plan tells."""
+    if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.geometry and now.geometry):
+        return True
+    return was.geometry.agrees_with_other(now.geometry)
+
+
+def _blender_versions(plan: PlanFile) -> str:
+    """Return the Blenders that read the assets, for an error."""
+    return f"with bpy {plan.header.versions.get('bpy', 'unknown')}; here is {package_version('bpy') or 'none'}"
+
+
+USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
+    ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
+    ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
+    ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
+}
+ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
+
+
+def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
+    """Refuse vehicles of unusual length for their class, unless the config gives their scale."""
+    refused = [(e, odd, r) for e, r in vehicles if e.scale is None and (odd := odd_length(e, r)) is not None]
+    if refused:
+        others = [f"{entry.name} ({format_length(max(report.size))})" for entry, _, report in refused[1:]]
+        _, (kind, lengths), report = refused[0]
+        several = next((str(doubt) for doubt in report.doubts if doubt.kind == DoubtKind.SEVERAL), "")
+        raise AssetError(
+            f"is {format_length(max(report.size))} long, and {usual_text(kind, lengths)}"
+            + (f"; of unusual length are also {', '.join(others)}" if others else ""),
+            path=report.path,
+            remedy=several
+            or f"set scale{likely_scale(max(report.size), report.unit, lengths)}, also to the value that "
+            "it has now if the size is right",
+        )
+
+
+def odd_length(entry: ModelEntry, report: FileReport) -> tuple[str, tuple[float, float]] | None:
+    """Return a vehicle's class and its usual lengths, if it doesn't have them."""
+    name = f"{getattr(entry, 'category', None) or ''} {entry.name}"
+    kind = next((kind for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
+    low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
+    return None if low <= max(report.size) <= high else (kind[0], (low, high))
+
+
+def usual_text(kind: str, usual: tuple[float, float]) -> str:
+    """Return the usual lengths of a class as the end of a sentence."""
+    return f"a {kind} has {usual[0]:g} to {usual[1]:g} m"

@@ -12,20 +12,30 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
-from typing import BinaryIO, Self, overload
+from typing import Any, BinaryIO, Self, get_type_hints, overload
 
 import filelock
 import msgspec
 import numpy as np
 from jaxtyping import Int
+from msgspec import Struct
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import open_in_place, open_regular
-from hulldown.base.outside import parse_json
+from hulldown.base.outside import convert_value, parse_json
 from hulldown.placement.rejection import BY_KEY
-from hulldown.plan.misfit import explain_damage
 from hulldown.plan.picture_names import picture_name
-from hulldown.plan.row import PLAN_FORMAT, Header, Row, decode_header, decode_row, encode_line
+from hulldown.plan.row import (
+    PLAN_FORMAT,
+    Header,
+    PlannedVehicle,
+    Row,
+    decode_header,
+    decode_row,
+    decoded_pose,
+    encode_line,
+    row_fields,
+)
 
 _CHUNK_BYTES = 1 << 24
 _BEGINNING = b'{"hulldown_plan":'
@@ -273,3 +283,42 @@ def line_starts(file: BinaryIO) -> Int[np.ndarray, " lines_plus_1"]:
         parts.append(np.flatnonzero(np.frombuffer(chunk, dtype=np.uint8) == 0x0A) + (at + 1))
         at += len(chunk)
     return np.concatenate(parts)
+
+
+def explain_damage(line: bytes, kind: type[Struct], error: Exception) -> str:
+    """Explain why a line isn't a record of its kind, `Row` or `Header`, as the end of a sentence about the line."""
+    try:
+        record = msgspec.json.decode(line)
+    except (msgspec.DecodeError, ValueError, RecursionError) as mistake:
+        return f"is no JSON ({mistake})"
+    if not isinstance(record, dict):
+        return f"is {type(record).__name__}, not an image"
+    return _first_problem(record, kind, "") or f"can't be used ({error})"
+
+
+def _first_problem(record: dict[str, object], kind: type[Struct], path: str) -> str | None:
+    """Return the first missing or wrong field of a record at a path; None if there is none."""
+    declared, hints = row_fields(kind), get_type_hints(kind, include_extras=True)
+    lacking = [name for name, field in declared.items() if name not in record and not field.optional]
+    if lacking:
+        return f"lacks {', '.join(path + name for name in (lacking[:1] if path else lacking[:3]))}"
+    for key, field in declared.items():
+        if key not in record or _is_kind(value := record[key], hints[key]):
+            continue
+        within = value if key == "planned" and isinstance(value, list) else []
+        inner = (
+            _first_problem(each, PlannedVehicle, f"{key}[{i}].")
+            for i, each in enumerate(within)
+            if _is_kind(each, dict)
+        )
+        return next(filter(None, inner), None) or f"has {path}{key} {value!r:.60}, expected {field.expected}"
+    return None
+
+
+def _is_kind(value: object, kind: Any) -> bool:
+    """Return whether a value of JSON has a declared type and range."""
+    try:
+        convert_value(value, kind, dec_hook=decoded_pose)
+    except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two: of integers without end
+        return False
+    return True

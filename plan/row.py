@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
 
-from hulldown.assets.library import GeometrySource, HdriSource, Source
+from hulldown.assets.plan_assets import GeometrySource, HdriSource, Source
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.weather.kinds import Weather

@@ -9,7 +9,7 @@ from itertools import repeat
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.geometry.columns import row_objects
 from hulldown.placement.rejection import Rejection
 from hulldown.plan.coats import Coat

@@ -12,12 +12,12 @@ import numpy as np
 import orjson
 from msgspec.structs import replace
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import progress_bar
 from hulldown.camera.cameras import Cameras
-from hulldown.placement.contact import gap_and_penetration
+from hulldown.placement.settle import gap_and_penetration
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import Label, PlannedVehicle, Row, encode_line, round_field, row_fields

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.geometry.columns import take

@@ -20,7 +20,7 @@ from typing import Annotated
 import numpy as np
 from msgspec.structs import asdict
 
-from hulldown.assets.library import Assets, HdriSource, Source
+from hulldown.assets.plan_assets import Assets, HdriSource, Source
 from hulldown.base.arguments import PATH, AnyPath, Count
 from hulldown.base.code import package_version
 from hulldown.base.errors import ConfigError
@@ -92,7 +92,7 @@ def plan_dataset(
     # Local imports, since the worker processes import this module.
     from hulldown.base.terminal import progress_bar
     from hulldown.plan.library import load_library
-    from hulldown.planning.appearance.hdri_land import land_above_horizon
+    from hulldown.planning.appearance.light import land_above_horizon
 
     config = config if isinstance(config, Config) else Config.read(config)
     given = read_poses(Path(poses)) if poses else None

@@ -17,9 +17,8 @@ from hypothesis import strategies as st
 
 from hulldown.base.errors import ConfigError
 from hulldown.dataset.store.reservations import plan_key
-from hulldown.plan.changed_assets import refuse_changed
 from hulldown.plan.config.schema import Config
-from hulldown.plan.library import load_planned_library
+from hulldown.plan.library import load_planned_library, refuse_changed
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import Row

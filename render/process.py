@@ -17,6 +17,7 @@ from typing import Annotated
 
 import psutil
 from cyclopts import Parameter
+from PIL.PngImagePlugin import PngImageFile
 
 from hulldown.base.arguments import Positive
 from hulldown.base.child import Child, Stopped, memory_limit
@@ -25,7 +26,6 @@ from hulldown.base.outside import DATA, parse_json, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import BlendJob, Job, OutputJob, RenderJob, StartJob
 from hulldown.render.blender.reply import BEGINNING, Reply
-from hulldown.render.rendered_pictures import picture_damage
 
 WORKER = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # for a worker to end by itself
@@ -318,3 +318,35 @@ def _output_content(job: OutputJob) -> bytes:
         if wrong := picture_damage(output, size.width, size.height):
             raise AttemptFailed(wrong)
     return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)
+
+
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
+
+
+def without_notes(data: bytes) -> bytes:
+    """Remove text, date, and EXIF chunks (PNG, section 5), so that equal pictures are equal files."""
+    if not data.startswith(SIGNATURE):
+        raise ValueError("data: expected a PNG file, got something else")
+    kept, at = [SIGNATURE], len(SIGNATURE)
+    while at < len(data):
+        end = at + 12 + int.from_bytes(data[at : at + 4])
+        if end > len(data):
+            raise ValueError("data: expected a whole PNG file, got one that ends in the middle")
+        if data[at + 4 : at + 8] not in NOTES:
+            kept.append(data[at:end])
+        at = end
+    return b"".join(kept)
+
+
+def picture_damage(picture: Path, width: int, height: int) -> str | None:
+    """Find damage in a picture by Blender; None if there is none."""
+    try:
+        # Not by `Image.open`, which refuses pictures above a size.
+        with PngImageFile(picture) as image:
+            if image.size != (width, height):
+                return f"Blender wrote a picture of {image.size}, expected {(width, height)}"
+            image.verify()
+    except (OSError, SyntaxError, ValueError) as error:
+        return f"Blender wrote a picture that cannot be read ({error})"
+    return None

@@ -35,8 +35,7 @@ from hulldown.render.blender.messages import RenderJob
 from hulldown.render.jobs import planned_job
 from hulldown.render.outline import Outline, Part, file_stamp
 from hulldown.render.pool import Pool
-from hulldown.render.process import Outcome
-from hulldown.render.rendered_pictures import without_notes
+from hulldown.render.process import Outcome, without_notes
 
 if TYPE_CHECKING:
     from hulldown.render.cluster_pool import ClusterPool

@@ -16,7 +16,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.files import all_or_nothing
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.exports.split import shuffle_key
-from hulldown.dataset.image_positions import group_positions
+from hulldown.dataset.images import group_positions
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.placed_pictures import link_or_copy

@@ -87,5 +87,5 @@ VERBS = {
     "evaluate": Verb("training.evaluation.evaluation_report:evaluate_detections", _show_evaluation),
     "study init": Verb("training.study.config:write_study", _study_config),
     "study run": Verb("training.study.train_study:train_study", _show_study, resumes=True),
-    "study report": Verb("training.study.study_report:write_report", _study_report),
+    "study report": Verb("training.study.study_page:write_report", _study_report),
 }

@@ -11,7 +11,7 @@ from jaxtyping import Float, Int
 from scipy import sparse
 
 from hulldown.annotate.records import Image
-from hulldown.dataset.image_positions import group_positions
+from hulldown.dataset.images import group_positions
 
 SPLITS = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more

@@ -17,7 +17,7 @@ from jaxtyping import Float32, UInt8, UInt16
 from msgspec import UNSET, Struct, UnsetType
 from PIL import Image
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import ConfigError, HulldownError

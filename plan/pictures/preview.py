@@ -10,7 +10,7 @@ from jaxtyping import Float
 from PIL import Image
 
 from hulldown.annotate.drawing import Overlay, draw_boxes
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import track_items

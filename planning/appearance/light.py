@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import math
+from collections import defaultdict
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.base.errors import ConfigError
+from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import FARTHEST_EV, card_radiance, metered_exposures_ev
 from hulldown.camera.weather.kinds import KINDS, Weather
+from hulldown.geometry.indices import even_sample
 from hulldown.plan.config.scene_sections import LightSection
-from hulldown.plan.row import round_field
+from hulldown.plan.config.schema import Config
+from hulldown.plan.lines import PlanFile
+from hulldown.plan.row import Row, round_field
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
+from hulldown.scene.posed_scene import Scene
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
@@ -84,3 +91,30 @@ def draw_lights(
         "horizon_deg": [float(skies[name].horizon_deg) if cut[name] else None for name in hdris],
         **{key: round_field(key, values).tolist() for key, values in numbers.items()},
     }
+
+
+LOOKED_AT = 1000  # images, evenly spread over the plan
+COLUMNS, ROWS = 24, 16  # rays through an image
+BELOW = math.sin(math.radians(-1.0))  # height of a ray that should meet ground
+MIN_LAND_SHARE = 0.01  # share of an image above which the land counts as visible
+
+
+def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
+    """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
+    fallback_z = Config.of_plan(plan).ground.fallback_z
+    chosen = even_sample(len(plan), LOOKED_AT).tolist()
+    rows: dict[str, list[Row]] = defaultdict(list)
+    for index in chosen:
+        row = plan[index]
+        if row.horizon_deg is None and assets.sky(row.hdri).shows_land:
+            rows[row.scenery].append(row)
+    count = 0
+    for scenery, of_scenery in rows.items():
+        world = Scene.of(assets.sceneries[scenery], fallback_z=fallback_z)
+        for row in of_scenery:
+            camera = Cameras(row.intrinsics.with_size(COLUMNS, ROWS), row.world_from_camera)
+            along = camera.rays(camera.lenses.pixel_centers)[1]
+            down = along[along[:, 2] < BELOW]
+            missed = ~world.nearest(np.tile(camera.position, (len(down), 1)), down).hit
+            count += int(missed.sum()) > MIN_LAND_SHARE * COLUMNS * ROWS
+    return count, len(chosen)

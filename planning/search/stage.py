@@ -11,15 +11,14 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.boxes import VehicleBoxes
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.transforms import BOX_CORNERS
 from hulldown.placement.clearance import CameraRoom
-from hulldown.placement.contact import Footing, stack_samples
 from hulldown.placement.footprint import vehicle_underside
-from hulldown.placement.rules import SettleRules
+from hulldown.placement.settle import Footing, SettleRules, stack_samples
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.config.schema import Config

@@ -20,11 +20,18 @@ from hulldown.blender.shaders import is_clear, is_displaced
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.seen_surface import faces_with_area
 from hulldown.geometry.transforms import transform_points
-from hulldown.reading.blender.camera_followers import follows_camera
 from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.exact_poses import Poses
-from hulldown.reading.blender.hidden_objects import SOLID, SURFACES, UNDRAWN, is_hidden, list_hidden, why_unseen
+from hulldown.reading.blender.hidden_objects import (
+    SOLID,
+    SURFACES,
+    UNDRAWN,
+    follows_camera,
+    is_hidden,
+    list_hidden,
+    why_unseen,
+)
 from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_curves, strand_systems
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
 from hulldown.reading.blender.surfaces.object_inputs import random_number, random_number_of_name

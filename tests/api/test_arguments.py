@@ -19,8 +19,7 @@ from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.footprint import contact_footprint, vehicle_underside
 from hulldown.placement.rest import support_plane
-from hulldown.placement.rules import RULES, SettleRules
-from hulldown.placement.settle import settle
+from hulldown.placement.settle import RULES, SettleRules, settle
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.obstacles import Obstacles

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hulldown.assets.bundle import BUNDLE_FORMAT, load_scenery, load_vehicle, save_asset
-from hulldown.assets.fingerprint import asset_fingerprint
+from hulldown.assets.plan_assets import asset_fingerprint
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError

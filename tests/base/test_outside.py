@@ -24,7 +24,7 @@ ALLOWED = {
     "assets/bundle.py": "np.load",
     "assets/picture_files.py": "Image.open",
     "plan/row.py": "msgspec.json.Decoder",
-    "plan/misfit.py": "msgspec.json.decode",
+    "plan/lines.py": "msgspec.json.decode",
     "reading/confinement/blocks.py": "gzip.open",
     "training/detectors/detector.py": "torch.load",
     # Give paths of regular files to a library.

@@ -13,7 +13,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.plan.config.schema import Config
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.tests.builders.planning_assets import bare, hills, small_assets, small_config

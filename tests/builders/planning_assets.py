@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain

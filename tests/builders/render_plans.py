@@ -3,7 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.assets.skylight import EVEN
 from hulldown.dataset.store.document import read_coco
 from hulldown.plan.library import Library

@@ -6,8 +6,7 @@ import pytest
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.placement.footprint import vehicle_underside
 from hulldown.placement.rejection import Rejection
-from hulldown.placement.rules import SettleRules
-from hulldown.placement.settle import settle
+from hulldown.placement.settle import SettleRules, settle
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.builders.shapes import box, plane_mesh, surface
 from hulldown.tests.placement.test_footprint import tank

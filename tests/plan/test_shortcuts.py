@@ -5,8 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.plan.shortcuts import shortcut_notes
-from hulldown.plan.summary import summarize_plan
+from hulldown.plan.summary import shortcut_notes, summarize_plan
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config
 
 ASSETS = small_assets()

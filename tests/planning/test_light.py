@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.assets.skylight import SkyLight
 from hulldown.camera.response import CARD_LEVEL, card_radiance, display_levels
 from hulldown.geometry.color import LUMINANCE

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.assets.library import HdriSource, Source
+from hulldown.assets.plan_assets import HdriSource, Source
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.meshes import merge_meshes
 from hulldown.plan.lines import PlanWriter

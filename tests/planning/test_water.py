@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.visibility import visible_fraction
-from hulldown.assets.library import Assets
+from hulldown.assets.plan_assets import Assets
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose

@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from hulldown.render.rendered_pictures import picture_damage, without_notes
+from hulldown.render.process import picture_damage, without_notes
 
 
 def encoded(notes):

@@ -23,8 +23,8 @@ from hulldown.training.study.study_page import (
     figure_png,
     over_photographs,
     study_page,
+    write_report,
 )
-from hulldown.training.study.study_report import write_report
 
 ARMS = ("real", "mixed", "synthetic")
 # Share of a hundred labels that the detectors of these tests find.

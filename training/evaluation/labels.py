@@ -14,8 +14,7 @@ from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.labels.mask import label_area
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.image_positions import position_group
-from hulldown.dataset.images import LabeledImages
+from hulldown.dataset.images import LabeledImages, position_group
 from hulldown.dataset.records import read_usable
 
 

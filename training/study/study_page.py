@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import io
+import json
 from collections.abc import Mapping, Sequence
 from itertools import chain, groupby
 from operator import attrgetter
+from pathlib import Path
 
+import msgspec
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from hulldown.base.arguments import AnyPath
+from hulldown.base.files import replace_file
 from hulldown.dataset.reports.charts import COLORS, INK, SOFT, tidy_axes
 from hulldown.dataset.reports.page import format_interval, format_number, render_page
 from hulldown.training.study.arms import ARM_KINDS
 from hulldown.training.study.results import COUNTS, MEASURES, TITLES
-from hulldown.training.study.study_comparison import ReportedCell, StudyReport
+from hulldown.training.study.study_comparison import ReportedCell, StudyReport, compared_runs
 from hulldown.training.subset import subset_name
 
 OVER = ("ap50", "f1", "recall", "precision")
@@ -161,3 +166,24 @@ def figure_png(figure: Figure) -> bytes:
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=150, metadata={"Software": None})
     return file.getvalue()
+
+
+def write_report(study: AnyPath) -> StudyReport:
+    """Compare the arms of a study.
+
+    Reads a study, finished or not; writes report.html, report.json, and charts into it.
+
+    Parameters
+    ----------
+    study
+        The folder of `hulldown study run`.
+    """
+    study = Path(study)
+    report = compared_runs(study)
+    charts = draw_charts(report)
+    for name, (_, figure) in charts.items():
+        replace_file(study / f"{name}.png", figure_png(figure))
+    text = json.dumps(msgspec.to_builtins(report), indent=2, ensure_ascii=False)
+    replace_file(study / "report.json", text.encode() + b"\n")
+    replace_file(study / "report.html", study_page(report, charts).encode())
+    return report
