@@ -110,54 +110,29 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
         [rail(1.08, 0.2, 0.1), rail(-0.28, -0.3, 0.09), rail(-1.3, -1.26, 0.09), rail(-2.12, -1.88, 0.2)]
     )
     m.add("Pillars", pillars, p.body, mirror=True, bevel=0.008)
-    m.add(
-        "Roof_Rails",
-        path_tube([(0.0, 0.55, 1.44), (-0.1, 0.56, 1.51), (-1.7, 0.57, 1.51), (-1.8, 0.56, 1.45)], 0.018),
-        p.dark,
-        mirror=True,
-        bevel=0,
-    )
+    roof_rails = path_tube([(0.0, 0.55, 1.44), (-0.1, 0.56, 1.51), (-1.7, 0.57, 1.51), (-1.8, 0.56, 1.45)], 0.018)
+    m.add("Roof_Rails", roof_rails, p.dark, mirror=True, bevel=0)
     doors = [
         [(0.92, 0.94), (0.9, 0.42), (0.82, 0.34), (-0.3, 0.36), (-0.29, 0.95)],
         [(-0.3, 0.36), (-0.9, 0.38), (-1.12, 0.72), (-1.3, 0.95)],
         [(1.02, 0.93), (1.1, 0.7)],
     ]
     m.add("Door_Seams", _door_seams(doors, 0.892), p.dark, mirror=True, bevel=0)
-    m.add(
-        "Handles",
-        join_shapes(make_box((0.2, 0.03, 0.03), (x, 0.9, 0.83)) for x in (-0.12, -1.06)),
-        p.dark,
-        mirror=True,
-        bevel=0.008,
-    )
+    handles = join_shapes(make_box((0.2, 0.03, 0.03), (x, 0.9, 0.83)) for x in (-0.12, -1.06))
+    m.add("Handles", handles, p.dark, mirror=True, bevel=0.008)
     m.add("Sills", make_block((-0.95, 0.84, 0.25), (0.92, 0.905, 0.34)), p.dark, mirror=True, bevel=0.02)
     m.add("Front_Bumper", make_slab([(2.2, 0.26), (2.3, 0.34), (2.29, 0.5), (2.2, 0.52)], 0.8), p.dark, bevel=0.03)
     bars = join_shapes(make_block((2.24, -0.42, z), (2.28, 0.42, z + 0.02)) for z in (0.56, 0.6, 0.64))
     m.add("Grille", bars, p.dark, bevel=0)
-    m.add(
-        "Head_Lamps",
-        make_prism([(2.02, 0.6), (2.27, 0.58), (2.2, 0.7), (1.98, 0.74)], 0.5, 0.84),
-        p.lamp,
-        mirror=True,
-        bevel=0.03,
-    )
-    m.add(
-        "Fog_Lamps",
-        profile_tube([(2.24, 0.06), (2.305, 0.055)], sides=16).moved(y=0.62, z=0.38),
-        p.lamp,
-        mirror=True,
-        bevel=0,
-    )
+    head_lamps = make_prism([(2.02, 0.6), (2.27, 0.58), (2.2, 0.7), (1.98, 0.74)], 0.5, 0.84)
+    m.add("Head_Lamps", head_lamps, p.lamp, mirror=True, bevel=0.03)
+    fog_lamps = profile_tube([(2.24, 0.06), (2.305, 0.055)], sides=16).moved(y=0.62, z=0.38)
+    m.add("Fog_Lamps", fog_lamps, p.lamp, mirror=True, bevel=0)
     m.add(
         "Rear_Bumper", make_slab([(-2.24, 0.3), (-2.36, 0.36), (-2.35, 0.56), (-2.24, 0.6)], 0.84), p.body, bevel=0.04
     )
-    m.add(
-        "Tail_Lamps",
-        make_prism([(-2.3, 0.66), (-2.16, 0.66), (-2.1, 1.0), (-2.25, 0.98)], 0.66, 0.86),
-        p.red,
-        mirror=True,
-        bevel=0.02,
-    )
+    tail_lamps = make_prism([(-2.3, 0.66), (-2.16, 0.66), (-2.1, 1.0), (-2.25, 0.98)], 0.66, 0.86)
+    m.add("Tail_Lamps", tail_lamps, p.red, mirror=True, bevel=0.02)
     m.add("Tailgate_Seam", path_tube([(-2.285, -0.62, 0.62), (-2.285, 0.62, 0.62)], 0.008, sides=4), p.dark, bevel=0)
     m.add("Number_Plates", _number_plates(2.305, -2.31, (0.4, 0.74)), p.canvas, bevel=0)
     mirror = make_box((0.13, 0.2, 0.13), (0.78, 0.98, 0.94)) + make_box((0.06, 0.14, 0.04), (0.8, 0.87, 0.93))
@@ -188,12 +163,8 @@ def panel_van(m: BlendModel, p: Paints) -> None:
     ]
     profile = cut_wheel_arches(outline, axles, center=0.36, radius=0.44, sill=0.38)
     m.add("Body", make_slab(profile, 0.99), p.body, bevel=0.08, smooth=40)
-    m.add(
-        "Roof_Ribs",
-        join_shapes(make_block((x, -0.72, 2.46), (x + 0.09, 0.72, 2.515)) for x in np.arange(-2.2, 0.6, 0.45)),
-        p.body,
-        bevel=0.02,
-    )
+    roof_ribs = join_shapes(make_block((x, -0.72, 2.46), (x + 0.09, 0.72, 2.515)) for x in np.arange(-2.2, 0.6, 0.45))
+    m.add("Roof_Ribs", roof_ribs, p.body, bevel=0.02)
     lean = np.degrees(np.arctan2(1.68 - 1.1, 2.22 - 1.4))
     pane = make_box((0.02, 1.64, 0.98), (0, 0, -0.49)).turned("y", -lean).moved(1.415, 0, 1.82)
     m.add("Windscreen", pane, p.glass, bevel=0.004)
@@ -206,13 +177,8 @@ def panel_van(m: BlendModel, p: Paints) -> None:
     m.add("Door_Seams", _door_seams(seams, 0.993), p.dark, mirror=True, bevel=0)
     m.add("Slide_Rail", make_block((-2.3, 0.98, 1.32), (-1.05, 1.003, 1.37)), p.dark, mirror=True, bevel=0.004)
     m.add("Rub_Strip", make_block((-2.6, 0.97, 0.72), (2.3, 1.015, 0.84)), p.dark, mirror=True, bevel=0.015)
-    m.add(
-        "Handles",
-        join_shapes(make_box((0.2, 0.04, 0.045), (x, 1.0, 1.14)) for x in (0.55, 0.1)),
-        p.dark,
-        mirror=True,
-        bevel=0.01,
-    )
+    handles = join_shapes(make_box((0.2, 0.04, 0.045), (x, 1.0, 1.14)) for x in (0.55, 0.1))
+    m.add("Handles", handles, p.dark, mirror=True, bevel=0.01)
     rear = [path_tube([(-2.775, y, 0.5), (-2.785, y, 1.1), (-2.76, y, 2.34)], 0.008, sides=4) for y in (-0.9, 0.0, 0.9)]
     m.add("Rear_Seams", join_shapes(rear), p.dark, bevel=0)
     glass = make_prism([(-0.02, 1.42), (0.02, 1.42), (0.06, 2.1), (0.02, 2.1)], 0.12, 0.82).pair().moved(-2.785)
@@ -223,13 +189,8 @@ def panel_van(m: BlendModel, p: Paints) -> None:
     m.add("Rear_Bumper", make_box((0.24, 1.9, 0.22), (-2.78, 0, 0.42)), p.dark, bevel=0.04)
     bars = join_shapes(make_block((2.68, -0.55, z), (2.72, 0.55, z + 0.035)) for z in (0.74, 0.81, 0.88))
     m.add("Grille", bars, p.dark, bevel=0)
-    m.add(
-        "Head_Lamps",
-        make_prism([(2.5, 0.74), (2.72, 0.72), (2.64, 1.0), (2.46, 1.1)], 0.6, 0.95),
-        p.lamp,
-        mirror=True,
-        bevel=0.03,
-    )
+    head_lamps = make_prism([(2.5, 0.74), (2.72, 0.72), (2.64, 1.0), (2.46, 1.1)], 0.6, 0.95)
+    m.add("Head_Lamps", head_lamps, p.lamp, mirror=True, bevel=0.03)
     m.add("Tail_Lamps", make_box((0.06, 0.14, 0.7), (-2.77, 0.93, 0.86)), p.red, mirror=True, bevel=0.02)
     m.add("Number_Plates", _number_plates(2.775, -2.91, (0.46, 0.46)), p.canvas, bevel=0)
     mirror = make_box((0.12, 0.2, 0.34), (1.5, 1.12, 1.34)) + make_box((0.06, 0.2, 0.05), (1.5, 1.02, 1.34))

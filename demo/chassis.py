@@ -230,13 +230,8 @@ def add_lamps(
     housing = profile_tube([(x - 0.16, radius * 0.6), (x - 0.02, radius * 1.15)]).moved(y=y, z=z)
     post = make_box((0.07, 0.06, 0.3), (x - 0.12, y, z - 0.3))
     m.add("Lamp_Housings", housing + post, p.body, bevel=0, mirror=True)
-    m.add(
-        "Head_Lamps",
-        profile_tube([(x - 0.03, radius), (x, radius * 0.9), (x + 0.02, radius * 0.4)]).moved(y=y, z=z),
-        p.lamp,
-        bevel=0,
-        mirror=True,
-    )
+    head_lamps = profile_tube([(x - 0.03, radius), (x, radius * 0.9), (x + 0.02, radius * 0.4)]).moved(y=y, z=z)
+    m.add("Head_Lamps", head_lamps, p.lamp, bevel=0, mirror=True)
     if tail_x is not None:
         m.add("Tail_Lamps", make_box((0.06, 0.22, 0.1), (tail_x, y, tail_z)), p.red, bevel=0.01, mirror=True)
 

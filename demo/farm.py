@@ -121,12 +121,10 @@ def tractor_trailer(m: BlendModel, p: Paints) -> None:
     _add_wheel(m, p, "Rear", (2.3, 0.86), 0.86, 0.5)
     _add_wheel(m, p, "Front", (4.55, 0.8), 0.58, 0.36)
     m.add("Engine", make_slab([(2.2, 0.7), (4.9, 0.62), (4.95, 0.9), (2.2, 1.1)], 0.3), p.dark, bevel=0.03)
-    m.add(
-        "Axles",
-        make_tube((2.3, -0.8, 0.84), (2.3, 0.8, 0.84), 0.14) + make_tube((4.55, -0.75, 0.57), (4.55, 0.75, 0.57), 0.09),
-        p.dark,
-        bevel=0,
+    axles = make_tube((2.3, -0.8, 0.84), (2.3, 0.8, 0.84), 0.14) + make_tube(
+        (4.55, -0.75, 0.57), (4.55, 0.75, 0.57), 0.09
     )
+    m.add("Axles", axles, p.dark, bevel=0)
     bonnet = [(3.05, 1.02), (5.0, 0.92), (5.1, 1.05), (5.06, 1.36), (4.85, 1.5), (3.05, 1.66)]
     m.add("Bonnet", make_slab(bonnet, 0.36), p.body, bevel=0.07, smooth=50)
     grille = join_shapes(make_block((5.05, -0.28, z), (5.1, 0.28, z + 0.025)) for z in np.arange(1.0, 1.3, 0.06))
@@ -135,13 +133,10 @@ def tractor_trailer(m: BlendModel, p: Paints) -> None:
     m.add("Head_Lamps", make_box((0.06, 0.2, 0.1), (5.06, 0.2, 1.33)), p.lamp, mirror=True, bevel=0.02)
     weights = join_shapes(make_box((0.2, 0.09, 0.34), (5.2, y, 0.68)) for y in np.linspace(-0.34, 0.34, 7))
     m.add("Front_Weights", weights, p.dark, bevel=0.02)
-    m.add(
-        "Exhaust",
-        path_tube([(3.5, 0.42, 1.3), (3.5, 0.44, 2.5), (3.4, 0.44, 2.6)], 0.045, sides=12)
-        + make_tube((3.5, 0.44, 1.6), (3.5, 0.44, 2.15), 0.08, sides=16),
-        p.steel,
-        bevel=0,
+    exhaust = path_tube([(3.5, 0.42, 1.3), (3.5, 0.44, 2.5), (3.4, 0.44, 2.6)], 0.045, sides=12) + make_tube(
+        (3.5, 0.44, 1.6), (3.5, 0.44, 2.15), 0.08, sides=16
     )
+    m.add("Exhaust", exhaust, p.steel, bevel=0)
     low = [(1.55, -0.72), (3.1, -0.62), (3.1, 0.62), (1.55, 0.72)]
     high = [(1.62, -0.62), (2.85, -0.56), (2.85, 0.56), (1.62, 0.62)]
     m.add("Cab_Glass", stack_outlines([(1.5, low), (2.62, high)]), p.glass, bevel=0.01)
@@ -162,59 +157,29 @@ def tractor_trailer(m: BlendModel, p: Paints) -> None:
     front = [(4.55 + 0.68 * np.cos(a), 0.58 + 0.68 * np.sin(a)) for a in np.radians(np.linspace(40, 150, 8))]
     lower = [(4.55 + 0.65 * np.cos(a), 0.58 + 0.65 * np.sin(a)) for a in np.radians(np.linspace(150, 40, 8))]
     m.add("Front_Fenders", make_prism([*front, *lower], 0.64, 0.98), p.dark, mirror=True, bevel=0.01, smooth=60)
-    m.add(
-        "Steps",
-        join_shapes(make_box((0.34, 0.26, 0.04), (3.2, 0.66, z)) for z in (0.5, 0.78, 1.04)),
-        p.dark,
-        mirror=True,
-        bevel=0.01,
-    )
-    m.add(
-        "Mirrors",
-        path_tube([(3.0, 0.6, 2.1), (3.12, 0.98, 2.12)], 0.016) + make_box((0.04, 0.2, 0.3), (3.12, 1.0, 1.98)),
-        p.dark,
-        mirror=True,
-        bevel=0,
-    )
+    steps = join_shapes(make_box((0.34, 0.26, 0.04), (3.2, 0.66, z)) for z in (0.5, 0.78, 1.04))
+    m.add("Steps", steps, p.dark, mirror=True, bevel=0.01)
+    mirrors = path_tube([(3.0, 0.6, 2.1), (3.12, 0.98, 2.12)], 0.016) + make_box((0.04, 0.2, 0.3), (3.12, 1.0, 1.98))
+    m.add("Mirrors", mirrors, p.dark, mirror=True, bevel=0)
     m.add("Beacon", make_tube((1.8, 0.4, 2.74), (1.8, 0.4, 2.92), 0.06), p.red, bevel=0.01)
-    m.add(
-        "Hitch",
-        make_block((0.4, -0.06, 0.5), (1.6, 0.06, 0.62)) + path_tube([(1.5, 0, 0.56), (2.0, 0, 0.7)], 0.06),
-        p.dark,
-        bevel=0.01,
-    )
-    m.add(
-        "Drawbar",
-        join_shapes(make_tube((0.6, 0, 0.56), (-0.6, y, 0.72), 0.06, sides=8) for y in (-0.5, 0.5)),
-        p.dark,
-        bevel=0,
-    )
+    hitch = make_block((0.4, -0.06, 0.5), (1.6, 0.06, 0.62)) + path_tube([(1.5, 0, 0.56), (2.0, 0, 0.7)], 0.06)
+    m.add("Hitch", hitch, p.dark, bevel=0.01)
+    drawbar = join_shapes(make_tube((0.6, 0, 0.56), (-0.6, y, 0.72), 0.06, sides=8) for y in (-0.5, 0.5))
+    m.add("Drawbar", drawbar, p.dark, bevel=0)
     chassis.ladder_frame(m, p, -4.4, -0.2, 0.98, y=0.5)
     for k, x in enumerate((-1.3, -3.5)):
         _add_wheel(m, p, f"Trailer_{k + 1}", (x, 0.92), 0.5, 0.3)
-    m.add(
-        "Trailer_Axles",
-        join_shapes(make_tube((x, -0.85, 0.5), (x, 0.85, 0.5), 0.07) for x in (-1.3, -3.5)),
-        p.dark,
-        bevel=0,
-    )
+    trailer_axles = join_shapes(make_tube((x, -0.85, 0.5), (x, 0.85, 0.5), 0.07) for x in (-1.3, -3.5))
+    m.add("Trailer_Axles", trailer_axles, p.dark, bevel=0)
     m.add("Trailer_Bed", make_block((-4.6, -1.16, 0.98), (0.0, 1.16, 1.1)), p.dark, bevel=0.01)
     sides = make_prism([(-4.6, 1.1), (0.0, 1.1), (0.0, 1.95), (-4.6, 1.95)], 1.1, 1.16)
     m.add("Trailer_Sides", sides, p.red, mirror=True, bevel=0.012)
-    m.add(
-        "Trailer_Ends",
-        join_shapes(make_block((x, -1.12, 1.1), (x + 0.06, 1.12, 1.95)) for x in (-4.6, -0.06)),
-        p.red,
-        bevel=0.012,
-    )
+    trailer_ends = join_shapes(make_block((x, -1.12, 1.1), (x + 0.06, 1.12, 1.95)) for x in (-4.6, -0.06))
+    m.add("Trailer_Ends", trailer_ends, p.red, bevel=0.012)
     ribs = join_shapes(make_block((x - 0.05, 1.15, 1.02), (x + 0.05, 1.21, 1.98)) for x in np.linspace(-4.5, -0.1, 7))
     m.add("Trailer_Ribs", ribs, p.red, mirror=True, bevel=0.012)
-    m.add(
-        "Trailer_Rims",
-        join_shapes(make_block((-4.62, y, 1.93), (0.02, y + 0.1, 2.0)) for y in (-1.2, 1.1)),
-        p.red,
-        bevel=0.015,
-    )
+    trailer_rims = join_shapes(make_block((-4.62, y, 1.93), (0.02, y + 0.1, 2.0)) for y in (-1.2, 1.1))
+    m.add("Trailer_Rims", trailer_rims, p.red, bevel=0.015)
     m.add("Trailer_Lamps", make_box((0.05, 0.3, 0.12), (-4.63, 0.85, 0.86)), p.red, mirror=True, bevel=0.01)
     rng = np.random.default_rng(8)
     along, across = np.meshgrid(np.linspace(-4.5, -0.1, 24), np.linspace(-1.08, 1.08, 12), indexing="ij")

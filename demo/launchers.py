@@ -59,26 +59,12 @@ def sam_canister(m: BlendModel, p: Paints, folder: Path) -> None:
     chassis.ladder_frame(m, p, -4.7, 4.9, 1.3, y=0.5)
     add_flat_cab(m, p, x0=3.3, x1=5.2, z0=1.2, z1=2.75, half=1.45)
     m.add("Deck", make_slab([(-4.8, 1.3), (3.2, 1.3), (3.2, 1.5), (-4.8, 1.5)], 1.5), p.body, bevel=0.02)
-    m.add(
-        "Equipment_Cabin",
-        make_slab([(1.3, 1.5), (3.15, 1.5), (3.15, 2.7), (1.5, 2.7), (1.3, 2.5)], 1.4),
-        p.body,
-        bevel=0.04,
-    )
-    m.add(
-        "Cabin_Louvres",
-        join_shapes(make_block((x, 1.4, 1.8), (x + 0.06, 1.43, 2.4)) for x in np.arange(1.6, 2.9, 0.12)),
-        p.dark,
-        mirror=True,
-        bevel=0,
-    )
-    m.add(
-        "Lockers",
-        join_shapes(make_box((1.1, 0.4, 0.55), (x, 1.25, 0.72)) for x in (0.75, -0.3)),
-        p.body,
-        mirror=True,
-        bevel=0.03,
-    )
+    equipment_cabin = make_slab([(1.3, 1.5), (3.15, 1.5), (3.15, 2.7), (1.5, 2.7), (1.3, 2.5)], 1.4)
+    m.add("Equipment_Cabin", equipment_cabin, p.body, bevel=0.04)
+    cabin_louvres = join_shapes(make_block((x, 1.4, 1.8), (x + 0.06, 1.43, 2.4)) for x in np.arange(1.6, 2.9, 0.12))
+    m.add("Cabin_Louvres", cabin_louvres, p.dark, mirror=True, bevel=0)
+    lockers = join_shapes(make_box((1.1, 0.4, 0.55), (x, 1.25, 0.72)) for x in (0.75, -0.3))
+    m.add("Lockers", lockers, p.body, mirror=True, bevel=0.03)
     chassis.add_mudguards(m, p, axles, y=1.15, radius=0.68, width=0.56)
     legs = join_shapes(
         make_tube((x, 1.4, 0.55), (x, 1.4, 1.4), 0.1) + make_tube((x, 1.4, 0.48), (x, 1.4, 0.56), 0.25, sides=16)
@@ -86,23 +72,13 @@ def sam_canister(m: BlendModel, p: Paints, folder: Path) -> None:
     )
     m.add("Outriggers", legs, p.steel, mirror=True, bevel=0.01)
     m.add("Tail_Lamps", make_box((0.06, 0.24, 0.1), (-4.84, 1.2, 1.32)), p.red, mirror=True, bevel=0.01)
-    m.add(
-        "Mast",
-        make_tube((2.9, -1.1, 2.7), (2.9, -1.1, 3.6), 0.05) + make_box((0.2, 0.5, 0.3), (2.9, -1.1, 3.5)),
-        p.dark,
-        bevel=0,
-    )
+    mast = make_tube((2.9, -1.1, 2.7), (2.9, -1.1, 3.6), 0.05) + make_box((0.2, 0.5, 0.3), (2.9, -1.1, 3.5))
+    m.add("Mast", mast, p.dark, bevel=0)
 
     m.pivot("turret", (-2.6, 0, 1.5), name="Launcher_Pivot")
     m.add("Turntable", make_tube((-2.6, 0, 1.5), (-2.6, 0, 1.72), 1.15, sides=28), p.dark, part="turret", bevel=0.02)
-    m.add(
-        "Cradle_Arms",
-        make_prism([(-4.2, 1.7), (-1.2, 1.7), (-1.8, 2.0), (-3.4, 2.4), (-4.3, 2.3)], 0.95, 1.08),
-        p.body,
-        part="turret",
-        mirror=True,
-        bevel=0.02,
-    )
+    cradle_arms = make_prism([(-4.2, 1.7), (-1.2, 1.7), (-1.8, 2.0), (-3.4, 2.4), (-4.3, 2.3)], 0.95, 1.08)
+    m.add("Cradle_Arms", cradle_arms, p.body, part="turret", mirror=True, bevel=0.02)
     hinge, rise = (-3.9, 0.0, 2.1), -38.0
     m.pivot("gun", hinge, on="turret", name="Barrel_Elevation")
     tubes, caps, bands, frame = [], [], [], []
@@ -127,14 +103,8 @@ def sam_canister(m: BlendModel, p: Paints, folder: Path) -> None:
         ("Cradle", frame, p.dark),
     ):
         m.add(name, join_shapes(parts).turned("y", rise, hinge), paint, part="gun", bevel=0.015, smooth=40)
-    m.add(
-        "Hoist_Rams",
-        make_tube((-2.0, 0.85, 1.85), (-0.85, 0.85, 3.2), 0.1),
-        p.steel,
-        part="turret",
-        mirror=True,
-        bevel=0,
-    )
+    hoist_rams = make_tube((-2.0, 0.85, 1.85), (-0.85, 0.85, 3.2), 0.1)
+    m.add("Hoist_Rams", hoist_rams, p.steel, part="turret", mirror=True, bevel=0)
 
 
 def sam_rails(m: BlendModel, p: Paints, folder: Path) -> None:
@@ -142,53 +112,25 @@ def sam_rails(m: BlendModel, p: Paints, folder: Path) -> None:
     gear = Running(6, -2.15, 0.82, 0.34, 1.25, 0.42, sprocket=(2.95, 0.68, 0.28), idler=(-3.0, 0.6, 0.26))
     chassis.add_tracks(m, p, gear)
     m.add("Hull_Lower", make_slab([(-3.3, 1.0), (-3.2, 0.45), (2.9, 0.45), (3.4, 0.95), (3.2, 1.1)], 1.02), p.body)
-    m.add(
-        "Hull_Upper",
-        make_slab([(-3.4, 0.98), (-3.4, 1.62), (1.7, 1.62), (3.5, 1.08), (3.45, 0.94)], 1.5),
-        p.body,
-        bevel=0.03,
-    )
-    m.add(
-        "Side_Louvres",
-        join_shapes(make_block((x, 1.5, 1.2), (x + 0.05, 1.525, 1.5)) for x in np.arange(-2.9, -1.4, 0.1)),
-        p.dark,
-        mirror=True,
-        bevel=0,
-    )
-    m.add(
-        "Driver_Windows",
-        make_box((0.02, 0.5, 0.24), (2.15, 0.75, 1.52)).turned("y", -52, (2.15, 0.75, 1.5)),
-        p.glass,
-        bevel=0.005,
-    )
+    hull_upper = make_slab([(-3.4, 0.98), (-3.4, 1.62), (1.7, 1.62), (3.5, 1.08), (3.45, 0.94)], 1.5)
+    m.add("Hull_Upper", hull_upper, p.body, bevel=0.03)
+    side_louvres = join_shapes(make_block((x, 1.5, 1.2), (x + 0.05, 1.525, 1.5)) for x in np.arange(-2.9, -1.4, 0.1))
+    m.add("Side_Louvres", side_louvres, p.dark, mirror=True, bevel=0)
+    driver_windows = make_box((0.02, 0.5, 0.24), (2.15, 0.75, 1.52)).turned("y", -52, (2.15, 0.75, 1.5))
+    m.add("Driver_Windows", driver_windows, p.glass, bevel=0.005)
     m.add("Driver_Hatch", make_hatch(1.45, 0.8, 1.62, 0.27) + make_hatch(1.45, -0.8, 1.62, 0.27), p.body, bevel=0.01)
-    m.add(
-        "Deck_Boxes",
-        join_shapes(make_box((0.9, 0.35, 0.25), (x, 1.28, 1.62)) for x in (-2.7, 0.5)),
-        p.body,
-        mirror=True,
-        bevel=0.03,
-    )
+    deck_boxes = join_shapes(make_box((0.9, 0.35, 0.25), (x, 1.28, 1.62)) for x in (-2.7, 0.5))
+    m.add("Deck_Boxes", deck_boxes, p.body, mirror=True, bevel=0.03)
     chassis.add_lamps(m, p, x=3.0, y=1.2, z=1.36, radius=0.1, tail_x=-3.42, tail_z=1.3)
-    m.add(
-        "Tow_Hooks",
-        join_shapes(make_box((0.16, 0.08, 0.2), (x, 0.8, 0.7)).pair() for x in (3.35, -3.4)),
-        p.dark,
-        bevel=0.01,
-    )
+    tow_hooks = join_shapes(make_box((0.16, 0.08, 0.2), (x, 0.8, 0.7)).pair() for x in (3.35, -3.4))
+    m.add("Tow_Hooks", tow_hooks, p.dark, bevel=0.01)
     add_antenna(m, p, (-3.0, 1.2, 1.6), height=1.1)
     add_antenna(m, p, (-3.0, -1.2, 1.6), height=1.1)
 
     ring = make_tube((-0.55, 0, 1.62), (-0.55, 0, 1.92), 0.98, 0.9, sides=26)
     m.pivot_object("turret", (-0.55, 0, 1.62), ring, p.body, bevel=0.02, name="Launcher")
-    m.add(
-        "Pedestal",
-        make_prism([(-1.7, 1.9), (0.2, 1.9), (-0.25, 2.45), (-1.35, 2.5)], 0.62, 0.76),
-        p.body,
-        part="turret",
-        mirror=True,
-        bevel=0.02,
-    )
+    pedestal = make_prism([(-1.7, 1.9), (0.2, 1.9), (-0.25, 2.45), (-1.35, 2.5)], 0.62, 0.76)
+    m.add("Pedestal", pedestal, p.body, part="turret", mirror=True, bevel=0.02)
     m.add("Pedestal_Block", make_box((0.9, 1.2, 0.4), (-0.9, 0, 1.88)), p.dark, part="turret", bevel=0.03)
     hinge, rise = (-0.8, 0.0, 2.4), -14.0
     m.pivot("gun", hinge, on="turret", name="Missile_Barrel_Axis")
@@ -213,19 +155,11 @@ def sam_turret(m: BlendModel, p: Paints, folder: Path) -> None:
     gear = Running(6, -2.4, 0.92, 0.37, 1.35, 0.5, sprocket=(-3.35, 0.72, 0.3), idler=(3.2, 0.7, 0.29), rollers=3)
     chassis.add_tracks(m, p, gear)
     m.add("Hull_Lower", make_slab([(-3.75, 1.05), (-3.6, 0.48), (3.1, 0.48), (3.75, 0.95), (3.5, 1.1)], 1.08), p.body)
-    m.add(
-        "Hull_Upper",
-        make_slab([(-3.85, 1.02), (-3.85, 1.6), (2.1, 1.6), (3.85, 1.12), (3.75, 0.96)], 1.62),
-        p.body,
-        bevel=0.03,
-    )
+    hull_upper = make_slab([(-3.85, 1.02), (-3.85, 1.6), (2.1, 1.6), (3.85, 1.12), (3.75, 0.96)], 1.62)
+    m.add("Hull_Upper", hull_upper, p.body, bevel=0.03)
     m.add("Track_Flaps", make_block((-3.5, 1.6, 0.9), (3.3, 1.64, 1.3)), p.body, mirror=True, bevel=0.01)
-    m.add(
-        "Driver_Window",
-        make_box((0.03, 0.9, 0.22), (2.5, 0, 1.52)).turned("y", -60, (2.5, 0, 1.5)),
-        p.glass,
-        bevel=0.005,
-    )
+    driver_window = make_box((0.03, 0.9, 0.22), (2.5, 0, 1.52)).turned("y", -60, (2.5, 0, 1.5))
+    m.add("Driver_Window", driver_window, p.glass, bevel=0.005)
     m.add("Exhaust", make_tube((-3.0, 1.62, 1.35), (-2.2, 1.72, 1.35), 0.12), p.steel, mirror=True, bevel=0)
     chassis.add_lamps(m, p, x=3.3, y=1.35, z=1.4, radius=0.1, tail_x=-3.88, tail_z=1.3)
 
@@ -234,14 +168,8 @@ def sam_turret(m: BlendModel, p: Paints, folder: Path) -> None:
     body = make_slab([(-2.0, 1.72), (1.0, 1.72), (1.35, 2.2), (1.05, 3.05), (-1.85, 3.05), (-2.0, 2.9)], 0.78)
     m.add("Shell", body, p.body, part="turret", bevel=0.03)
     m.add("Shell_Hatches", make_hatch(-0.2, -0.4, 3.05), p.body, part="turret", bevel=0.01)
-    m.add(
-        "Vents",
-        join_shapes(make_block((x, 0.78, 2.1), (x + 0.05, 0.8, 2.6)) for x in np.arange(-1.8, -0.9, 0.1)),
-        p.dark,
-        part="turret",
-        mirror=True,
-        bevel=0,
-    )
+    vents = join_shapes(make_block((x, 0.78, 2.1), (x + 0.05, 0.8, 2.6)) for x in np.arange(-1.8, -0.9, 0.1))
+    m.add("Vents", vents, p.dark, part="turret", mirror=True, bevel=0)
     panel = stack_outlines(
         [
             (2.0, [(0, -0.62), (0.28, -0.62), (0.28, 0.62), (0, 0.62)]),
@@ -250,13 +178,8 @@ def sam_turret(m: BlendModel, p: Paints, folder: Path) -> None:
     )
     m.add("Tracking_Panel", panel.moved(1.3), p.dark, part="turret", bevel=0.04)
     m.add("Panel_Frame", make_box((0.24, 0.5, 0.5), (1.2, 0, 2.1)), p.body, part="turret", bevel=0.03)
-    m.add(
-        "Dish_Mast",
-        make_tube((-1.45, 0, 3.05), (-1.45, 0, 3.5), 0.16) + make_box((0.4, 0.4, 0.3), (-1.45, 0, 3.4)),
-        p.body,
-        part="turret",
-        bevel=0.02,
-    )
+    dish_mast = make_tube((-1.45, 0, 3.05), (-1.45, 0, 3.5), 0.16) + make_box((0.4, 0.4, 0.3), (-1.45, 0, 3.4))
+    m.add("Dish_Mast", dish_mast, p.body, part="turret", bevel=0.02)
     reflector = make_dish(0.9, 0.32).scaled(1, 1.25, 0.62).turned("y", -6).moved(-1.4, 0, 3.95)
     light = materials.plain_material("Radar_Gray", "#8b8f86", rough=0.5)
     m.add("Search_Dish", reflector, light, part="turret", bevel=0, smooth=50)

@@ -71,23 +71,15 @@ def add_container(m: BlendModel, p: Paints) -> None:
         for z in (0.0, height - 0.12)
     )
     m.add("Casting_Holes", holes, p.rubber, bevel=0)
-    m.add(
-        "Floor_Beams",
-        join_shapes(
-            make_block((x - 0.03, -width + 0.05, 0.05), (x + 0.03, width - 0.05, 0.17))
-            for x in np.linspace(-half + 0.3, half - 0.3, 16)
-        ),
-        p.dark,
-        bevel=0,
+    floor_beams = join_shapes(
+        make_block((x - 0.03, -width + 0.05, 0.05), (x + 0.03, width - 0.05, 0.17))
+        for x in np.linspace(-half + 0.3, half - 0.3, 16)
     )
-    m.add(
-        "Fork_Pockets",
-        join_shapes(
-            make_block((x - 0.18, -width - 0.002, 0.07), (x + 0.18, -width + 0.02, 0.16)).pair() for x in (-1.05, 1.05)
-        ),
-        p.rubber,
-        bevel=0,
+    m.add("Floor_Beams", floor_beams, p.dark, bevel=0)
+    fork_pockets = join_shapes(
+        make_block((x - 0.18, -width - 0.002, 0.07), (x + 0.18, -width + 0.02, 0.16)).pair() for x in (-1.05, 1.05)
     )
+    m.add("Fork_Pockets", fork_pockets, p.rubber, bevel=0)
     leaf = make_block((-half - 0.02, 0.02, 0.2), (-half + 0.03, width - 0.11, 2.44))
     folds = join_shapes(
         make_block((-half - 0.035, 0.1, z), (-half, width - 0.18, z + 0.26)) for z in (0.3, 0.74, 1.18, 1.62, 2.06)
@@ -102,13 +94,8 @@ def add_container(m: BlendModel, p: Paints) -> None:
         path_tube([(-half - 0.09, y, 1.02), (-half - 0.1, y + 0.34, 1.06)], 0.016) for y in (0.24, 0.5)
     )
     m.add("Handles", handles, p.steel, mirror=True, bevel=0)
-    m.add(
-        "Hinges",
-        join_shapes(make_box((0.05, 0.1, 0.14), (-half - 0.01, width - 0.06, z)) for z in (0.4, 1.0, 1.6, 2.2)),
-        p.dark,
-        mirror=True,
-        bevel=0.01,
-    )
+    hinges = join_shapes(make_box((0.05, 0.1, 0.14), (-half - 0.01, width - 0.06, z)) for z in (0.4, 1.0, 1.6, 2.2))
+    m.add("Hinges", hinges, p.dark, mirror=True, bevel=0.01)
     m.add("Seals", make_block((-half - 0.028, -0.015, 0.2), (-half + 0.02, 0.015, 2.44)), p.rubber, bevel=0)
     marks = join_shapes(
         make_block((x, width - 0.018, 2.08), (x + 0.11, width - 0.012, 2.26))
@@ -140,16 +127,12 @@ def burnt_hull(m: BlendModel, p: Paints) -> None:
         for s, r, a, t in ((0.3, 0.4, 0.4, 20), (0.22, 0.6, 2.0, 50), (0.4, 0.2, 4.0, 75), (0.18, 0.7, 5.2, 10))
     )
     m.add("Debris", rubble, p.dark, bevel=0.02)
-    m.add(
-        "Glacis_Blocks",
-        join_shapes(
-            make_box((0.5, 0.4, 0.1), (0, y, 0)).turned("y", 16.2).moved(2.3 - 0.55 * k, 0, 1.33 + 0.16 * k)
-            for k in range(2)
-            for y in (-1.1, -0.66, 0.66 + 0.06 * k)
-        ),
-        p.body,
-        bevel=0.015,
+    glacis_blocks = join_shapes(
+        make_box((0.5, 0.4, 0.1), (0, y, 0)).turned("y", 16.2).moved(2.3 - 0.55 * k, 0, 1.33 + 0.16 * k)
+        for k in range(2)
+        for y in (-1.1, -0.66, 0.66 + 0.06 * k)
     )
+    m.add("Glacis_Blocks", glacis_blocks, p.body, bevel=0.015)
     hatch = make_tube((0, 0, 0), (0, 0, 0.06), 0.3, sides=18).moved(0.3, 0, 0).turned("y", -98).moved(1.32, 0.0, 1.58)
     hole = make_tube((1.66, 0, 1.47), (1.66, 0, 1.54), 0.27, sides=18)
     m.add("Driver_Lid", hatch, p.body, bevel=0.01)
@@ -170,12 +153,10 @@ def burnt_hull(m: BlendModel, p: Paints) -> None:
     )
     m.add("Track_Guard_Right", bent, p.body, bevel=0.006)
     m.add("Skirt", make_prism([(-1.6, 0.72), (0.9, 0.66), (0.9, 1.28), (-1.6, 1.3)], 1.72, 1.75), p.body, bevel=0.004)
-    m.add(
-        "Hanging_Skirt",
-        make_prism([(1.0, 0.5), (2.2, 0.2), (2.36, 0.82), (1.1, 1.2)], 1.74, 1.77).turned("x", -9, about=(0, 1.7, 1.2)),
-        p.body,
-        bevel=0.004,
+    hanging_skirt = make_prism([(1.0, 0.5), (2.2, 0.2), (2.36, 0.82), (1.1, 1.2)], 1.74, 1.77).turned(
+        "x", -9, about=(0, 1.7, 1.2)
     )
+    m.add("Hanging_Skirt", hanging_skirt, p.body, bevel=0.004)
     disc = turn_profile([(0.05, 0.16), (0.12, 0.15), (0.2, 0.09), (0.3, 0.12), (0.33, 0.15), (0.33, -0.16)], sides=22)
     rim = turn_profile([(0.33, -0.16), (0.345, -0.16), (0.345, 0.15), (0.33, 0.15)], sides=22, hollow=True)
     radius, first, step = 0.345, -2.35, 0.86
@@ -199,12 +180,8 @@ def burnt_hull(m: BlendModel, p: Paints) -> None:
         link.turned("z", -0.3 * k).moved(-2.2 + 0.155 * k, -1.42 - 0.0004 * k * k * (k > 12), 0.0) for k in range(36)
     )
     m.add("Track_Thrown", thrown, p.dark, bevel=0, smooth=20)
-    m.add(
-        "Tow_Cable",
-        path_tube([(-2.6, -1.3, 1.36), (-1.4, -1.36, 1.38), (-0.4, -1.2, 1.38), (0.3, -1.46, 1.56)], 0.03),
-        p.steel,
-        bevel=0,
-    )
+    tow_cable = path_tube([(-2.6, -1.3, 1.36), (-1.4, -1.36, 1.38), (-0.4, -1.2, 1.38), (0.3, -1.46, 1.56)], 0.03)
+    m.add("Tow_Cable", tow_cable, p.steel, bevel=0)
     tail = make_block((-3.28, -1.2, 0.95), (-3.2, -0.7, 1.35)) + make_block(
         (-3.3, 0.75, 0.9), (-3.22, 1.3, 1.3)
     ).turned("y", -12, about=(-3.2, 0, 1.3))

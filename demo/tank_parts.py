@@ -94,10 +94,5 @@ def machine_gun(m: BlendModel, p: Paints, at: tuple[float, float, float]) -> Non
     gun = make_box((0.55, 0.12, 0.15), (x, y, z + 0.25)) + make_tube(
         (x + 0.2, y, z + 0.34), (x + 1.25, y, z + 0.4), 0.025, sides=8
     )
-    m.add(
-        "Roof_MG",
-        gun + make_tube(at, (x, y, z + 0.28), 0.04) + make_box((0.2, 0.14, 0.2), (x + 0.05, y + 0.15, z + 0.22)),
-        p.dark,
-        bevel=0.008,
-        part="turret",
-    )
+    roof_mg = gun + make_tube(at, (x, y, z + 0.28), 0.04) + make_box((0.2, 0.14, 0.2), (x + 0.05, y + 0.15, z + 0.22))
+    m.add("Roof_MG", roof_mg, p.dark, bevel=0.008, part="turret")

@@ -30,19 +30,10 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
     gear = Running(6, -2.3, 0.86, 0.38, 1.42, 0.56, sprocket=(-3.05, 0.66, 0.3), idler=(2.85, 0.66, 0.27))
     chassis.add_tracks(m, p, gear)
     m.add("Hull_Lower", make_slab([(-3.35, 1.0), (-3.2, 0.45), (2.7, 0.45), (3.3, 0.9), (3.0, 1.1)], 1.1), p.body)
-    m.add(
-        "Hull_Upper",
-        make_slab([(-3.4, 1.0), (-3.35, 1.4), (-1.3, 1.46), (1.5, 1.46), (3.35, 0.94), (3.2, 0.84)], 1.16),
-        p.body,
-        bevel=0.02,
-    )
-    m.add(
-        "Fenders",
-        make_prism([(-3.35, 1.1), (-3.35, 1.14), (2.9, 1.14), (3.3, 0.95), (3.28, 0.92), (2.9, 1.1)], 1.1, 1.74),
-        p.body,
-        mirror=True,
-        bevel=0.006,
-    )
+    hull_upper = make_slab([(-3.4, 1.0), (-3.35, 1.4), (-1.3, 1.46), (1.5, 1.46), (3.35, 0.94), (3.2, 0.84)], 1.16)
+    m.add("Hull_Upper", hull_upper, p.body, bevel=0.02)
+    fenders = make_prism([(-3.35, 1.1), (-3.35, 1.14), (2.9, 1.14), (3.3, 0.95), (3.28, 0.92), (2.9, 1.1)], 1.1, 1.74)
+    m.add("Fenders", fenders, p.body, mirror=True, bevel=0.006)
     boxes = join_shapes(make_block((x, 1.2, 1.14), (x + 1.05, 1.7, 1.4)) for x in (-2.9, -1.75, -0.6, 0.55))
     m.add("Fender_Boxes", boxes, p.body, mirror=True, bevel=0.025)
     add_skirts(m, p, -3.0, 2.8, 1.74, 0.72, 1.12, 5)
@@ -76,13 +67,10 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
         for a in (22, 40, 58, 76)
     )
     m.add("Bricks", cheeks.pair(), p.body, part="turret", bevel=0.015)
-    m.add(
-        "Cupola",
-        make_tube((-0.15, 0.5, 2.02), (-0.15, 0.5, 2.26), 0.36, 0.33, sides=18) + make_hatch(-0.15, 0.5, 2.24, 0.27),
-        p.body,
-        part="turret",
-        bevel=0.01,
+    cupola = make_tube((-0.15, 0.5, 2.02), (-0.15, 0.5, 2.26), 0.36, 0.33, sides=18) + make_hatch(
+        -0.15, 0.5, 2.24, 0.27
     )
+    m.add("Cupola", cupola, p.body, part="turret", bevel=0.01)
     m.add("Loader_Hatch", make_hatch(-0.1, -0.5, 2.12, 0.27), p.body, part="turret", bevel=0.01)
     m.add("Snorkel", make_tube((-1.5, 0.95, 1.75), (-1.5, -0.95, 1.75), 0.13), p.body, part="turret", bevel=0.01)
     m.add("Stowage", make_box((0.5, 1.2, 0.34), (-1.36, 0, 1.86)), p.canvas, part="turret", bevel=0.05)
@@ -94,20 +82,10 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
         "Mantlet", make_ellipsoid((0.5, 0.42, 0.3), (1.45, 0, 1.82), sides=14, rings=8), p.canvas, part="gun", bevel=0
     )
     m.add("Barrel", make_barrel(1.7, 5.95, 1.82, 0.08, evacuator=0.62), p.body, part="gun", bevel=0)
-    m.add(
-        "Searchlight",
-        profile_tube([(1.45, 0.16), (1.8, 0.21), (1.82, 0.19)]).moved(y=-0.55, z=2.0),
-        p.dark,
-        part="gun",
-        bevel=0,
-    )
-    m.add(
-        "Searchlight_Glass",
-        profile_tube([(1.81, 0.18), (1.835, 0.12)]).moved(y=-0.55, z=2.0),
-        p.glass,
-        part="gun",
-        bevel=0,
-    )
+    searchlight = profile_tube([(1.45, 0.16), (1.8, 0.21), (1.82, 0.19)]).moved(y=-0.55, z=2.0)
+    m.add("Searchlight", searchlight, p.dark, part="gun", bevel=0)
+    searchlight_glass = profile_tube([(1.81, 0.18), (1.835, 0.12)]).moved(y=-0.55, z=2.0)
+    m.add("Searchlight_Glass", searchlight_glass, p.glass, part="gun", bevel=0)
     root_scale = 0.01  # as an importer of centimeter files leaves it
     m.under_scaled_root(root_scale)
 
@@ -116,39 +94,29 @@ def mbt_classic(m: BlendModel, p: Paints, folder: Path) -> None:
     """Build a tank of the 1950s: rounded long turret, open running gear with rollers, broad fenders full of boxes."""
     gear = Running(6, -2.2, 0.84, 0.36, 1.32, 0.58, sprocket=(-3.1, 0.82, 0.32), idler=(2.95, 0.78, 0.3), rollers=4)
     chassis.add_tracks(m, p, gear)
-    m.add(
-        "Hull_Lower",
-        stack_outlines(
-            [
-                (0.45, mirror_outline([(2.5, 0.7), (2.3, 1.0), (-3.0, 1.0)])),
-                (1.0, mirror_outline([(3.3, 0.62), (2.7, 1.02), (-3.35, 1.02)])),
-                (1.5, mirror_outline([(1.9, 0.7), (1.4, 1.02), (-3.4, 1.02)])),
-            ]
-        ),
-        p.body,
-        bevel=0.04,
-        smooth=60,
+    hull_lower = stack_outlines(
+        [
+            (0.45, mirror_outline([(2.5, 0.7), (2.3, 1.0), (-3.0, 1.0)])),
+            (1.0, mirror_outline([(3.3, 0.62), (2.7, 1.02), (-3.35, 1.02)])),
+            (1.5, mirror_outline([(1.9, 0.7), (1.4, 1.02), (-3.4, 1.02)])),
+        ]
     )
-    m.add(
-        "Fenders",
-        make_prism(
-            [
-                (-3.4, 1.28),
-                (-3.55, 1.15),
-                (-3.55, 1.12),
-                (-3.35, 1.24),
-                (2.95, 1.24),
-                (3.4, 1.05),
-                (3.42, 1.08),
-                (3.0, 1.28),
-            ],
-            0.98,
-            1.7,
-        ),
-        p.body,
-        mirror=True,
-        bevel=0.006,
+    m.add("Hull_Lower", hull_lower, p.body, bevel=0.04, smooth=60)
+    fenders = make_prism(
+        [
+            (-3.4, 1.28),
+            (-3.55, 1.15),
+            (-3.55, 1.12),
+            (-3.35, 1.24),
+            (2.95, 1.24),
+            (3.4, 1.05),
+            (3.42, 1.08),
+            (3.0, 1.28),
+        ],
+        0.98,
+        1.7,
     )
+    m.add("Fenders", fenders, p.body, mirror=True, bevel=0.006)
     boxes = join_shapes(
         make_block((x, 1.12, 1.28), (x + w, 1.66, 1.56)) for x, w in ((-2.9, 0.8), (-2.0, 1.1), (-0.8, 0.7), (0.5, 1.2))
     )
@@ -171,48 +139,28 @@ def mbt_classic(m: BlendModel, p: Paints, folder: Path) -> None:
         )
     m.add("Casting", stack_outlines(rings), p.body, part="turret", bevel=0, smooth=70)
     m.add("Collar", make_tube((0.2, 0, 1.44), (0.2, 0, 1.56), 1.02, sides=24), p.body, part="turret", bevel=0)
-    m.add(
-        "Cupola",
-        make_tube((-0.3, -0.5, 2.3), (-0.3, -0.5, 2.62), 0.42, 0.36, sides=18) + make_hatch(-0.3, -0.5, 2.6, 0.28),
-        p.body,
-        part="turret",
-        bevel=0.015,
-    )
+    cupola = make_tube((-0.3, -0.5, 2.3), (-0.3, -0.5, 2.62), 0.42, 0.36, sides=18) + make_hatch(-0.3, -0.5, 2.6, 0.28)
+    m.add("Cupola", cupola, p.body, part="turret", bevel=0.015)
     m.add("Loader_Hatch", make_hatch(-0.2, 0.5, 2.36, 0.3), p.body, part="turret", bevel=0.01)
     rail = join_shapes(
         path_tube([(-1.3, -0.8, z), (-2.15, -0.7, z), (-2.15, 0.7, z), (-1.3, 0.8, z)], 0.025) for z in (1.85, 2.15)
     )
     m.add("Bustle_Rails", rail, p.dark, part="turret", bevel=0)
-    m.add(
-        "Bustle_Rolls",
-        join_shapes(make_tube((-1.9, -0.6, z), (-1.9, 0.6, z), 0.17) for z in (1.98,)),
-        p.canvas,
-        part="turret",
-        bevel=0.03,
-    )
-    m.add(
-        "Rangefinder_Ears",
-        make_ellipsoid((0.22, 0.14, 0.2), (0.25, 1.12, 2.16), sides=12, rings=6).pair(),
-        p.body,
-        part="turret",
-        bevel=0,
-    )
+    bustle_rolls = join_shapes(make_tube((-1.9, -0.6, z), (-1.9, 0.6, z), 0.17) for z in (1.98,))
+    m.add("Bustle_Rolls", bustle_rolls, p.canvas, part="turret", bevel=0.03)
+    rangefinder_ears = make_ellipsoid((0.22, 0.14, 0.2), (0.25, 1.12, 2.16), sides=12, rings=6).pair()
+    m.add("Rangefinder_Ears", rangefinder_ears, p.body, part="turret", bevel=0)
     machine_gun(m, p, (-0.1, -0.5, 2.7))
     add_antenna(m, p, (-1.2, 0.5, 2.25), part="turret", height=1.2, lean=0.5)
     m.pivot("gun", (1.2, 0, 1.95), on="turret", name="Gun_Elevation")
-    m.add(
-        "Mantlet",
-        stack_outlines(
-            [
-                (1.68, mirror_outline([(1.6, 0.4), (1.15, 0.62)])),
-                (1.95, mirror_outline([(1.85, 0.4), (1.1, 0.7)])),
-                (2.24, mirror_outline([(1.55, 0.38), (1.05, 0.62)])),
-            ]
-        ),
-        p.body,
-        part="gun",
-        bevel=0.04,
+    mantlet = stack_outlines(
+        [
+            (1.68, mirror_outline([(1.6, 0.4), (1.15, 0.62)])),
+            (1.95, mirror_outline([(1.85, 0.4), (1.1, 0.7)])),
+            (2.24, mirror_outline([(1.55, 0.38), (1.05, 0.62)])),
+        ]
     )
+    m.add("Mantlet", mantlet, p.body, part="gun", bevel=0.04)
     m.add("Barrel", make_barrel(1.75, 5.7, 1.95, 0.085, evacuator=0.72, brake=True), p.body, part="gun", bevel=0)
     light = profile_tube([(1.5, 0.2), (1.95, 0.34), (1.98, 0.32)]).moved(y=0.0, z=2.55)
     light += make_box((0.2, 0.16, 0.36), (1.62, 0.0, 2.1))

@@ -50,43 +50,26 @@ def add_flat_cab(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z
         half + 0.02,
     )
     m.add("Doors", door, p.body, mirror=True, bevel=0.015)
-    m.add(
-        "Door_Handles",
-        make_box((0.16, 0.04, 0.04), (rear + 0.1, half + 0.03, waist - 0.12)),
-        p.dark,
-        mirror=True,
-        bevel=0,
-    )
+    door_handles = make_box((0.16, 0.04, 0.04), (rear + 0.1, half + 0.03, waist - 0.12))
+    m.add("Door_Handles", door_handles, p.dark, mirror=True, bevel=0)
     bars = join_shapes(
         make_block((x1, -half * 0.55, z), (x1 + 0.06, half * 0.55, z + 0.05))
         for z in np.arange(z0 + 0.22, waist - 0.12, 0.11)
     )
     m.add("Grille", bars, p.dark, bevel=0)
     m.add("Bumper", make_box((0.24, 2 * half + 0.04, 0.3), (x1 + 0.1, 0, z0 - 0.2)), p.body, bevel=0.03)
-    m.add(
-        "Steps",
-        make_box((0.5, 0.2, 0.06), (x0 + 0.7, half - 0.08, z0 - 0.3))
-        + make_box((0.5, 0.03, 0.3), (x0 + 0.7, half - 0.15, z0 - 0.3)),
-        p.dark,
-        mirror=True,
-        bevel=0,
+    steps = make_box((0.5, 0.2, 0.06), (x0 + 0.7, half - 0.08, z0 - 0.3)) + make_box(
+        (0.5, 0.03, 0.3), (x0 + 0.7, half - 0.15, z0 - 0.3)
     )
+    m.add("Steps", steps, p.dark, mirror=True, bevel=0)
     add_mirrors(m, p, x1 - 0.02, half, waist + 0.1)
-    m.add(
-        "Roof_Hatch",
-        make_tube((x0 + 0.8, -0.35, z1 - 0.02), (x0 + 0.8, -0.35, z1 + 0.08), 0.36, sides=18),
-        p.body,
-        bevel=0.02,
-    )
+    roof_hatch = make_tube((x0 + 0.8, -0.35, z1 - 0.02), (x0 + 0.8, -0.35, z1 + 0.08), 0.36, sides=18)
+    m.add("Roof_Hatch", roof_hatch, p.body, bevel=0.02)
     chassis.add_lamps(m, p, x=x1 + 0.27, y=half - 0.25, z=z0 - 0.03, radius=0.11)
-    m.add(
-        "Wipers",
-        join_shapes(
-            path_tube([(x1 + 0.07, y, waist + 0.06), (x1 - 0.08, y + 0.25, waist + 0.4)], 0.012) for y in (-0.75, 0.3)
-        ),
-        p.dark,
-        bevel=0,
+    wipers = join_shapes(
+        path_tube([(x1 + 0.07, y, waist + 0.06), (x1 - 0.08, y + 0.25, waist + 0.4)], 0.012) for y in (-0.75, 0.3)
     )
+    m.add("Wipers", wipers, p.dark, bevel=0)
 
 
 def add_mirrors(m: BlendModel, p: Paints, x: float, half: float, z: float) -> None:
@@ -124,14 +107,10 @@ def drop_side_bed(m: BlendModel, p: Paints, *, x0: float, x1: float, z: float, h
         for x in np.linspace(x0 + 0.1, x1 - 0.1, 5)
     )
     m.add("Bed_Stakes", stakes, p.body, mirror=True, bevel=0.006)
-    m.add(
-        "Bed_Bearers",
-        join_shapes(
-            make_block((x - 0.06, -half, z - 0.14), (x + 0.06, half, z)) for x in np.linspace(x0 + 0.3, x1 - 0.3, 6)
-        ),
-        p.dark,
-        bevel=0,
+    bed_bearers = join_shapes(
+        make_block((x - 0.06, -half, z - 0.14), (x + 0.06, half, z)) for x in np.linspace(x0 + 0.3, x1 - 0.3, 6)
     )
+    m.add("Bed_Bearers", bed_bearers, p.dark, bevel=0)
 
 
 def add_canopy(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float) -> None:
@@ -145,12 +124,8 @@ def add_canopy(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1:
     inner = [hoop_points(float(x), half - 0.05, z0, z1 - 0.05) for x in np.linspace(x0 + 0.03, x1 - 0.03, hoops)]
     m.add("Hoops", join_shapes(path_tube(ring, 0.025, sides=6) for ring in inner), p.steel, bevel=0)
     front = hoop_points(x1 - 0.01, half - 0.02, z0, z1 - 0.02)
-    m.add(
-        "Canvas_Front",
-        make_prism([(y, z) for _, y, z in front], -0.02, 0.0).turned("z", 90).moved(x1 - 0.03),
-        p.canvas,
-        bevel=0,
-    )
+    canvas_front = make_prism([(y, z) for _, y, z in front], -0.02, 0.0).turned("z", 90).moved(x1 - 0.03)
+    m.add("Canvas_Front", canvas_front, p.canvas, bevel=0)
     rear = hoop_points(x0, half - 0.02, z0, z1 - 0.02)
     dark = make_prism([(y, z) for _, y, z in rear], -0.02, 0.0).turned("z", 90).moved(x0 + 0.25)
     m.add("Canvas_Rear", dark, p.canvas, bevel=0)

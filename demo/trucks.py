@@ -48,49 +48,30 @@ def truck_canvas(m: BlendModel, p: Paints, folder: Path) -> None:
     m.add("Wings", make_prism(fender, 0.66, 1.22), p.body, mirror=True, bevel=0.02)
     bars = join_shapes(make_block((3.59, y, 1.12), (3.65, y + 0.06, 1.56)) for y in np.arange(-0.5, 0.5, 0.12))
     m.add("Grille", bars, p.dark, bevel=0)
-    m.add(
-        "Bonnet_Louvres",
-        join_shapes(make_block((x, 0.67, 1.35), (x + 0.07, 0.7, 1.65)) for x in np.arange(1.7, 3.2, 0.18)),
-        p.dark,
-        mirror=True,
-        bevel=0,
-    )
+    bonnet_louvres = join_shapes(make_block((x, 0.67, 1.35), (x + 0.07, 0.7, 1.65)) for x in np.arange(1.7, 3.2, 0.18))
+    m.add("Bonnet_Louvres", bonnet_louvres, p.dark, mirror=True, bevel=0)
     cab: Outline = [(0.2, 0.95), (1.45, 0.95), (1.5, 1.9), (1.28, 2.55), (1.15, 2.62), (0.25, 2.62), (0.2, 2.55)]
     m.add("Cab", make_slab(cab, 1.08), p.body, bevel=0.05)
     pane = make_box((0.02, 0.92, 0.52), (0, 0.5, 0)).pair().turned("y", -18.7)
     m.add("Windscreen", pane.moved(1.49, 0, 1.96), p.glass, bevel=0.004)
     window = make_prism([(0.42, 1.92), (1.34, 1.92), (1.18, 2.42), (0.42, 2.42)], 1.075, 1.092)
     m.add("Side_Windows", window, p.glass, mirror=True, bevel=0.003)
-    m.add(
-        "Doors",
-        make_prism([(0.36, 1.1), (1.36, 1.1), (1.4, 1.86), (0.36, 1.86)], 1.08, 1.1),
-        p.body,
-        mirror=True,
-        bevel=0.012,
-    )
+    doors = make_prism([(0.36, 1.1), (1.36, 1.1), (1.4, 1.86), (0.36, 1.86)], 1.08, 1.1)
+    m.add("Doors", doors, p.body, mirror=True, bevel=0.012)
     add_mirrors(m, p, 1.5, 1.08, 1.95)
     m.add("Bumper", make_box((0.2, 2.35, 0.28), (3.78, 0, 0.72)), p.body, bevel=0.03)
     m.add("Tow_Hooks", make_box((0.2, 0.08, 0.1), (3.92, 0.6, 0.8)).pair(), p.dark, bevel=0)
     chassis.add_lamps(m, p, x=3.68, y=0.95, z=1.28, radius=0.11, tail_x=-3.78, tail_z=1.02)
-    m.add(
-        "Fuel_Tank",
-        make_tube((-0.55, 0.95, 0.82), (0.6, 0.95, 0.82), 0.27, sides=18)
-        + make_box((0.5, 0.4, 0.5), (0.0, -0.95, 0.58)),
-        p.body,
-        bevel=0.03,
+    fuel_tank = make_tube((-0.55, 0.95, 0.82), (0.6, 0.95, 0.82), 0.27, sides=18) + make_box(
+        (0.5, 0.4, 0.5), (0.0, -0.95, 0.58)
     )
-    m.add(
-        "Spare_Wheel",
-        turn_profile([(0.3, -0.18), (0.56, -0.16), (0.56, 0.16), (0.3, 0.18)]).turned("z", 90).moved(0.0, 0, 1.85),
-        p.rubber,
-        bevel=0.02,
+    m.add("Fuel_Tank", fuel_tank, p.body, bevel=0.03)
+    spare_wheel = (
+        turn_profile([(0.3, -0.18), (0.56, -0.16), (0.56, 0.16), (0.3, 0.18)]).turned("z", 90).moved(0.0, 0, 1.85)
     )
-    m.add(
-        "Snorkel",
-        path_tube([(1.3, -1.12, 1.3), (1.3, -1.12, 2.7), (1.45, -1.12, 2.75)], 0.07, sides=10),
-        p.dark,
-        bevel=0,
-    )
+    m.add("Spare_Wheel", spare_wheel, p.rubber, bevel=0.02)
+    snorkel = path_tube([(1.3, -1.12, 1.3), (1.3, -1.12, 2.7), (1.45, -1.12, 2.75)], 0.07, sides=10)
+    m.add("Snorkel", snorkel, p.dark, bevel=0)
     drop_side_bed(m, p, x0=-3.75, x1=-0.25, z=1.18, half=1.22, side=0.6)
     add_canopy(m, p, x0=-3.72, x1=-0.28, z0=1.85, z1=2.95, half=1.21)
     chassis.add_mudguards(m, p, axles[1:], y=1.0, radius=0.58)
@@ -105,17 +86,13 @@ def truck_cargo(m: BlendModel, p: Paints, folder: Path) -> None:
     add_flat_cab(m, p, x0=1.35, x1=3.3, z0=1.1, z1=2.75, half=1.2)
     chassis.add_mudguards(m, p, axles, y=1.05, radius=0.62)
     drop_side_bed(m, p, x0=-3.55, x1=1.0, z=1.4, half=1.22, side=0.7)
-    m.add(
-        "Headboard",
-        join_shapes(
-            [
-                make_block((1.02, -1.2, 1.4), (1.08, 1.2, 2.5)),
-                *(make_block((1.08, y, 1.4), (1.14, y + 0.06, 2.6)) for y in (-1.1, -0.4, 0.4, 1.04)),
-            ]
-        ),
-        p.body,
-        bevel=0.01,
+    headboard = join_shapes(
+        [
+            make_block((1.02, -1.2, 1.4), (1.08, 1.2, 2.5)),
+            *(make_block((1.08, y, 1.4), (1.14, y + 0.06, 2.6)) for y in (-1.1, -0.4, 0.4, 1.04)),
+        ]
     )
+    m.add("Headboard", headboard, p.body, bevel=0.01)
     for k, (size, x, y, turn) in enumerate(
         [
             ((1.1, 1.0, 0.8), 0.3, 0.5, 3),
@@ -130,20 +107,16 @@ def truck_cargo(m: BlendModel, p: Paints, folder: Path) -> None:
         make_tube((x, 0.15, z), (x, 1.05, z), 0.3, sides=16) for x, z in ((-1.05, 1.83), (-1.66, 1.83), (-1.36, 2.34))
     )
     m.add("Cargo_Rolls", rolls, p.canvas, bevel=0.06)
-    m.add(
-        "Cargo_Drums",
-        join_shapes(
-            make_tube(
-                (-2.5 - 0.62 * (k % 2), 0.3 + 0.62 * (k // 2), 1.52),
-                (-2.5 - 0.62 * (k % 2), 0.3 + 0.62 * (k // 2), 2.4),
-                0.29,
-                sides=18,
-            )
-            for k in range(4)
-        ),
-        p.steel,
-        bevel=0.02,
+    cargo_drums = join_shapes(
+        make_tube(
+            (-2.5 - 0.62 * (k % 2), 0.3 + 0.62 * (k // 2), 1.52),
+            (-2.5 - 0.62 * (k % 2), 0.3 + 0.62 * (k // 2), 2.4),
+            0.29,
+            sides=18,
+        )
+        for k in range(4)
     )
+    m.add("Cargo_Drums", cargo_drums, p.steel, bevel=0.02)
     m.add("Fuel_Tank", make_box((1.1, 0.5, 0.55), (0.2, 0.95, 0.72)), p.body, bevel=0.06)
     m.add("Tool_Box", make_box((0.9, 0.45, 0.5), (0.2, -0.95, 0.75)), p.body, bevel=0.03)
     m.add(
