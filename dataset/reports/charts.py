@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections import Counter
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float, Shaped
@@ -116,20 +115,6 @@ def draw_shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
     axes.barh(range(len(counts)), [n for _, n in counts], color=BLUE, height=0.62)
     axes.set_yticks(range(len(counts)), [shorten_name(name) for name, _ in counts])
     axes.invert_yaxis()
-    return figure
-
-
-def draw_differences(title: str, rows: Sequence[tuple[str, float, float, float]], *, xlabel: str = "") -> Figure:
-    """Draw named differences with intervals, gray if an interval contains 0 or is unknown."""
-    figure, axes = make_axes(title.replace("$", r"\$"), 6.4, 0.9 + 0.22 * len(rows))
-    for k, (_, value, low, high) in enumerate(rows):
-        color = GREEN if low > 0 else RED if high < 0 else SOFT
-        axes.plot([low, high], [k, k], color=color, linewidth=1.2)
-        axes.plot(value, k, "o", color=color, markersize=4)
-    axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_yticks(range(len(rows)), [name.replace("$", r"\$") for name, *_ in rows])
-    axes.invert_yaxis()
-    axes.set(xlabel=xlabel)
     return figure
 
 

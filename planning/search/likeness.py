@@ -98,8 +98,9 @@ class Likeness:
     """Boxes of photographs to sample from, within the limits of a config."""
 
     def __init__(self, photographs: Photographs, config: Config) -> None:
-        self.photographs, self.config = photographs, config
-        self.usable, self.unused = usable_boxes(photographs, config)
+        self.photographs, self.camera, self.placement = photographs, config.camera, config.placement
+        self.image_size = np.array([config.render.width, config.render.height], dtype=np.float64)
+        self.usable, self.unused = usable_boxes(photographs, config.camera, config.render.height)
         if not self.usable.any():
             why = ", ".join(f"{n:,} {reason}" for reason, n in self.unused.items()) or "it has none"
             raise ConfigError(
@@ -134,7 +135,7 @@ class Likeness:
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Sample a box for each image, by its target's model; return whether images follow it, too."""
         share, rank = draws.uniform(Purpose.LIKE, image, 0, count=2).T
-        return self._boxes_at_ranks(fleet, model, rank), share < self.config.camera.like_share
+        return self._boxes_at_ranks(fleet, model, rank), share < self.camera.like_share
 
     def _boxes_at_ranks(
         self, fleet: Fleet, model: Int[np.ndarray, " n"], rank: Float[np.ndarray, " n"]
@@ -181,8 +182,7 @@ class Likeness:
             is_sampled, np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD), Following.RANGES
         )
 
-        camera, render, photographs = self.config.camera, self.config.render, self.photographs
-        size = np.array([render.width, render.height], dtype=np.float64)
+        camera, size, photographs = self.camera, self.image_size, self.photographs
         cut, aspect = photographs.cut[box], photographs.aspect[box]
         cut_low, cut_high = cut[:, :2], cut[:, 2:]
         cut_across, cut_down = (cut_low | cut_high).T
@@ -210,10 +210,11 @@ class Likeness:
         )
 
 
-def usable_boxes(photographs: Photographs, config: Config) -> tuple[Bool[np.ndarray, " n"], Counter[str]]:
-    """Return whether each box is within the config's limits, and the numbers of others by reason."""
-    camera = config.camera
-    pixels = photographs.height * config.render.height
+def usable_boxes(
+    photographs: Photographs, camera: CameraSection, image_height: int
+) -> tuple[Bool[np.ndarray, " n"], Counter[str]]:
+    """Return whether each box is within the limits of cameras, and the numbers of others by reason."""
+    pixels = photographs.height * image_height
     cut, (least, most) = photographs.cut.any(axis=1), camera.truncated_fraction
     unused = {
         "are smaller than camera.min_box_px": pixels * np.minimum(photographs.aspect, 1.0) < camera.min_box_px,
@@ -342,9 +343,9 @@ def companion_poses(
     A companion is on the ray through its box's center. Its distance follows from the box's height, or in steep views,
     where a box shows length and width, from where the ray meets the ground.
     """
-    photographs, limits = likeness.photographs, likeness.config
+    photographs, limits = likeness.photographs, likeness.camera
     poses = np.zeros((len(number), 3))
-    azimuth, elevation, distance = choose_directions(targets, boxes, limits.camera, lenses=lenses, rng=rng)
+    azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)
     uniform = rng.random((len(number) * CAMERA_DIRECTIONS,)).reshape(-1, CAMERA_DIRECTIONS)
     # Companions of an image have the same random numbers.
     yaw = 2.0 * math.pi * (uniform + GOLDEN_RATIO * number[:, None])
@@ -375,9 +376,9 @@ def companion_poses(
     aspect = np.ptp(right / ahead, axis=2) / np.ptp(down / ahead, axis=2)
     whole = ~photographs.cut[box].any(axis=1, keepdims=True)
     misfit = np.where(whole, log(aspect) - log(photographs.aspect[box])[:, None], 0.0)
-    poses[has, 2] = yaw[np.arange(len(has)), choose_fitting(misfit, limits.camera, boxes.choice[has])]
+    poses[has, 2] = yaw[np.arange(len(has)), choose_fitting(misfit, limits, boxes.choice[has])]
 
     xy = level[:, :2, 3] + away[:, :2]
     length = np.maximum(hypot(xy[:, 0], xy[:, 1]), 1e-9)
-    poses[has, :2] = xy * (np.clip(length, *limits.placement.companion_distance) / length)[:, None]
+    poses[has, :2] = xy * (np.clip(length, *likeness.placement.companion_distance) / length)[:, None]
     return PhotographedPoses(poses, is_shown)
