@@ -59,15 +59,15 @@ def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
         followed = drawn.boxes.following == Following.PHOTOGRAPH
         rule[followed & ~tries.given.has_view] = CameraRule.PHOTOGRAPH
     poses, distance = np.zeros((n, 4, 4)), np.zeros(n)
-    for place, of_rule in (
-        (place_given, CameraRule.GIVEN),
-        (place_by_equation, CameraRule.EQUATION),
-        (place_by_size, CameraRule.SIZE),
-        (place_by_photograph, CameraRule.PHOTOGRAPH),
+    for place_cameras, of_rule in (
+        (place_given_cameras, CameraRule.GIVEN),
+        (place_cameras_by_equation, CameraRule.EQUATION),
+        (place_cameras_by_size, CameraRule.SIZE),
+        (place_cameras_by_photograph, CameraRule.PHOTOGRAPH),
     ):
         rows = np.flatnonzero(rule == of_rule)
         if len(rows):
-            poses[rows], distance[rows] = place(block, tries, drawn, rows)
+            poses[rows], distance[rows] = place_cameras(block, tries, drawn, rows)
     return CameraCandidates(drawn, rule.astype(np.uint8), poses, distance, ~np.isnan(distance))
 
 
@@ -113,7 +113,7 @@ def sample_lenses(
 Places: TypeAlias = tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, " k"]]
 
 
-def place_given(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+def place_given_cameras(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
     """Place cameras where users give them, level and toward the targets' centers."""
     centers = tries.targets.take(rows).centers
     away, azimuth, elevation = shell_place(tries.given.camera[rows] - centers)
@@ -121,7 +121,9 @@ def place_given(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[
     return camera_pose(centers, distance, azimuth, elevation), distance
 
 
-def place_by_equation(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+def place_cameras_by_equation(
+    block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
+) -> Places:
     """Place cameras at the paper's distance."""
     targets = tries.targets.take(rows)
     smallest = targets.fleet.size.min(axis=1)[targets.model]
@@ -129,7 +131,7 @@ def place_by_equation(block: Block, tries: CameraTries, drawn: CameraDraws, rows
     return camera_pose(targets.centers, distance, drawn.azimuth[rows], drawn.elevation[rows]), distance
 
 
-def place_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+def place_cameras_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
     """Frame targets by cameras at which their boxes have the drawn size; nan without such a distance."""
     measure = block.config.camera.size_measure
     assert measure != "paper"
@@ -152,7 +154,9 @@ def place_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, rows: In
     return poses, distance
 
 
-def place_by_photograph(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+def place_cameras_by_photograph(
+    block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
+) -> Places:
     """Reproduce photographs' boxes; nan where no distance does."""
     assert drawn.boxes is not None
     return match_cameras(
