@@ -36,6 +36,7 @@ from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
+from hulldown.reading.pieces.asset_report import refuse_lost
 from hulldown.reading.pieces.doubt import Doubt, file_warnings
 
 Progress = Callable[[int, int], None]
@@ -106,6 +107,7 @@ def plan_dataset(
         for note in Likeness(photographs, config).unused_notes({entry.category for entry in config.assets.vehicles}):
             warnings.warn(note, stacklevel=2)
     library = load_library(config, strict=strict, cache=cache, limits=limits)
+    refuse_lost([exported.report for exported in (*library.models.values(), *library.sceneries.values())])
     doubts = library.doubts(backdrop=config.light.backdrop == "hdri")
     unstated = new_doubts(doubts, config)
     for line in file_warnings(unstated):

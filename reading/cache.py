@@ -33,7 +33,7 @@ from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export_asset, folder_export
 
-EXPORTER_VERSION = 36
+EXPORTER_VERSION = 37
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float
-from PIL import Image, ImageDraw
+from PIL import Image, ImageDraw, ImageOps
 
 from hulldown.annotate.drawing import label_font
 from hulldown.assets.picture_files import read_pixels
@@ -69,8 +69,13 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
         raise AssetError(f"cannot be written ({error})", path=path, remedy="name a .png file in a folder") from None
 
 
-def draw_asset(asset: VehicleShape | Scenery, picture: Path | None = None, *, size: int = 480) -> Image.Image:
-    """Return a vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked."""
+def draw_asset(
+    asset: VehicleShape | Scenery, picture: Path | None = None, differences: Path | None = None, *, size: int = 480
+) -> Image.Image:
+    """Return a vehicle or scenery shaded from four sides; parts, or ground and obstacles, in colors; pivots marked.
+
+    `picture`, `differences`: of its export, to be shown among and below these.
+    """
     if isinstance(asset, VehicleShape):
         world, bounds = (
             Scene(vehicles=[PosedVehicle(VehicleCaster(asset), np.eye(4)[None], {})]),
@@ -106,6 +111,12 @@ def draw_asset(asset: VehicleShape | Scenery, picture: Path | None = None, *, si
     for i, (name, color) in enumerate(colors.items()):
         pen.rectangle((10, 34 + 20 * i, 22, 46 + 20 * i), fill=tuple(int(c) for c in color))
         pen.text((28, 32 + 20 * i), name, fill=(0, 0, 0), font=font)
+    if differences is not None:
+        tile = Image.fromarray(read_pixels(differences))
+        tile = tile.resize((2 * size, 2 * size * tile.height // tile.width), Image.Resampling.NEAREST)
+        _name_tile(tile, "the file in Blender, above what was read of it: orange is lost, blue is added")
+        sheet = ImageOps.expand(sheet, (0, 0, 0, tile.height))
+        sheet.paste(tile, (0, 2 * size))
     return sheet
 
 

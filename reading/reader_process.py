@@ -24,6 +24,7 @@ from hulldown.reading.pieces.options import DEFAULTS, Options
 
 ANSWER = "answer.json"
 PICTURE = "picture.png"
+DIFFERENCES = "differences.png"
 LAST_WORDS = 2000  # characters of Blender's last output before a crash
 Found = TypeVar("Found")
 
@@ -60,6 +61,7 @@ class Exported:
     bundle: Path  # the geometry, for `assets.bundle.load_vehicle` or `load_scenery`
     tidy: Path  # a .blend with only the rendered objects; see `reading.blender.tidy`
     picture: Path | None  # of a vehicle, see `reading.blender.vehicle_picture`; None for a scenery
+    differences: Path | None  # a picture of what was lost, see `reading.blender.file_pictures`; None if nothing was
     files: tuple[str, ...]  # absolute path of every file that the asset refers to: textures, libraries
 
 
@@ -95,7 +97,8 @@ def finished_export(job: Job) -> Exported:
 def folder_export(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
     """Return the export whose files are in a folder."""
     picture = folder / PICTURE if report.kind == "vehicle" else None
-    return Exported(report, folder / "bundle.npz", folder / "tidy.blend", picture, tuple(files))
+    differences = folder / DIFFERENCES if (folder / DIFFERENCES).is_file() else None
+    return Exported(report, folder / "bundle.npz", folder / "tidy.blend", picture, differences, tuple(files))
 
 
 def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> None:

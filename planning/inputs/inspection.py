@@ -119,7 +119,7 @@ def inspect_file(
 
 
 def _inspect_entry(file: Exported, asset: VehicleShape | Scenery, *, pictures: bool) -> Inspected:
-    return Inspected(asset.name, file.report, draw_asset(asset, file.picture) if pictures else None)
+    return Inspected(asset.name, file.report, draw_asset(asset, file.picture, file.differences) if pictures else None)
 
 
 def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:

@@ -257,6 +257,7 @@ class _Reader:
         name = drawn.original.name
         if why := follows_camera(drawn.original):
             self.following[why].append(name)
+            self.result.varying.add(name)
         texts = [
             f"{name!r} is displaced by its material {material.name!r}, unlike its mesh"
             for material in (slot.material for slot in drawn.material_slots)
@@ -266,6 +267,7 @@ class _Reader:
         if any(getattr(modifier, "use_adaptive_subdivision", False) for modifier in rendered):
             texts.append(f"{name!r} is subdivided adaptively, which is left out")
         self.result.doubts += [Doubt(DoubtKind.NOT_READ, text) for text in texts]
+        self.result.varying.update([name] if texts else [])
 
     def _why_unseen(self, drawn: Any) -> Unseen | None:
         key = (drawn.original.as_pointer(), drawn.data.as_pointer())

@@ -22,6 +22,7 @@ from hulldown.assets.bundle import save_asset
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.files import atomic_writer
 from hulldown.reading.blender.depsgraph import evaluate_scene
+from hulldown.reading.blender.file_pictures import lost_geometry
 from hulldown.reading.blender.geotiff_object import NAME
 from hulldown.reading.blender.hdri_picture import read_picture
 from hulldown.reading.blender.importers import open_file
@@ -35,7 +36,7 @@ from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, format_xyz, gather_copies
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
-from hulldown.reading.reader_process import ANSWER, PICTURE, FoundAsset, Job, Refused
+from hulldown.reading.reader_process import ANSWER, DIFFERENCES, PICTURE, FoundAsset, Job, Refused
 from hulldown.reading.scenery.parked import parked_vehicles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.seen_colors import color_doubts, save_picture
@@ -84,6 +85,15 @@ def read_file(job: Job) -> FoundAsset:
         judged = upright.drawn.pieces
         kind = job.kind or likely_kind(judged, options)
     odd = refuse_wrong_kind(job.kind, judged, options) if job.kind else None
+    if not opened.terrain:
+        drawn.doubts += lost_geometry(
+            drawn,
+            up=meters_from_file(1.0, up)[2, :3],
+            kind=kind,
+            absent={duplicate.name for same in opened.duplicates.values() for duplicate in same},
+            drop=options.drop,
+            picture=job.file(DIFFERENCES),
+        )
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
         report = _write_vehicle(job, upright, unit=unit)

@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.pieces.doubt import Doubt
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 MIN_FAMILY_COPIES = 6  # numbered copies from so many on share a row
 MIN_SHARED_ROW_OBJECTS = (
@@ -209,6 +209,13 @@ class SkyReport:
     def lines(self) -> list[str]:
         """Return lines below the table."""
         return [*self.notes, *(f"doubt: {doubt}" for doubt in self.doubts)]
+
+
+def refuse_lost(reports: Sequence[FileReport]) -> None:
+    """Raise if Blender draws something of any of the files that wasn't read."""
+    lost = ((report, doubt) for report in reports for doubt in report.doubts if doubt.kind == DoubtKind.LOST)
+    for report, doubt in lost:
+        raise AssetError(str(doubt), path=report.path, remedy="hulldown inspect -o shows both pictures")
 
 
 def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:

@@ -12,6 +12,7 @@ MAX_SHOWN_KINDS = 3  # kinds of doubts that a warning lists, one each
 class DoubtKind(StrEnum):
     """Kinds of doubts by consequence: wrong labels, wrong pictures, wrong sizes, wrong directions; then decisions."""
 
+    LOST = "lost"
     NO_GROUND = "no_ground"
     SEVERAL = "several"
     UNLABELED = "unlabeled"

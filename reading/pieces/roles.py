@@ -102,6 +102,7 @@ class Evaluated:
     markers: list[tuple[Link, ...]] = field(default_factory=list)
     # rows of objects without a piece, and how often they're drawn
     left: Counter[ObjectRow] = field(default_factory=Counter)
+    varying: set[str] = field(default_factory=set)  # objects whose shape in Cycles depends on camera or material
     doubts: list[Doubt] = field(default_factory=list)  # sentences about things that are rendered differently than read
 
 

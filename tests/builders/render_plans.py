@@ -21,7 +21,7 @@ def moved(exported, path, **changes):
 
 def library_of(assets, folder=Path()):
     """Assets whose files have their names and are in `folder`."""
-    exported = Exported(FileReport("vehicle", "", (2.0, 2.0, 2.0), 12, 1.0, "z"), Path(), Path(), None, ())
+    exported = Exported(FileReport("vehicle", "", (2.0, 2.0, 2.0), 12, 1.0, "z"), Path(), Path(), None, None, ())
 
     def files(names):
         return {name: moved(exported, folder / f"{name}.blend") for name in names}

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.errors import AssetError
+from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.reader_process import export_asset
 from hulldown.tests.builders.messy_export import Messy
 
@@ -46,6 +47,15 @@ def test_the_error_of_a_file_without_visible_objects_names_what_hides_them(messy
     )
 
 
+def test_nothing_is_lost_or_added(messy: Messy) -> None:
+    lost = {
+        name: [str(d) for d in found.report.doubts if d.kind == DoubtKind.LOST]
+        for name, found in messy.exported.items()
+    }
+    assert not any(lost.values()), lost
+
+
+@pytest.mark.blender
 def test_differences_from_the_render_are_reported(messy: Messy) -> None:
     doubts = "\n".join(map(str, messy.exported["odd_ones"].report.doubts))
     for words in (
