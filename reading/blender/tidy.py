@@ -101,10 +101,10 @@ def write_scenery(
     detach_materials(bpy.data.materials)
     root = bpy.data.objects.new("hulldown scenery", None)
     collection.objects.link(root)
-    alike: dict[tuple[int, str, tuple[object, ...]], list[Piece]] = defaultdict(list)
+    alike: dict[tuple[int, tuple[object, ...]], list[Piece]] = defaultdict(list)
     for piece, role in zip(drawn.pieces, roles, strict=True):
         if role.use not in ("backdrop", "removed") and piece.unseen not in CUT:
-            alike[piece.mesh, piece.name, piece.look].append(piece)
+            alike[piece.mesh, piece.look].append(piece)
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
