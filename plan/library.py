@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
+from functools import cache as cache_result
 from pathlib import Path
 
 import numpy as np
@@ -143,14 +144,16 @@ def load_library(
     _refuse_unmatched_paint(config, models)
     sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
 
-    read_shapes = {name: load_vehicle(exported.bundle) for name, exported in models.items()}
-    read_lands = {name: load_scenery(exported.bundle) for name, exported in sceneries.items()}
+    vehicle_of, scenery_of = cache_result(load_vehicle), cache_result(load_scenery)  # equal files have one bundle
+    read_shapes = {name: vehicle_of(exported.bundle) for name, exported in models.items()}
+    read_lands = {name: scenery_of(exported.bundle) for name, exported in sceneries.items()}
+    print_of = cache_result(asset_fingerprint)
 
     def shapes(entries: Sequence[ModelEntry]) -> dict[str, VehicleShape]:
         return {e.name: _as_listed(read_shapes[e.name], e, config) for e in entries}
 
     kinds = {"vehicles": VehicleEntry, "distractors": DistractorEntry, "sceneries": SceneryEntry}
-    prints = {name: asset_fingerprint(asset) for name, asset in (read_shapes | read_lands).items()}
+    prints = {name: print_of(asset) for name, asset in (read_shapes | read_lands).items()}
     sources: dict[str, dict[str, Source]] = {
         key: {
             e.name: GeometrySource(path=e.path, sha256=sha256, geometry=prints[e.name])
