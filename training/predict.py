@@ -26,13 +26,21 @@ from hulldown.base.terminal import progress_bar
 from hulldown.training.detectors.detector import Detector, chosen_device, find_weights, weights_digest
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.predictions import INFO_SUFFIX, NewCategory, PredictionInfo, read_checked_predictions
+from hulldown.training.evaluation.predictions import (
+    INFO_SUFFIX,
+    NewCategory,
+    PredictionInfo,
+    Predictions,
+    read_checked_predictions,
+)
 from hulldown.training.input_pictures import Pictures, find_pictures
 from hulldown.training.inputs.extra import require_extra
+from hulldown.training.run_folder import starting_weights
 
 UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for each finished image
 BATCH_PICTURES = 8
 PIXEL_DIGITS = 3  # decimals of a pixel
+START = "start"  # names the weights that a run started from, as rivals
 DEFAULT_THRESHOLD = 0.5  # least score of counted and drawn detections
 
 
@@ -84,6 +92,17 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
     return load_checkpoint(path, device=chosen)
 
 
+def _contest_detector(detector: Detector, weights: Path, device: str) -> Detector:
+    """Return a detector with rivals from weights, which may also be at the Hugging Face hub."""
+    from hulldown.training.detectors.rivals import ContestedDetector
+    from hulldown.training.detectors.transformers_detector import load_transformers
+
+    at_hub = not weights.exists() and len(weights.parts) == 2
+    return ContestedDetector(
+        detector, load_transformers(weights, device=chosen_device(device)) if at_hub else load_detector(weights, device)
+    )
+
+
 def predict_detections(
     run: AnyPath,
     pictures: Sequence[AnyPath] | AnyPath,
@@ -92,6 +111,7 @@ def predict_detections(
     device: str = "auto",
     batch: Count = BATCH_PICTURES,
     tile: Annotated[tuple[int, int] | None, TILE] = None,
+    rivals: AnyPath | None = None,
     drawn: Annotated[AnyPath | None, Parameter(name="--draw")] = None,
     threshold: Overlap = DEFAULT_THRESHOLD,
     progress: Callable[[int, int], None] | None = None,
@@ -117,6 +137,9 @@ def predict_detections(
     tile
         Detect in overlapping tiles of this width and height in pixels, those of the training pictures: for large
         pictures.
+    rivals
+        Weights pretrained on COCO, or "start": those that the run's training started from. Where they find a car, bus,
+        or motorcycle that isn't one of the detector's classes, scores fall.
     drawn
         A folder for copies of the pictures, or of the video, with detections.
     threshold
@@ -141,7 +164,10 @@ def predict_detections(
     found = find_pictures([pictures] if isinstance(pictures, str | os.PathLike) else list(pictures))
     detector = load_detector(Path(run), device)
     ids, unknown = _category_ids(detector.classes, found)
-    key = _results_key(Path(run), found, detector.classes, tile)
+    rival_weights = None if rivals is None else starting_weights(Path(run)) if str(rivals) == START else Path(rivals)
+    key = _results_key(Path(run), found, detector.classes, tile, rival_weights)
+    if rival_weights is not None:
+        detector = _contest_detector(detector, rival_weights, device)
     if tile is not None:
         from hulldown.training.detectors.tiled import TiledDetector
 
@@ -175,13 +201,17 @@ def predict_detections(
 
 def validation_figures(detector: Detector, labels: Labels) -> dict[str, float]:
     """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined."""
+    summary = average_precision(labels, predict_labeled(detector, labels))
+    return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}
+
+
+def predict_labeled(detector: Detector, labels: Labels) -> Predictions:
+    """Return the detections in a dataset's pictures."""
     pictures = Pictures.of(labels)
     ids, _ = _category_ids(detector.classes, pictures)
     batches = _detect_batches(detector, pictures, ids, range(len(labels.images)), BATCH_PICTURES)
     results = [one for batch in batches for found in batch.values() for one in found]
-    predictions = read_checked_predictions(results, labels, path=labels.path, name="validation")
-    summary = average_precision(labels, predictions)
-    return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}
+    return read_checked_predictions(results, labels, path=labels.path, name="validation")
 
 
 def _detect_batches(
@@ -245,11 +275,15 @@ def _draw_detections(
             picture.save(file, format="PNG" if target.suffix.lower() == ".png" else "JPEG", quality=90)
 
 
-def _results_key(run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None) -> str:
-    """Return a key of the results: weights, classes, images, and tiles."""
+def _results_key(
+    run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None, rivals: Path | None
+) -> str:
+    """Return a key of the results: weights, classes, images, tiles, and rivals."""
     digest = hashlib.sha256(weights_digest(run).encode())
     images = [[image.id, image.file_name, *image.size] for image in pictures.images]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.category_ids.items()), tile]))
+    if rivals is not None:
+        digest.update((weights_digest(rivals) if rivals.exists() else str(rivals)).encode())
     return digest.hexdigest()
 
 

@@ -96,6 +96,19 @@ def finished_run(path: Path, config: RunConfig) -> Run | None:
     return folder.finished()
 
 
+def starting_weights(run: Path) -> Path:
+    """Return where a run's training started: a path, or a name at the Hugging Face hub."""
+    from hulldown.training.detectors.detr import own_weights
+    from hulldown.training.detectors.transformers_detector import D_FINE_NANO
+
+    refuse = partial(ConfigError, path=run / CONFIG_NAME, remedy="name a run, or weights pretrained on COCO")
+    settings = read_json(run / CONFIG_NAME, RunConfig, refuse, what="the config of a run").settings
+    if (named := settings.get("weights")) is not None:
+        return Path(str(named))
+    model = str(settings.get("model"))
+    return Path(D_FINE_NANO) if model == "small" else own_weights(model)
+
+
 def _flatten_value(value: object, key: str = "") -> Iterator[tuple[str, object]]:
     if isinstance(value, dict):
         for name, inner in value.items():

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from msgspec import Struct
 
 from hulldown.base.errors import HulldownError
@@ -51,6 +51,10 @@ class Detections:
     xywh: Float[np.ndarray, "k 4"]  # boxes in the picture's pixels, inside it
     score: Float[np.ndarray, " k"]  # confidence, from 0 to 1
     class_index: Int[np.ndarray, " k"]  # index into the detector's classes
+
+    def take(self, rows: Int[np.ndarray, " r"] | Bool[np.ndarray, " k"]) -> Detections:
+        """Return rows of the table."""
+        return Detections(self.xywh[rows], self.score[rows], self.class_index[rows])
 
 
 @runtime_checkable

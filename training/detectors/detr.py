@@ -59,7 +59,7 @@ def starting_module(
 ) -> RFDETRModelModule:
     """Return RF-DETR's module with the weights to start from; RF-DETR downloads its own."""
     named = None if settings.weights in (None, "none") else find_weights(Path(str(settings.weights)))
-    own = Path(get_model_cache_dir()) / str(CONFIGS[settings.model].model_fields["pretrain_weights"].default)
+    own = own_weights(settings.model)
     weights = None if settings.weights == "none" else named or own
     if named is not None:
         _check_kind(named, read_weights(named))
@@ -82,6 +82,11 @@ def starting_module(
         ) from None
     refuse_odd_numbers(module.model, weights or folder)
     return module
+
+
+def own_weights(model: str) -> Path:
+    """Return the file of RF-DETR's weights pretrained on COCO, which trainings download."""
+    return Path(get_model_cache_dir()) / str(CONFIGS[model].model_fields["pretrain_weights"].default)
 
 
 def _check_kind(path: Path, found: Mapping[str, object]) -> None:
