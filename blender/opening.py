@@ -77,7 +77,7 @@ def disarm_file() -> list[str]:
     left_out = []
     for obj in bpy.data.objects:
         for modifier in list(obj.modifiers):
-            if modifier.type in SIMULATED or not all(_keep_in_memory(cache) for cache in _cache_settings(modifier)):
+            if modifier.type in SIMULATED or not all(_disable_disk_cache(cache) for cache in _cache_settings(modifier)):
                 kind = modifier.type.lower().replace("_", " ")
                 left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache isn't in the file")
                 obj.modifiers.remove(modifier)
@@ -91,7 +91,7 @@ def disarm_file() -> list[str]:
     left_out += _replace_unknown_nodes()
     for scene in bpy.data.scenes:
         bodies = scene.rigidbody_world
-        if bodies and bodies.point_cache and not _keep_in_memory(bodies.point_cache):
+        if bodies and bodies.point_cache and not _disable_disk_cache(bodies.point_cache):
             bodies.enabled = False
         scene.render.use_render_cache = False
         scene.render.use_compositing = scene.render.use_sequencer = False
@@ -126,7 +126,7 @@ def _cache_settings(modifier: Any) -> Iterator[Any]:
         yield modifier.point_cache
 
 
-def _keep_in_memory(cache: Any) -> bool:
+def _disable_disk_cache(cache: Any) -> bool:
     """Stop a cache from writing files; return whether that worked. Baked caches are only read and stay."""
     if not cache.is_baked:
         every = cache.point_caches

@@ -139,7 +139,7 @@ def frame_target(
     return search.by_secants(first, box) if truncated[1] > 0.0 else search.by_iteration(first, box)
 
 
-def place_boxes(
+def turn_cameras_to_boxes(
     cameras: Cameras,
     points_world: ArrayLike,
     *,

@@ -28,7 +28,7 @@ from hulldown.dataset.provenance import (
 )
 from hulldown.dataset.records import refuse_unusable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
-from hulldown.dataset.store.placed_pictures import own_picture, path_inside, place_picture
+from hulldown.dataset.store.placed_pictures import path_inside, place_picture, resolve_own_picture
 from hulldown.dataset.store.reservations import Reservation
 
 
@@ -136,7 +136,7 @@ def join_datasets(
         raise
     with target, progress_bar("joining", progress) as advance:
         for done, move in enumerate(left, start=1):
-            place_picture(own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
+            place_picture(resolve_own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
             target.append(*_moved_records(move))
             advance(done, len(left))
         for part in read:
@@ -171,7 +171,7 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
     for i, record in enumerate(annotations):
         boxes.setdefault(record["image_id"], []).append(i)
     for name in sorted(document.file_names):
-        own_picture(folder, name, allowed)
+        resolve_own_picture(folder, name, allowed)
     return _Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
 
 

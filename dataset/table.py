@@ -152,7 +152,7 @@ class Dataset(ShownInNotebooks):
         labels = {f"labels of {name}": f"{n:,}" for name, n in zip(classes.tolist(), counts.tolist(), strict=True)}
         return {"images": f"{len(self):,}", **labels}
 
-    def _preview_picture(self) -> Pictures.Image:
+    def _notebook_picture(self) -> Pictures.Image:
         return self.sheet(count=6, columns=3, tile_width=320)
 
     @cached_property

@@ -124,7 +124,7 @@ def path_tube(points: Sequence[Point], radius: float, *, sides: int = 6) -> Shap
     return join_shapes(make_tube(a, b, radius, sides=sides) for a, b in pairwise(points))
 
 
-def hoop_points(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
+def tarpaulin_hoop(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
     """Return a tarpaulin hoop's points across the vehicle at x: upright sides, a rounded roof."""
     bow = [(half, z0), (half, z1 - 0.42), (half * 0.93, z1 - 0.2), (half * 0.72, z1 - 0.06), (half * 0.35, z1)]
     return [(x, y, z) for y, z in bow] + [(x, -y, z) for y, z in reversed(bow)]

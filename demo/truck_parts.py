@@ -8,7 +8,6 @@ from hulldown.demo import chassis
 from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
 from hulldown.demo.shapes import (
-    hoop_points,
     join_shapes,
     make_block,
     make_box,
@@ -17,6 +16,7 @@ from hulldown.demo.shapes import (
     make_slab,
     make_tube,
     path_tube,
+    tarpaulin_hoop,
 )
 
 
@@ -119,14 +119,14 @@ def add_canopy(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1:
     stations = np.linspace(x0, x1, 4 * (hoops - 1) + 1)
     for k, x in enumerate(stations):
         sag = 0.05 * np.sin(np.pi * (k % 4) / 4)
-        rings.append(hoop_points(float(x), half - sag, z0, z1 - sag))
+        rings.append(tarpaulin_hoop(float(x), half - sag, z0, z1 - sag))
     m.add("Canvas", make_shell(rings, thickness=0.03), p.canvas, bevel=0, smooth=50)
-    inner = [hoop_points(float(x), half - 0.05, z0, z1 - 0.05) for x in np.linspace(x0 + 0.03, x1 - 0.03, hoops)]
+    inner = [tarpaulin_hoop(float(x), half - 0.05, z0, z1 - 0.05) for x in np.linspace(x0 + 0.03, x1 - 0.03, hoops)]
     m.add("Hoops", join_shapes(path_tube(ring, 0.025, sides=6) for ring in inner), p.steel, bevel=0)
-    front = hoop_points(x1 - 0.01, half - 0.02, z0, z1 - 0.02)
+    front = tarpaulin_hoop(x1 - 0.01, half - 0.02, z0, z1 - 0.02)
     canvas_front = make_prism([(y, z) for _, y, z in front], -0.02, 0.0).turned("z", 90).moved(x1 - 0.03)
     m.add("Canvas_Front", canvas_front, p.canvas, bevel=0)
-    rear = hoop_points(x0, half - 0.02, z0, z1 - 0.02)
+    rear = tarpaulin_hoop(x0, half - 0.02, z0, z1 - 0.02)
     dark = make_prism([(y, z) for _, y, z in rear], -0.02, 0.0).turned("z", 90).moved(x0 + 0.25)
     m.add("Canvas_Rear", dark, p.canvas, bevel=0)
     straps = join_shapes(

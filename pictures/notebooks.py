@@ -23,12 +23,12 @@ class ShownInNotebooks(os.PathLike[str]):
     def _table_facts(self) -> dict[str, object]: ...
 
     @abstractmethod
-    def _preview_picture(self) -> Image.Image: ...
+    def _notebook_picture(self) -> Image.Image: ...
 
     @cached_property
     def _preview_png(self) -> bytes:
         file = BytesIO()
-        self._preview_picture().save(file, format="PNG")
+        self._notebook_picture().save(file, format="PNG")
         return file.getvalue()
 
     def _repr_html_(self) -> str:

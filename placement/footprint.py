@@ -133,14 +133,14 @@ class Samples:
 
 def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
     """Return n x n points over a rectangle, border included (n = 1: its middle). All are feet of height 0."""
-    share = _sample_shares(n)
+    share = _even_sample_positions(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
     center = (xy.min(axis=0) + xy.max(axis=0)) / 2 if n else box.mean(axis=0)
     return Samples(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), center)
 
 
-def _sample_shares(n: int) -> Float[np.ndarray, " n"]:
+def _even_sample_positions(n: int) -> Float[np.ndarray, " n"]:
     return np.linspace(0.0, 1.0, n) if n != 1 else np.array([0.5])
 
 
@@ -152,7 +152,7 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
     higher by less than a twentieth of the distance saved, so that both edges of a track have their spots, and a flat
     underside has them at the points themselves.
     """
-    regular, share = plate_samples(footprint.box, n), _sample_shares(n)
+    regular, share = plate_samples(footprint.box, n), _even_sample_positions(n)
     reach = 0.5 / max(n - 1, 1)
     cells = np.array(footprint.heights.shape)
     step = (footprint.box[1] - footprint.box[0]) / cells

@@ -100,7 +100,7 @@ class Plan(PlanFile, ShownInNotebooks):
             "seed": header.seed,
         }
 
-    def _preview_picture(self) -> Image.Image:
+    def _notebook_picture(self) -> Image.Image:
         return self.preview(width=320)
 
 

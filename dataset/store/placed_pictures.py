@@ -59,7 +59,7 @@ def place_picture(picture: Path, folder: Path, name: str) -> None:
     publish_picture(temporary, folder, name)
 
 
-def own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
+def resolve_own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
     """Return the file of a dataset's picture with links resolved, which must be in an allowed folder."""
     path, remedy = folder / name, "put it there or delete its record"
     try:

@@ -18,7 +18,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.entries import normal_name
-from hulldown.dataset.store.placed_pictures import own_picture
+from hulldown.dataset.store.placed_pictures import resolve_own_picture
 from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
 from hulldown.dataset.verification.target_appearance import check_appearances, is_rendered
 
@@ -69,7 +69,7 @@ def _check_picture(
     if not stays_inside(name):  # found among records
         return [], None, None
     try:
-        path = own_picture(folder, name)
+        path = resolve_own_picture(folder, name)
         if fast:
             return [], None, None
         picture = read_picture(path, largest=MAX_PICTURE_PIXELS if record.get(PICTURE_KEY) else None)

@@ -100,7 +100,7 @@ class Config(Section):
         return self
 
     @model_validator(mode="after")
-    def _targets_are_labeled(self) -> Config:
+    def _refuse_unlabeled_targets(self) -> Config:
         """Refuse limits of labels that a target could fail."""
         given, camera = self.annotate, self.camera
         for key, limit, source in (

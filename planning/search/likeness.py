@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import pan_to_pixel, place_boxes
+from hulldown.camera.framing import pan_to_pixel, turn_cameras_to_boxes
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 from hulldown.dataset.photographs import Photographs
@@ -262,7 +262,7 @@ def match_cameras(
             if not len(i):
                 continue
             frame = partial(
-                place_boxes,
+                turn_cameras_to_boxes,
                 points_world=hull[chosen],
                 corners=boxes.corners[i],
                 cut=boxes.cut[i],

@@ -15,7 +15,7 @@ from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.picture_files import DECODER_THREADS, read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import file_sha256
-from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, own_picture
+from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, resolve_own_picture
 from hulldown.dataset.usable_labels import refuse_all
 
 VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layouts call the splits
@@ -72,7 +72,7 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
     def checked(image: Image) -> Path | str:
         name = image.file_name
         try:
-            path, recorded = own_picture(folder, name, allowed), image.record.get(PICTURE_KEY)
+            path, recorded = resolve_own_picture(folder, name, allowed), image.record.get(PICTURE_KEY)
             known = recorded is not None and file_sha256(path) == recorded
             read_picture(path, image.size, largest=0 if known else None)
         except LinkError:
