@@ -15,6 +15,7 @@ from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.transforms import rotate_vectors
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
+from hulldown.scene.rays import RayList
 
 FIRST_LOOK = 256  # pixels that are tested first
 MOST_RAYS = 1 << 18  # cast together
@@ -34,11 +35,12 @@ def vehicle_masks(
     pixels = np.stack([columns, rows], axis=1) + 0.5
     along = camera.lenses.pixel_directions(pixels) @ camera.world_from_camera[:3, :3].T
     origins = camera.position + NEAR_M * along
-    distance = vehicle.cast(origins, along).distance
+    rays = RayList(origins, along)
+    distance = vehicle.first_hits(rays).distance
     seen = np.flatnonzero(np.isfinite(distance))
     whole[rows[seen], columns[seen]] = True
     if world is not None:
-        seen = seen[~world.occluded(origins[seen], along[seen], max_distance=distance[seen] - TOUCHING_M)]
+        seen = seen[~world.occlusion(rays.take(seen), max_distance=distance[seen] - TOUCHING_M)]
     mask[rows[seen], columns[seen]] = True
     return whole, mask
 
@@ -62,13 +64,13 @@ def show_pixels(
         each = cameras.take(camera)
         poses, along = each.world_from_camera, each.lenses.pixel_directions(uv[:, None])
         along = rotate_vectors(poses[:, :3, :3], along)[:, 0]
-        start, distance = poses[:, :3, 3] + NEAR_M * along, np.full(len(row), np.inf)
+        rays, distance = RayList(poses[:, :3, 3] + NEAR_M * along, along, row), np.full(len(row), np.inf)
         for subject in subjects:
-            met = subject.take(rows).cast(start, along, row=row)
+            met = subject.take(rows).first_hits(rays)
             distance = np.minimum(distance, met.distance)
         seen = np.flatnonzero(np.isfinite(distance))
         reach = distance[seen] - TOUCHING_M
-        hidden = world.take(rows).occluded(start[seen], along[seen], row=row[seen], max_distance=reach)
+        hidden = world.take(rows).occlusion(rays.take(seen), max_distance=reach)
         shown[camera[seen[~hidden]]] = True
 
     for step in (few, np.ones_like(few)):

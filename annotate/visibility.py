@@ -9,11 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.transforms import transform_points
+from hulldown.scene.camera_pencils import CameraPencils, box_at_unit_depth
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
@@ -86,35 +85,35 @@ def _count_rays(
     pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """For each camera: rays on its subject, how many of these see it, and the area that all rays go through."""
-    n, r, world_from_camera, lenses = len(cameras), len(pattern), cameras.world_from_camera, cameras.lenses
+    n, r = len(cameras), len(pattern)
     low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
     for subject in subjects:
-        camera, parts = subject.parts_in_cameras(world_from_camera)
+        camera, parts = subject.parts_in_cameras(cameras.world_from_camera)
         for part, pose in parts:
             box = box_at_unit_depth(transform_points(pose, part.around))
             low[camera] = np.minimum(low[camera], box[:, 0])
             high[camera] = np.maximum(high[camera], box[:, 1])
-    first, last = lenses.window
-    camera_rays, area = _window_rays(np.maximum(low, first), np.minimum(high, last), lenses, pattern)
-    distance, asked = np.full(n * r, np.inf), np.repeat(area > 0.0, r)
+    first, last = cameras.lenses.window
+    pencils, area = _window_pencils(np.maximum(low, first), np.minimum(high, last), cameras, pattern)
+    distance, asked = np.full(n * r, np.inf), np.repeat(np.where(area > 0.0, np.inf, -np.inf), r)
     for subject in subjects:
-        distance = np.minimum(distance, subject.first_hits(camera_rays, world_from_camera, asked).distance)
+        distance = np.minimum(distance, subject.first_hits(pencils, max_distance=asked).distance)
     met = np.flatnonzero(np.isfinite(distance))
     reach = np.where(np.isfinite(distance), distance - TOUCHING_M, -np.inf)
-    passed = world.image_transmittance(camera_rays, world_from_camera, reach=reach)[met]
+    passed = world.transmittance(pencils, max_distance=reach)[met]
     return np.bincount(met // r, minlength=n), np.bincount(met // r, weights=passed, minlength=n), area
 
 
-def _window_rays(
+def _window_pencils(
     low: Float[np.ndarray, "n 2"],
     high: Float[np.ndarray, "n 2"],
-    lenses: Intrinsics,
+    cameras: Cameras,
     pattern: Float[np.ndarray, "r 2"],
-) -> tuple[CameraRays, Float[np.ndarray, " n"]]:
+) -> tuple[CameraPencils, Float[np.ndarray, " n"]]:
     """Return rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
-    extent = np.clip(high - low, 0.0, None)
+    extent, poses, lenses = np.clip(high - low, 0.0, None), cameras.world_from_camera, cameras.lenses
     if not lenses.is_distorted:
-        return CameraRays(low, extent, pattern), extent.prod(axis=1) * lenses.focal.prod(axis=-1)
+        return CameraPencils(poses, low, extent, pattern), extent.prod(axis=1) * lenses.focal.prod(axis=-1)
     seen = (extent > 0.0).all(axis=1)
     rows, patterns = np.flatnonzero(seen), np.zeros((len(low), *pattern.shape))
     lenses, area = lenses.take(rows), np.zeros(len(low))
@@ -125,4 +124,4 @@ def _window_rays(
     low[rows] = at.min(axis=1)
     extent[rows] = np.maximum(at.max(axis=1) - low[rows], 1e-300)
     patterns[rows] = (at - low[rows, None]) / extent[rows, None]
-    return CameraRays(low, extent, patterns), area
+    return CameraPencils(poses, low, extent, patterns), area

@@ -22,6 +22,7 @@ from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.scene.ray_caster import RayCaster
+from hulldown.scene.rays import RayList
 from hulldown.tests.builders.shapes import vertices_at
 
 RAYS = (64, 256, 1024, 4096, 16384, 65536)
@@ -85,7 +86,7 @@ class Woods:
         met = np.isfinite(distance)
         reach = distance[met] - 1e-3
         hidden = self.ground_rays.cast(origin[met], along[met]).distance < reach
-        hidden |= self.wood.occluded(origin[met], along[met], max_distance=reach)
+        hidden |= self.wood.occlusion(RayList(origin[met], along[met]), max_distance=reach)
         return int(met.sum()), int((~hidden).sum())
 
 

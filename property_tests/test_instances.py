@@ -11,6 +11,7 @@ from hulldown.geometry.transforms import invert_rigid, rigid_matrix, transform_p
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.obstacles import boxes_touch, triangles_touch_box
 from hulldown.scene.ray_caster import RayCaster
+from hulldown.scene.rays import RayList
 from hulldown.tests.builders.shapes import CORNERS, QUADS, random_rotations
 from hulldown.tests.oracles.clipping import clipped
 
@@ -50,7 +51,8 @@ def test_instances_give_the_hits_of_one_merged_mesh(seed, k, squashed, offset, n
     first = np.cumsum([0, *(len(m.faces) for m in moved)])
     caster = RayCaster(flat)
     origins, directions = rng.uniform(-8, 8, (n, 3)) + offset, rng.normal(size=(n, 3))
-    ours, theirs = scene.cast(origins, directions), caster.cast(origins, directions)
+    rays = RayList(origins, directions)
+    ours, theirs = scene.first_hits(rays), caster.cast(origins, directions)
     # The two float32 frames may put a ray on different sides of an edge, or swap two crossing surfaces.
     same = np.where(theirs.hit, source[theirs.face], -1) == ours.instance
     assert (~same).sum() <= 2 + n / 1000
@@ -64,19 +66,19 @@ def test_instances_give_the_hits_of_one_merged_mesh(seed, k, squashed, offset, n
         off = np.linalg.norm(trimesh.triangles.closest_point(named, met) - met, axis=1)
     assert not (off > CLOSE).any()
     np.testing.assert_array_equal(np.isinf(ours.distance), ours.instance < 0)
-    assert (scene.occluded(origins, directions) != theirs.hit).sum() <= 2 + n / 1000
+    assert (scene.occlusion(rays) != theirs.hit).sum() <= 2 + n / 1000
 
 
 @given(seed=st.integers(0, 2**32), k=st.integers(1, 60), n=st.sampled_from([150, 2048]))
 def test_a_limit_excludes_hits_beyond_it(seed, k, n):
     rng, scene, _ = scene_and_flat(seed, k, False)
-    origins, directions = rng.uniform(-8, 8, (n, 3)), rng.normal(size=(n, 3))
+    rays = RayList(rng.uniform(-8, 8, (n, 3)), rng.normal(size=(n, 3)))
     limit = rng.uniform(0, 10, n)
-    free, cut = scene.cast(origins, directions), scene.cast(origins, directions, max_distance=limit)
+    free, cut = scene.first_hits(rays), scene.first_hits(rays, max_distance=limit)
     clearly = np.abs(free.distance - limit) > CLOSE
     np.testing.assert_array_equal(cut.hit[clearly], (free.distance <= limit)[clearly])
     np.testing.assert_array_equal(cut.distance[cut.hit & clearly], free.distance[cut.hit & clearly])
-    blocked = scene.occluded(origins, directions, max_distance=limit)
+    blocked = scene.occlusion(rays, max_distance=limit)
     np.testing.assert_array_equal(blocked[clearly], cut.hit[clearly])
 
 

@@ -7,14 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.annotate.visibility import visible_fraction
-from hulldown.camera.camera_rays import CameraRays
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.transforms import rigid_matrix
+from hulldown.scene.camera_pencils import CameraPencils
+from hulldown.scene.ground import Plane
 from hulldown.scene.instances import InstancedScene
-from hulldown.scene.posed_scene import Plane, Scene
+from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
+from hulldown.scene.rays import RayList
 from hulldown.tests.builders.shapes import box, random_rotations
 from hulldown.tests.scene.test_visibility import HERE, TANK
 
@@ -90,16 +92,17 @@ def test_rays_of_cameras_are_hidden_like_single_rays(seed: int, k: int, fov: flo
     world = Scene(Plane(-1.0), boulders(rng, k), [PosedVehicle(TANK, HERE, {"turret": 0.5})])
     poses = cameras(seed, 0.3, n)
     low = rng.uniform(-half, half, (n, 2))
-    camera_rays = CameraRays(low, rng.uniform(0, 1, (n, 2)) * (half - low), rng.uniform(0, 1, (r, 2)))
+    pencils = CameraPencils(poses, low, rng.uniform(0, 1, (n, 2)) * (half - low), rng.uniform(0, 1, (r, 2)))
     asked = rng.random((n, r)) < 0.8
     asked[2] = False
     which = np.flatnonzero(asked)
-    met = world.nearest(*camera_rays.rays(poses, np.arange(n * r))).distance
+    rays = RayList(pencils.origins, pencils.directions)
+    met = world.first_hits(rays).distance
     reach = np.where(asked.ravel(), met * rng.uniform(0.9, 1.1, n * r), -np.inf)
-    rays = camera_rays.rays(poses, which)
+    rays = rays.take(which)
     for hiders in (Scene(Plane(-1.0)), Scene(Plane(-1.0), world.obstacles), world):
-        passed = hiders.image_transmittance(camera_rays, poses, reach=reach)[which]
-        np.testing.assert_array_equal(passed == 0.0, hiders.occluded(*rays, max_distance=reach[which]))
+        passed = hiders.transmittance(pencils, max_distance=reach)[which]
+        np.testing.assert_array_equal(passed == 0.0, hiders.occlusion(rays, max_distance=reach[which]))
 
 
 @given(seeds, st.floats(0.05, 0.8))

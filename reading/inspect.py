@@ -21,8 +21,9 @@ from hulldown.pictures.sheets import contact_sheet
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
 from hulldown.reading.vehicle.seen_colors import BACKGROUND_LEVEL
-from hulldown.scene.posed_scene import Kind, Scene, SceneHits
+from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+from hulldown.scene.rays import Hits, Kind, RayList
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
@@ -150,13 +151,13 @@ class _View:
         self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a meter
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
-    def shade_view(self, world: Scene) -> tuple[SceneHits, Float[np.ndarray, " n"]]:
+    def shade_view(self, world: Scene) -> tuple[Hits, Float[np.ndarray, " n"]]:
         """Return the hit of each pixel, and its brightness by the angle between surface and light."""
         center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(center, -center)
         start = self.middle + x[..., None] * self.right + y[..., None] * self.up - self.depth * self.sight
         origins = start.reshape(-1, 3)
-        hits = world.nearest(origins, np.broadcast_to(self.sight, origins.shape))
+        hits = world.first_hits(RayList(origins, np.broadcast_to(self.sight, origins.shape)))
         # From over the viewer's left shoulder, so that no side is dark.
         light = 0.6 * self.up - 0.6 * self.sight - 0.4 * self.right
         return hits, 0.35 + 0.65 * np.clip(np.nan_to_num(hits.normal) @ light / np.linalg.norm(light), 0.0, 1.0)

@@ -8,7 +8,6 @@ in float64.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -16,27 +15,14 @@ from numpy.typing import ArrayLike
 
 from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.indices import rank_batches
 from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.transforms import invert_affine, transform_points
-from hulldown.scene.cutouts import make_caster
-from hulldown.scene.ray_caster import RayCaster, RayHits, checked_rays
+from hulldown.scene.cutouts import MIN_TRANSMITTANCE, make_caster
+from hulldown.scene.ray_caster import RayCaster
+from hulldown.scene.rays import Hits, Kind, RayBatch, ray_reaches
 
-RAYS_PER_BLOCK = 1 << 16  # rays whose crossings are in memory at a time
 # Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.
 MIN_DETERMINANT_SHARE = 1e-6
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class InstanceHits(RayHits):
-    """What n rays met first; distances are in the world, and faces those of the instance's own mesh."""
-
-    instance: Int[np.ndarray, " n"]  # index of the instance; -1 on a miss
-
-    @classmethod
-    def missed(cls, n: int) -> InstanceHits:
-        """Hits for n rays that met nothing."""
-        return cls(np.full(n, np.inf), np.full(n, -1, dtype=np.int32), np.full(n, -1, dtype=np.int64))
 
 
 class InstancedScene:
@@ -72,112 +58,66 @@ class InstancedScene:
         self._casters = {i: make_caster(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
         self._tree = BoxTree(_pad_bounds(self.bounds))
 
-    def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> InstanceHits:
-        """Return the first face along each ray; arguments as for `RayCaster.cast`."""
-        start, along, limit = checked_rays(origins, directions, max_distance)
-        hits, reach = InstanceHits.missed(len(start)), limit.copy()
-        for begin in range(0, len(start), RAYS_PER_BLOCK):
-            ray, instance, entry = self._crossing_pairs(start, along, reach, slice(begin, begin + RAYS_PER_BLOCK))
-            for batch in rank_batches(ray):
-                on = batch[entry[batch] <= reach[ray[batch]]]
-                self.cast_pairs(start, along, ray[on], instance=instance[on], reach=reach, hits=hits)
-        return hits
-
-    def occluded(
-        self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
-    ) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray; arguments as for `RayCaster.cast`."""
-        start, along, reach = checked_rays(origins, directions, max_distance)
-        blocked = np.zeros(len(start), dtype=bool)
-        for begin in range(0, len(start), RAYS_PER_BLOCK):
-            ray, instance, _ = self._crossing_pairs(start, along, reach, slice(begin, begin + RAYS_PER_BLOCK))
-            self.occlude_pairs(start, along, ray, instance=instance, hidden=blocked, reach=reach)
-        return blocked
-
-    def normals(self, instance: Int[np.ndarray, " n"], face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Return unit normals, in the world, of faces of instances' own meshes; nan for faces without area there."""
-        triangles = np.empty((len(face), 3, 3))
-        which = self.instance_mesh[instance]
-        for mesh in np.unique(which):
-            of_mesh = which == mesh
-            triangles[of_mesh] = self.meshes[mesh].vertices[self.meshes[mesh].faces[face[of_mesh]]]
-        turned = self.world_from_instance[instance, :3, :3]
-        return unit_normals(np.einsum("nij,nkj->nki", turned, triangles))
-
     def overlapping_pairs(
         self, low: Float[np.ndarray, "n 3"], high: Float[np.ndarray, "n 3"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
         """Return all pairs of a query's box (low to high, in the world) and an instance whose bounds touch it."""
         return self._tree.overlapping_pairs(low, high)
 
-    def transmittance_pairs(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        ray: Int[np.ndarray, " p"],
-        *,
-        instance: Int[np.ndarray, " p"],
-        max_distance: ArrayLike = np.inf,
-    ) -> Float[np.ndarray, " n"]:
-        """Return each ray's transmittance through the instances that it's paired with."""
-        start, along, reach = checked_rays(origins, directions, max_distance)
-        passed = np.ones(len(start))
-        for caster, rows, inside, inward, scale in self._mesh_rays(start, along, ray, instance):
-            through = caster.transmittance(inside, inward, max_distance=reach[ray[rows]] * scale)
-            np.multiply.at(passed, ray[rows], through)
+    def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
+        """Return the first face along each ray; faces are those of the instance's own mesh."""
+        hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
+        for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
+            distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
+            for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):
+                met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale)
+                distance[rows], face[rows] = met.distance / scale, met.face
+            # The nearest of each ray; of equals, the instance that comes first.
+            nearer = np.flatnonzero(distance < hits.distance[ray])
+            order = nearer[np.lexsort((instance[nearer], distance[nearer], ray[nearer]))]
+            first = order[np.diff(ray[order], prepend=-1) > 0]
+            at = ray[first]
+            reach[at] = hits.distance[at] = distance[first]
+            hits.face[at], hits.instance[at] = face[first], instance[first]
+        hits.kind[hits.hit] = Kind.OBSTACLE
+        return hits
+
+    def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
+        """Return whether anything lies along each ray."""
+        hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
+        for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
+            for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):
+                at = ray[rows]
+                hidden[at[caster.occluded(inside, inward, max_distance=reach[at] * scale)]] = True
+            reach[ray[hidden[ray]]] = -np.inf
+        return hidden
+
+    def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
+        """Return how much light gets through along each ray."""
+        passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
+        for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
+            at, number = np.unique(ray, return_inverse=True)
+            light = np.ones(len(at))
+            for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):
+                share = caster.transmittance(inside, inward, max_distance=reach[ray[rows]] * scale)
+                np.multiply.at(light, number[rows], share)
+            passed[at] *= light
+            blocked = at[passed[at] < MIN_TRANSMITTANCE]
+            passed[blocked], reach[blocked] = 0.0, -np.inf
         return passed
 
-    def cast_pairs(
-        self,
-        start: Float[np.ndarray, "n 3"],
-        along: Float[np.ndarray, "n 3"],
-        ray: Int[np.ndarray, " p"],
-        *,
-        instance: Int[np.ndarray, " p"],
-        reach: Float[np.ndarray, " n"],
-        hits: InstanceHits,
-    ) -> None:
-        """Let rays meet the instances that they're paired with."""
-        distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
-        for caster, rows, inside, inward, scale in self._mesh_rays(start, along, ray, instance):
-            met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale)
-            distance[rows], face[rows] = met.distance / scale, met.face
-        # The nearest of each ray; of equals, the instance that comes first.
-        nearer = np.flatnonzero(distance < hits.distance[ray])
-        order = nearer[np.lexsort((instance[nearer], distance[nearer], ray[nearer]))]
-        first = order[np.diff(ray[order], prepend=-1) > 0]
-        at = ray[first]
-        reach[at] = hits.distance[at] = distance[first]
-        hits.face[at], hits.instance[at] = face[first], instance[first]
-
-    def occlude_pairs(
-        self,
-        start: Float[np.ndarray, "n 3"],
-        along: Float[np.ndarray, "n 3"],
-        ray: Int[np.ndarray, " p"],
-        *,
-        instance: Int[np.ndarray, " p"],
-        hidden: Bool[np.ndarray, " n"],
-        reach: Float[np.ndarray, " n"] | None = None,
-    ) -> None:
-        """Let instances hide what lies within `reach` along the rays that they're paired with."""
-        for batch in rank_batches(ray, growth=4):
-            on = batch[~hidden[ray[batch]]]
-            for caster, rows, inside, inward, scale in self._mesh_rays(start, along, ray[on], instance[on]):
-                rows = on[rows]
-                far = np.inf if reach is None else reach[ray[rows]] * scale
-                hidden[ray[rows[caster.occluded(inside, inward, max_distance=far)]]] = True
-
-    def _crossing_pairs(
-        self, start: np.ndarray, along: np.ndarray, reach: np.ndarray, part: slice
-    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """Pairs of some rays and instances whose boxes these cross, by ray, nearest first; and where rays enter."""
-        ray, box, entry = self._tree.crossed_boxes(start[part], along[part], reach[part])
-        order = np.lexsort((box, entry, ray))
-        return part.start + ray[order], box[order], entry[order]
+    def surface_normals(self, hits: Hits) -> Float[np.ndarray, "n 3"]:
+        """Return unit normals, in the world, of faces that were hit; nan for faces without area there."""
+        triangles = np.empty((len(hits.face), 3, 3))
+        which = self.instance_mesh[hits.instance]
+        for mesh in np.unique(which):
+            of_mesh = which == mesh
+            triangles[of_mesh] = self.meshes[mesh].vertices[self.meshes[mesh].faces[hits.face[of_mesh]]]
+        turned = self.world_from_instance[hits.instance, :3, :3]
+        return unit_normals(np.einsum("nij,nkj->nki", turned, triangles))
 
     def _mesh_rays(
-        self, start: np.ndarray, along: np.ndarray, ray: np.ndarray, instance: np.ndarray
+        self, rays: RayBatch, ray: Int[np.ndarray, " p"], instance: Int[np.ndarray, " p"]
     ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
         which = self.instance_mesh[instance]
@@ -186,8 +126,8 @@ class InstancedScene:
             if not len(rows):
                 continue
             moves = self.instance_from_world[instance[rows]]
-            inside = np.einsum("kij,kj->ki", moves[:, :3, :3], start[ray[rows]]) + moves[:, :3, 3]
-            inward = np.einsum("kij,kj->ki", moves[:, :3, :3], along[ray[rows]])
+            inside = np.einsum("kij,kj->ki", moves[:, :3, :3], rays.origins[ray[rows]]) + moves[:, :3, 3]
+            inward = np.einsum("kij,kj->ki", moves[:, :3, :3], rays.unit[ray[rows]])
             yield self._casters[which[rows[0]]], rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
 
 

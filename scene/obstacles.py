@@ -19,6 +19,7 @@ from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import BOX_CORNERS, compose_affine, invert_rigid, rotate_vectors, transform_points
 from hulldown.scene.cutouts import Solidity
 from hulldown.scene.instances import InstancedScene
+from hulldown.scene.rays import RayList
 
 ENCLOSURE_REACH_M = 100.0  # meters; a sky dome is farther away
 PAIRS_PER_BLOCK = 1 << 14  # pairs of box and triangle tested at a time
@@ -156,9 +157,10 @@ class Obstacles:
             left = np.flatnonzero(~is_open)
             origins = np.repeat(point[left], end - begin, axis=0)
             directions = np.tile(SKYWARD[begin:end], (len(left), 1))
-            blocked = self._scene.occluded(origins, directions)
+            rays = RayList(origins, directions)
+            blocked = self._scene.occlusion(rays)
             rows = np.flatnonzero(blocked)
-            met = self._scene.cast(origins[rows], directions[rows])
+            met = self._scene.first_hits(rays.take(rows))
             blocked[rows] = (met.distance <= ENCLOSURE_REACH_M) | ~self._around[met.instance]
             free[left] += (~blocked).reshape(len(left), end - begin).sum(axis=1)
             is_open |= free >= (1 if begin == 0 else MIN_FREE_RAYS)
@@ -166,7 +168,7 @@ class Obstacles:
 
     def stands_on_obstacle(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether the first thing below each point is an obstacle, and no dome around the ground."""
-        met = self._scene.cast(point, np.tile([0.0, 0.0, -1.0], (len(point), 1)))
+        met = self._scene.first_hits(RayList(point, np.tile([0.0, 0.0, -1.0], (len(point), 1))))
         near, hit = met.distance <= ENCLOSURE_REACH_M, np.flatnonzero(met.instance >= 0)
         near[hit] |= ~self._around[met.instance[hit]]
         return near
@@ -218,7 +220,8 @@ class Obstacles:
         # Upward first, since most boxes in the open have nothing above them.
         for axis in ([0.0, 0, 1], [1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]):
             directions = rotate_vectors(world_from_box[left, :3, :3], np.array([axis]))[:, 0]
-            met = self._scene.cast(world_from_box[left, :3, 3], directions, max_distance=ENCLOSURE_REACH_M).instance
+            rays = RayList(world_from_box[left, :3, 3], directions)
+            met = self._scene.first_hits(rays, max_distance=ENCLOSURE_REACH_M).instance
             kept = (met >= 0) & self._solid[met] & ((around[left] < 0) | (met == around[left]))
             left = left[kept]
             around[left] = met[kept]

@@ -12,17 +12,13 @@ from numpy.typing import ArrayLike
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from hulldown.assets.vehicle import Articulation, VehicleShape
-from hulldown.camera.camera_rays import CameraRays, box_at_unit_depth
 from hulldown.geometry.hulls import extreme_points
-from hulldown.geometry.indices import matching_pairs
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.transforms import compose_affine, invert_rigid, rotate_vectors, transform_points
+from hulldown.geometry.transforms import compose_affine, invert_rigid
 from hulldown.scene.cutouts import make_caster
-from hulldown.scene.ray_caster import RayCaster, RayHits
+from hulldown.scene.ray_caster import RayCaster
+from hulldown.scene.rays import Hits, Kind, NearBlock, RayBatch, ray_reaches
 
-# Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
-# stay in cache.
-BATCH_RAYS = 4095
 MAX_HULL_VERTICES = 64  # hull vertices up to which the hull isn't simplified
 
 
@@ -107,117 +103,49 @@ class PosedVehicle:
         camera_from_vehicle = compose_affine(invert_rigid(world_from_camera)[row], self.world_from_vehicle)
         return row, self.caster.parts_with_poses(camera_from_vehicle, self.articulation)
 
-    def cast(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        row: Int[np.ndarray, " n"] | None = None,
-        max_distance: ArrayLike = np.inf,
-    ) -> RayHits:
-        """Return the first face of the shape's mesh along each ray in the world; arguments as for `Scene.occluded`."""
-        start, along = np.asarray(origins, dtype=np.float64), np.asarray(directions, dtype=np.float64)
-        reach, hits = np.broadcast_to(max_distance, len(start)), RayHits.missed(len(start))
-        pose, ray = self._pose_ray_pairs(row, len(start))
-        for part, world_from_part in self.caster.parts_with_poses(self.world_from_vehicle, self.articulation):
-            some, rays = _sphere_pairs(part, world_from_part, pose, start[ray], along[ray])
-            at = ray[some]
-            met = part.caster.cast(*rays, max_distance=np.minimum(reach, hits.distance)[at])
-            _keep_nearest(hits, at, met.distance, part.face[met.face])
+    def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
+        """Return the first face of the shape's mesh along each ray, which meets the poses of its camera."""
+        hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
+        for part, (at, pose, origins, directions) in self._part_blocks(rays, reach > -np.inf):
+            met = part.caster.cast(origins, directions, max_distance=np.minimum(reach[at], hits.distance[at]))
+            # Farthest first, so that of several poses the nearest is written last.
+            order = np.argsort(-met.distance, kind="stable")
+            order = order[met.distance[order] < hits.distance[at[order]]]
+            first = at[order]
+            hits.distance[first], hits.face[first] = met.distance[order], part.face[met.face[order]]
+            hits.instance[first] = np.minimum(
+                pose[order], len(self.world_from_vehicle) - 1
+            )  # one may be in all cameras
+        hit = np.flatnonzero(hits.hit)
+        hits.kind[hit], hits.part[hit] = Kind.VEHICLE, self.caster.face_part[hits.face[hit]]
         return hits
 
-    def occluded(
-        self,
-        origins: ArrayLike,
-        directions: ArrayLike,
-        *,
-        row: Int[np.ndarray, " n"] | None = None,
-        max_distance: ArrayLike = np.inf,
-    ) -> Bool[np.ndarray, " n"]:
-        """Return whether the vehicle lies along each ray in the world; arguments as for `cast`."""
-        return self.cast(origins, directions, row=row, max_distance=max_distance).hit
+    def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
+        """Return whether the vehicle lies along each ray."""
+        return self.first_hits(rays, max_distance=max_distance).hit
 
-    def first_hits(
-        self,
-        camera_rays: CameraRays,
-        world_from_camera: Float[np.ndarray, "n 4 4"],
-        asked: Bool[np.ndarray, " k"],
-    ) -> RayHits:
-        """Return the first face of the shape's mesh along each of n cameras' rays that is asked for."""
-        hits = RayHits.missed(len(asked))
-        for part, at, rays in self.part_rays(camera_rays, world_from_camera, asked):
-            met = part.caster.cast(*rays)
-            _keep_nearest(hits, at, met.distance, part.face[met.face])
-        return hits
+    def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
+        """Return how much light gets through along each ray."""
+        passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
+        asked = reach > -np.inf
+        for part, (at, _, origins, directions) in self._part_blocks(rays, asked):
+            np.multiply.at(passed, at, part.caster.transmittance(origins, directions, max_distance=reach[at]))
+            asked[at] = passed[at] > 0.0
+        return passed
 
-    def part_rays(
-        self,
-        camera_rays: CameraRays,
-        world_from_camera: Float[np.ndarray, "n 4 4"],
-        asked: Bool[np.ndarray, " k"],
-    ) -> Iterator[tuple[VehiclePart, Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]]:
-        """For each part, in batches, the asked rays of n cameras that may meet it, and these in the part's frame.
-
-        `asked` may change between batches.
-        """
-        camera, parts = self.parts_in_cameras(world_from_camera)
-        for part, camera_from_part in parts:
-            pose, ray = camera_rays.rays_through_boxes(
-                box_at_unit_depth(transform_points(camera_from_part, part.around)), camera
-            )
-            part_from_camera = invert_rigid(camera_from_part)
-            kept = np.flatnonzero(asked[camera[pose] * camera_rays.count + ray])
-            for i in range(0, len(kept), BATCH_RAYS):
-                some = pose[kept[i : i + BATCH_RAYS]], ray[kept[i : i + BATCH_RAYS]]
-                rays = camera_rays.rays(part_from_camera, some[0] * camera_rays.count + some[1], camera)
-                yield part, camera[some[0]] * camera_rays.count + some[1], rays
-
-    def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
-        """Return unit normals in the world of faces of the shape's mesh in the one pose; nan for faces without area."""
+    def surface_normals(self, hits: Hits) -> Float[np.ndarray, "n 3"]:
+        """Return unit normals in the world of faces that were hit; nan for faces without area."""
         shape = self.caster.shape
-        parts = self.world_from_vehicle[0] @ shape.vehicle_from_parts(self.articulation)
-        part_of_face = parts.reshape(-1, 4, 4)[self.caster.face_part[face], :3, :3]
-        return np.einsum("nij,nj->ni", part_of_face, shape.mesh.normals(face))
+        parts = self.world_from_vehicle[:, None] @ shape.vehicle_from_parts(self.articulation)
+        turned = parts[hits.instance, hits.part, :3, :3]
+        return np.einsum("nij,nj->ni", turned, shape.mesh.normals(hits.face))
 
-    def _pose_ray_pairs(
-        self, row: Int[np.ndarray, " n"] | None, rays: int
-    ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-        """Return all pairs of a pose and a ray of the same camera."""
-        k = len(self.world_from_vehicle)
-        if row is None or self.row is None:
-            if k != 1 and self.row is None:
-                raise ValueError(f"vehicle: expected one pose, or the row of each, got {k}")
-            row = np.zeros(rays, dtype=np.int64)
-        return matching_pairs(np.zeros(1, dtype=np.int64) if self.row is None else self.row, row)
-
-
-def _keep_nearest(
-    hits: RayHits, at: Int[np.ndarray, " q"], distance: Float[np.ndarray, " q"], face: Int[np.ndarray, " q"]
-) -> None:
-    """Update hits by others of the rays `at`."""
-    order = np.argsort(-distance, kind="stable")  # farthest first, so that of several poses the nearest is written last
-    order = order[distance[order] < hits.distance[at[order]]]
-    hits.distance[at[order]], hits.face[at[order]] = distance[order], face[order]
-
-
-def _sphere_pairs(
-    part: VehiclePart,
-    world_from_part: Float[np.ndarray, "k 4 4"],
-    pose: Int[np.ndarray, " p"],
-    start: Float[np.ndarray, "p 3"],
-    along: Float[np.ndarray, "p 3"],
-) -> tuple[Int[np.ndarray, " q"], tuple[Float[np.ndarray, "q 3"], Float[np.ndarray, "q 3"]]]:
-    """Pairs of pose and ray that cross a sphere around a part, and their rays in the part's frame."""
-    low, high = part.hull.min(axis=0), part.hull.max(axis=0)
-    to_center = transform_points(world_from_part, (low + high)[None] / 2)[:, 0][pose] - start
-    away = np.einsum("ij,ij->i", to_center, to_center)
-    ahead = np.einsum("ij,ij->i", to_center, along)
-    room = 1.00001 * ((high - low) ** 2).sum() / 4 + 1e-12 * away
-    aside = (away - room) * np.einsum("ij,ij->i", along, along) <= ahead**2
-    some = np.flatnonzero((away <= room) | ((ahead > 0.0) & aside))
-    part_from_world = invert_rigid(world_from_part)[pose[some]]
-    inside = rotate_vectors(part_from_world[:, :3, :3], np.stack([start[some], along[some]], axis=1))
-    return some, (inside[:, 0] + part_from_world[:, :3, 3], inside[:, 1])
+    def _part_blocks(self, rays: RayBatch, asked: Bool[np.ndarray, " n"]) -> Iterator[tuple[VehiclePart, NearBlock]]:
+        """Yield parts, and in their frames the asked rays that may meet them; `asked` may change between blocks."""
+        camera, poses = rays.place(self.world_from_vehicle, self.row)
+        for part, pose in self.caster.parts_with_poses(poses, self.articulation):
+            for block in rays.blocks_near(part.around, pose, camera, asked):
+                yield part, block
 
 
 def bounding_points(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:

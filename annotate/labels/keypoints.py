@@ -20,6 +20,7 @@ from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.transforms import transform_points
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
+from hulldown.scene.rays import RayList
 
 UNSEEN, HIDDEN, SEEN = 0.0, 1.0, 2.0  # COCO's v
 SURFACE_SLACK_M = 0.01  # meters that a keypoint may be below the surface that it is on
@@ -87,7 +88,8 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Cameras, world: Scene) -> 
     reach = distance - first - SURFACE_SLACK_M
     asked = np.flatnonzero(reach > 0.0)
     unit = along[asked] / distance[asked, None]
-    hidden = world.occluded(camera.position + first[asked, None] * unit, unit, max_distance=reach[asked])
+    rays = RayList(camera.position + first[asked, None] * unit, unit)
+    hidden = world.occlusion(rays, max_distance=reach[asked])
     keypoints[framed[asked[hidden]], 2] = HIDDEN
     return keypoints
 

@@ -30,7 +30,8 @@ from hulldown.plan.lines import PlanFile
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.row import Row, encode_line
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.scene.posed_scene import Kind, SceneHits
+from hulldown.scene.camera_pencils import PixelRays
+from hulldown.scene.rays import Hits, Kind
 
 PASSES = ("depth", "normal", "instance", "part", "category")
 STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
@@ -131,7 +132,7 @@ def part_table(artist: Artist) -> list[NumberedPart]:
 def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
     """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
-    hits = artist.scene(row).trace_image(camera, threads=os.cpu_count() or 1)
+    hits = artist.scene(row).first_hits(PixelRays(camera), threads=os.cpu_count() or 1)
     through = camera.lenses.pixel_directions(camera.lenses.pixel_centers)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
     instance, table = _instance_numbers(row, hits, sceneries[row.scenery])
@@ -145,7 +146,7 @@ def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> 
     )
 
 
-def _instance_numbers(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
+def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
     """Return the number of each pixel's instance, and all vehicles and visible surfaces."""
     table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
     instance = np.where(hits.kind == Kind.VEHICLE, hits.instance + 1, 0)
@@ -163,7 +164,7 @@ def _instance_numbers(row: Row, hits: SceneHits, scenery: Scenery) -> tuple[UInt
     return instance.astype(np.uint16), table
 
 
-def _part_numbers(row: Row, artist: Artist, hits: SceneHits) -> UInt16[np.ndarray, " n"]:
+def _part_numbers(row: Row, artist: Artist, hits: Hits) -> UInt16[np.ndarray, " n"]:
     """Return the number in `part_table` of the part at each pixel."""
     ids = {part.vehicle: part.id for part in part_table(artist)[::-1]}
     first = np.array([ids[vehicle.vehicle] for vehicle in row.vehicles] or [0])

@@ -14,7 +14,9 @@ from hulldown.camera.weather.extinction import air_contrast
 from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.color import linear_color
 from hulldown.plan.coats import Coat
-from hulldown.scene.posed_scene import Kind, Scene
+from hulldown.scene.camera_pencils import PixelRays
+from hulldown.scene.posed_scene import Scene
+from hulldown.scene.rays import Kind, RayList
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
@@ -36,7 +38,7 @@ def shade_pixels(
     along = camera.rays(camera.lenses.pixel_centers)[1]
     height = np.clip(along[:, 2], 0.0, 1.0)[:, None]
     color = _HORIZON + (_ZENITH - _HORIZON) * np.sqrt(height)
-    hits = world.trace_image(camera)
+    hits = world.first_hits(PixelRays(camera))
     hit = np.flatnonzero(hits.hit)
     distance = hits.distance[hit, None]
     points = camera.position + distance * along[hit]
@@ -46,7 +48,7 @@ def shade_pixels(
     lit = np.flatnonzero(direct > 0.0)
     # Shadow rays start off the surface by more than float32 errs at that distance.
     start = points[lit] + normal[lit] * (1e-3 + 1e-4 * distance[lit])
-    direct[lit[world.occluded(start, np.broadcast_to(sun, start.shape))]] = 0.0
+    direct[lit[world.occlusion(RayList(start, np.broadcast_to(sun, start.shape)))]] = 0.0
     if weather is not None and KINDS[weather.kind].overcast:
         direct *= 0.0  # clouds hide the sun
     light = _AMBIENT_SHARE * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT_SHARE) * 1.3 * direct

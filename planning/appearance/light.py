@@ -22,6 +22,7 @@ from hulldown.plan.lines import PlanFile
 from hulldown.plan.row import Row, round_field
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 from hulldown.scene.posed_scene import Scene
+from hulldown.scene.rays import RayList
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
@@ -115,6 +116,6 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
             camera = Cameras(row.intrinsics.with_size(COLUMNS, ROWS), row.world_from_camera)
             along = camera.rays(camera.lenses.pixel_centers)[1]
             down = along[along[:, 2] < BELOW]
-            missed = ~world.nearest(np.tile(camera.position, (len(down), 1)), down).hit
+            missed = ~world.first_hits(RayList(np.tile(camera.position, (len(down), 1)), down)).hit
             count += int(missed.sum()) > MIN_LAND_SHARE * COLUMNS * ROWS
     return count, len(chosen)

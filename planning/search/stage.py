@@ -22,8 +22,9 @@ from hulldown.placement.settle import Footing, SettleRules, stack_samples
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.config.schema import Config
+from hulldown.scene.ground import Plane
 from hulldown.scene.obstacles import Obstacles
-from hulldown.scene.posed_scene import Plane, Scene
+from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import VehicleCaster
 
 _BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles

@@ -26,6 +26,7 @@ from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import NO_OBSTACLES, Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.scene.ray_caster import RayCaster
+from hulldown.scene.rays import RayList
 from hulldown.tests.builders.shapes import box, sheet, vehicle_of
 
 ONE, DOWN = np.eye(4)[None], [0.0, 0.0, -1.0]
@@ -184,16 +185,20 @@ def test_the_error_of_a_wrong_call_names_the_argument(call, message):
         call()
 
 
-RAYS, GRID, LINE = np.zeros((0, 3)), np.mgrid[:5, :5].reshape(2, -1).T - 2.0, np.array([[-1.0, 0.0], [1.0, 0.0]])
+RAYS, GRID, LINE = (
+    RayList(np.zeros((0, 3)), np.zeros((0, 3))),
+    np.mgrid[:5, :5].reshape(2, -1).T - 2.0,
+    np.array([[-1.0, 0.0], [1.0, 0.0]]),
+)
 SCENES = [InstancedScene([], [], []), InstancedScene([CUBE], [], np.zeros((0, 4, 4))), InstancedScene([CUBE], [0], ONE)]
 NO_ROWS = [
     (lambda: Terrain(FLOOR).top_hits(np.empty((0, 2))).normal, (0, 3)),
     *((lambda r=r: settled(n=0, rules=SettleRules(rule=r)).world_from_vehicle, (0, 4, 4)) for r in RULES),
     (lambda: SCENES[0].bounds, (0, 2, 3)),
     (lambda: support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).gradient, (0, 2)),
-    *((lambda s=scene: s.cast(RAYS, RAYS).distance, (0,)) for scene in SCENES),
-    *((lambda s=scene: s.occluded(RAYS, RAYS), (0,)) for scene in SCENES),
-    (lambda: Scene(obstacles=SCENES[2], vehicles=SEEN).nearest(RAYS, RAYS).normal, (0, 3)),
+    *((lambda s=scene: s.first_hits(RAYS).distance, (0,)) for scene in SCENES),
+    *((lambda s=scene: s.occlusion(RAYS), (0,)) for scene in SCENES),
+    (lambda: Scene(obstacles=SCENES[2], vehicles=SEEN).first_hits(RAYS).normal, (0, 3)),
     (lambda: visible_fraction(SEEN, Cameras(VGA, ONE[:0]), world=Scene(obstacles=SCENES[1])).fraction, (0,)),
     (lambda: tries(n=0)[0], (0, 2)),
     (lambda: camera_pose(np.zeros(3), np.zeros(0), 0.0, 0.0), (0, 4, 4)),
@@ -214,12 +219,12 @@ def test_a_call_with_no_rows_has_none_in_its_result(call, shape):
 def test_an_empty_world_and_ground_without_area_are_never_met():
     wall = Terrain(Mesh(np.array([[0.0, 0, 0], [1, 1, 0], [0.5, 0.5, 9]]), np.array([[0, 1, 2]])))
     assert not wall.top_hits([[0.5, 0.5], [0, 0]]).hit.any()
-    ray = [[0, 0, 1.0]], [DOWN]
-    assert not Scene().nearest(*ray).hit.any()
-    assert not Scene().occluded(*ray).any()
+    ray = RayList([[0, 0, 1.0]], [DOWN])
+    assert not Scene().first_hits(ray).hit.any()
+    assert not Scene().occlusion(ray).any()
     for empty in SCENES[:2]:
-        assert not empty.cast(*ray).hit.any()
-        assert not empty.occluded(*ray).any()
+        assert not empty.first_hits(ray).hit.any()
+        assert not empty.occlusion(ray).any()
     assert surface_box(POINTS, np.empty((0, 3), dtype=int), Cameras(VGA, ONE[0])) is None
     assert not support_plane(LINE, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
 

@@ -19,6 +19,7 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, Job, ask_reader, finished_export, reader_job
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.ray_caster import RayCaster
+from hulldown.scene.rays import RayList
 from hulldown.tests.builders.blender_plans import run_script
 from hulldown.tests.builders.shapes import vertices_at
 
@@ -159,7 +160,7 @@ def silhouette(asset: VehicleShape | Scenery, camera: np.ndarray, articulation: 
         posed = Mesh(vertices_at(asset, articulation or {}), asset.mesh.faces)
         return RayCaster(posed).cast(origins, directions).hit.reshape(SIZE, SIZE)
     seen = InstancedScene(asset.obstacle_meshes, asset.instance_mesh, asset.world_from_instance)
-    hit = seen.cast(origins, directions).hit
+    hit = seen.first_hits(RayList(origins, directions)).hit
     if asset.ground is not None:
         hit |= RayCaster(asset.ground).cast(origins, directions).hit
     return hit.reshape(SIZE, SIZE)

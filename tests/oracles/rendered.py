@@ -18,6 +18,7 @@ from hulldown.dataset.row_records import Segmenter
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation, plan_key
 from hulldown.plan.row_scenes import RowScenes
+from hulldown.scene.rays import RayList
 from hulldown.tests.builders.blender_plans import pixels
 
 MIN_SKY_PX = 40
@@ -56,7 +57,7 @@ def sky_difference(picture, row, scene, sky):
     """Median difference of a picture's sky from the planned one, smoothed, of 255; nan without a sky."""
     camera = row.camera
     along = camera.rays(camera.lenses.pixel_centers)[1]
-    free = ~scene.occluded(np.broadcast_to(camera.position, along.shape), along).reshape(picture.shape[:2])
+    free = ~scene.occlusion(RayList(np.broadcast_to(camera.position, along.shape), along)).reshape(picture.shape[:2])
     free = ndimage.binary_erosion(free, border_value=1)  # leaves and wires that rays miss
     if np.count_nonzero(free) < MIN_SKY_PX:
         return math.nan

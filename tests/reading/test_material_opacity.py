@@ -13,6 +13,7 @@ from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.reader_process import export_asset
 from hulldown.scene.instances import InstancedScene
+from hulldown.scene.rays import RayList
 
 SCRIPT = "cutout_blends.py"
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
@@ -40,12 +41,10 @@ def cards(written: Path) -> tuple[dict[str, tuple[np.ndarray, np.ndarray]], File
     height, width = shown.shape
     x, z = np.meshgrid((np.arange(width) + 0.5) / PIXELS, (np.arange(height) + 0.5) / PIXELS)
     scene = InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance)
-    n, k = x.size, len(scenery.instance_mesh)
+    n = x.size
     assert sorted(scenery.instance_names) == sorted(names)
     origins = np.column_stack([x.ravel(), np.full(n, -5.0), z.ravel()]) - scenery.origin
-    planned = scene.transmittance_pairs(
-        origins, np.tile([0.0, 1.0, 0.0], (n, 1)), np.repeat(np.arange(n), k), instance=np.tile(np.arange(k), n)
-    ).reshape(height, width)
+    planned = scene.transmittance(RayList(origins, np.tile([0.0, 1.0, 0.0], (n, 1)))).reshape(height, width)
     around = {name: (x > STEP * i + 0.01) & (x < STEP * i + 0.99) for i, name in enumerate(names)}
     return {name: (shown[at], planned[at]) for name, at in around.items()}, exported.report
 

@@ -9,7 +9,8 @@ import pytest
 from hulldown.camera.response import display_levels
 from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.row import decode_row
-from hulldown.scene.posed_scene import Plane, Scene
+from hulldown.scene.ground import Plane
+from hulldown.scene.posed_scene import Scene
 from hulldown.tests.builders.plan_lines import altered
 from hulldown.tests.builders.render_plans import make_row
 from hulldown.tests.dataset.test_target_appearance import scene

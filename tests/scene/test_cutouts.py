@@ -10,10 +10,12 @@ from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.seen_surface import faces_with_area, seen_surface
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
 from hulldown.scene.cutouts import make_caster
+from hulldown.scene.ground import Ground
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
+from hulldown.scene.rays import RayList
 from hulldown.tests.builders.shapes import vehicle_of
 
 SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
@@ -52,7 +54,7 @@ POSES[2, 1, 3] = -1.0
 @pytest.mark.parametrize(
     ("thing", "distance"),
     [
-        (make_caster(card()), 3.0),
+        (Ground(make_caster(card())), 3.0),
         (InstancedScene([card()], [0, 0, 0], POSES), 2.0),
         (VEHICLE, 2.0),
         (Scene(vehicles=[VEHICLE]), 2.0),
@@ -61,11 +63,12 @@ POSES[2, 1, 3] = -1.0
 )
 def test_rays_hit_opaque_texels_and_pass_clear_ones(thing, distance: float):
     origins, along, at = through()
-    hits = thing.nearest(origins, along) if isinstance(thing, Scene) else thing.cast(origins, along)
+    rays = RayList(origins, along)
+    hits = thing.first_hits(rays)
     np.testing.assert_array_equal(hits.hit, on_checks(at))
     np.testing.assert_allclose(hits.distance[hits.hit], distance)
-    np.testing.assert_array_equal(thing.occluded(origins, along), on_checks(at))
-    assert not thing.occluded(origins, along, max_distance=distance - 0.1).any()
+    np.testing.assert_array_equal(thing.occlusion(rays), on_checks(at))
+    assert not thing.occlusion(rays, max_distance=distance - 0.1).any()
 
 
 def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
@@ -73,7 +76,7 @@ def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
     hits = make_caster(merge_meshes([card(), WALL])[0]).cast(origins, along)
     np.testing.assert_array_equal(hits.face, np.where(on_checks(at), 0, 2) + (at[:, 1] > at[:, 0]))
     np.testing.assert_allclose(hits.distance, np.where(on_checks(at), 3.0, 4.0))
-    hits = InstancedScene([card()], [0, 0, 0], POSES).cast(origins, along)
+    hits = InstancedScene([card()], [0, 0, 0], POSES).first_hits(RayList(origins, along))
     np.testing.assert_array_equal(hits.instance, np.where(on_checks(at), 2, -1))
 
 
@@ -98,8 +101,7 @@ def test_layers_10_micrometers_apart_all_count():
         scene = InstancedScene([mesh], [0], pose[None])
         origins, along, _ = through(500)
         moved = origins @ pose[:3, :3].T + pose[:3, 3], along @ pose[:3, :3].T
-        ray = np.arange(500)
-        found = scene.transmittance_pairs(*moved, ray, instance=np.zeros(500, int))
+        found = scene.transmittance(RayList(*moved))
         np.testing.assert_allclose(found, 0.9**layers, rtol=1e-6)
 
 

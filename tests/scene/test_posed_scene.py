@@ -8,10 +8,13 @@ from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z
+from hulldown.scene.camera_pencils import PixelRays
+from hulldown.scene.ground import Plane
 from hulldown.scene.instances import InstancedScene
-from hulldown.scene.posed_scene import Kind, Plane, Scene
+from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.scene.ray_caster import RayCaster
+from hulldown.scene.rays import Kind, RayList
 from hulldown.tests.builders.shapes import box, vertices_at
 from hulldown.tests.scene.test_visibility import TANK
 
@@ -73,7 +76,7 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     everything, named = in_the_world()
     origin, along = rays(3000)
     distance, triangle = nearest_triangle(origin, along, np.array(everything.triangles))
-    hits = WORLD.nearest(origin, along)
+    hits = WORLD.first_hits(RayList(origin, along))
     # Rays that graze an edge may differ between float32 frames.
     same = np.isclose(hits.distance, distance, atol=1e-4) | (np.isinf(distance) & ~hits.hit)
     assert same.mean() > 0.995
@@ -97,9 +100,9 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
 
 def test_occluded_rays_have_a_closer_hit():
     origin, along = rays(2000)
-    hits = WORLD.nearest(origin, along)
+    hits = WORLD.first_hits(RayList(origin, along))
     reach = np.random.default_rng(1).uniform(1.0, 15.0, len(along))
-    np.testing.assert_array_equal(WORLD.occluded(origin, along, max_distance=reach), hits.distance <= reach)
+    np.testing.assert_array_equal(WORLD.occlusion(RayList(origin, along), max_distance=reach), hits.distance <= reach)
 
 
 @pytest.mark.parametrize(
@@ -119,9 +122,9 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
     pixel = np.indices((intrinsics.height, intrinsics.width))[::-1].reshape(2, -1).T + 0.5
     along = camera.rays(pixel)[1]
     before = NEAR_M / (along @ camera.world_from_camera[:3, 2])
-    rays = WORLD.nearest(camera.position + before[:, None] * along, along)
+    rays = WORLD.first_hits(RayList(camera.position + before[:, None] * along, along))
     for threads in (1, 3):
-        seen = WORLD.trace_image(camera, threads=threads)
+        seen = WORLD.first_hits(PixelRays(camera), threads=threads)
         same = (seen.kind == rays.kind) & (seen.instance == rays.instance) & (seen.face == rays.face)
         assert same.mean() > 0.9995  # rays that graze an edge differ in their last digit
         assert np.allclose(seen.distance[same], (before + rays.distance)[same], rtol=1e-6)
@@ -131,6 +134,7 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
 
 
 def test_the_plane_is_hit_from_both_sides_at_its_distance_and_not_along_it():
-    hits = Scene(Plane(1.0)).nearest([[0, 0, 3.0], [0, 0, 0.0], [0, 0, 3.0]], [[3, 0, -4.0], [0, 0, 1.0], [1, 0, 0.0]])
+    rays = RayList([[0, 0, 3.0], [0, 0, 0.0], [0, 0, 3.0]], [[3, 0, -4.0], [0, 0, 1.0], [1, 0, 0.0]])
+    hits = Scene(Plane(1.0)).first_hits(rays)
     assert hits.distance.tolist() == [2.5, 1.0, np.inf]
     assert hits.normal[:2].tolist() == [[0, 0, 1], [0, 0, -1]]

@@ -14,8 +14,9 @@ from hulldown.camera.shell import camera_pose
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
+from hulldown.scene.ground import Plane
 from hulldown.scene.instances import InstancedScene
-from hulldown.scene.posed_scene import Plane, Scene
+from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster, bounding_points
 from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.planning_assets import vehicle
