@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Float, UInt8
@@ -12,10 +13,20 @@ from numpy.typing import ArrayLike
 from hulldown.camera.cameras import NEAR_M
 from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.transforms import invert_rigid, transform_points
-from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_vehicle import PosedVehicle
+
+
+class CameraRejection(IntEnum):
+    """What a camera is too near to; 0 is a free place. `plan.rejection` has the codes in plan files."""
+
+    NONE = 0
+    OFF_GROUND = 12
+    LOW = 13
+    OBSTACLE = 14
+    VEHICLE = 15
+    WATER = 23
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,7 +45,7 @@ class CameraRoom:
         obstacle_clearance: float = 0.0,
         vehicles: Sequence[PosedVehicle] = (),
     ) -> UInt8[np.ndarray, " n"]:
-        """Return a `Rejection` for each place: the first that applies of ground, height, water, obstacles, vehicles.
+        """Return a `CameraRejection` for each place: the first of ground, height, water, obstacles, and vehicles.
 
         `position`: world.
         `ground_clearance`: least height in meters above the topmost ground at that (x, y): under a bridge of ground is
@@ -50,22 +61,22 @@ class CameraRoom:
         n = len(place)
         rejection = np.zeros(n, dtype=np.uint8)
         for vehicle in vehicles:
-            rejection[_vehicle_distance(vehicle, place) <= obstacle_clearance] = Rejection.CAMERA_VEHICLE
+            rejection[_vehicle_distance(vehicle, place) <= obstacle_clearance] = CameraRejection.VEHICLE
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
         rejection[self.obstacles.touches_boxes(np.full((n, 3), float(obstacle_clearance)), cube)] = (
-            Rejection.CAMERA_OBSTACLE
+            CameraRejection.OBSTACLE
         )
         if self.water is not None:
             water = self.water.top_hits(place[:, :2])
             with np.errstate(invalid="ignore"):
                 wet = place[:, 2] - water.z < max(ground_clearance, 2.0 * NEAR_M)
-            rejection[wet] = Rejection.CAMERA_WATER
+            rejection[wet] = CameraRejection.WATER
         ground = self.terrain.top_hits(place[:, :2])
         with np.errstate(invalid="ignore"):
-            rejection[place[:, 2] - ground.z < ground_clearance] = Rejection.CAMERA_LOW
+            rejection[place[:, 2] - ground.z < ground_clearance] = CameraRejection.LOW
         off = np.flatnonzero(~ground.hit)
-        rejection[off[~self.obstacles.stands_on_obstacle(place[off])]] = Rejection.CAMERA_OFF_GROUND
+        rejection[off[~self.obstacles.stands_on_obstacle(place[off])]] = CameraRejection.OFF_GROUND
         return rejection
 
 

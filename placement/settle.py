@@ -22,7 +22,7 @@ from hulldown.geometry.indices import index_batches
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 from hulldown.geometry.transforms import rigid_matrix, upright_rotation
 from hulldown.placement.footprint import Samples, Underside, plate_samples, underside_samples
-from hulldown.placement.rejection import Rejection
+from hulldown.placement.rejection import PlaceRejection
 from hulldown.placement.rest import Rest, averaged_plane, underside_plane
 from hulldown.placement.terrain import Terrain
 
@@ -90,7 +90,7 @@ class Settled:
     penetration
         (k,) meters: the largest vertical distance from the tilted underside, at its own height, up to the ground.
     rejection
-        (k,) codes of `Rejection`.
+        (k,) codes of `PlaceRejection`.
     """
 
     world_from_vehicle: Float[np.ndarray, "k 4 4"]
@@ -105,7 +105,7 @@ class Settled:
     @property
     def ok(self) -> Bool[np.ndarray, " k"]:
         """Candidates that settled."""
-        return self.rejection == Rejection.NONE
+        return self.rejection == PlaceRejection.NONE
 
 
 def empty_settled(k: int) -> Settled:
@@ -218,16 +218,16 @@ def _settle_block(
     out = empty_settled(len(xy))
     spot = terrain.top_hits(xy)
     out.slope[:] = _normal_inclination(spot.normal)
-    out.rejection[~spot.hit] = Rejection.OFF_GROUND
-    out.rejection[out.slope > rules.max_slope] = Rejection.TOO_STEEP
+    out.rejection[~spot.hit] = PlaceRejection.OFF_GROUND
+    out.rejection[out.slope > rules.max_slope] = PlaceRejection.TOO_STEEP
 
-    rows = np.flatnonzero(out.rejection == Rejection.NONE)
+    rows = np.flatnonzero(out.rejection == PlaceRejection.NONE)
     rest, out.share[rows] = _rest_planes(
         terrain, footings, which[rows], xy=xy[rows], yaw=yaw[rows], spot_z=spot.z[rows], rules=rules
     )
-    out.rejection[rows[~rest.found | (out.share[rows] < rules.min_share)]] = Rejection.OVERHANG
+    out.rejection[rows[~rest.found | (out.share[rows] < rules.min_share)]] = PlaceRejection.OVERHANG
 
-    on = out.rejection[rows] == Rejection.NONE
+    on = out.rejection[rows] == PlaceRejection.NONE
     rows, height, gradient = rows[on], rest.height[on], rest.gradient[on]
     # The gradient is that of a frame turned by the heading.
     sin, cos = sin_cos(yaw[rows])
@@ -237,9 +237,9 @@ def _settle_block(
     out.tilt[rows], out.margin[rows] = _normal_inclination(normal), rest.margin[on]
     origin = np.concatenate([xy[rows], height[:, None]], axis=1)
     out.world_from_vehicle[rows] = rigid_matrix(upright_rotation(yaw[rows], normal), origin)
-    out.rejection[rows[out.tilt[rows] > rules.max_slope]] = Rejection.MEAN_TOO_STEEP
+    out.rejection[rows[out.tilt[rows] > rules.max_slope]] = PlaceRejection.MEAN_TOO_STEEP
 
-    rows = rows[out.rejection[rows] == Rejection.NONE]
+    rows = rows[out.rejection[rows] == PlaceRejection.NONE]
     if contacts.xy.shape[1]:
         limit_contact(out, rows, terrain, contacts.take(which[rows]), rules)
     return out
@@ -252,8 +252,8 @@ def limit_contact(
     settled.gap[rows], settled.penetration[rows] = gap_and_penetration(
         terrain, settled.world_from_vehicle[rows], samples
     )
-    settled.rejection[rows[settled.penetration[rows] > rules.max_penetration]] = Rejection.PENETRATION
-    settled.rejection[rows[settled.gap[rows] > rules.max_gap]] = Rejection.GAP
+    settled.rejection[rows[settled.penetration[rows] > rules.max_penetration]] = PlaceRejection.PENETRATION
+    settled.rejection[rows[settled.gap[rows] > rules.max_gap]] = PlaceRejection.GAP
 
 
 def _rest_planes(

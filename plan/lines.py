@@ -23,8 +23,8 @@ from msgspec import Struct
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import open_in_place, open_regular
 from hulldown.base.outside import convert_value, parse_json
-from hulldown.placement.rejection import BY_KEY
 from hulldown.plan.picture_names import picture_name
+from hulldown.plan.rejection import BY_KEY
 from hulldown.plan.row import (
     PLAN_FORMAT,
     Header,

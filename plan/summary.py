@@ -18,8 +18,8 @@ from scipy.special import chdtrc
 from hulldown.camera.shell import shell_place
 from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.transforms import transform_points
-from hulldown.placement.rejection import AIMING, BY_KEY, PLACING
 from hulldown.plan.config.asset_sections import OWN
+from hulldown.plan.rejection import AIMING, BY_KEY, PLACING
 from hulldown.plan.row import LeftOut, Row
 
 # COCO's classes of size, by area in square pixels.

@@ -11,10 +11,10 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.plan_assets import Assets
 from hulldown.geometry.columns import row_objects
-from hulldown.placement.rejection import Rejection
 from hulldown.plan.coats import Coat
 from hulldown.plan.config.schema import Config
 from hulldown.plan.picture_names import picture_name
+from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, round_field
 from hulldown.planning.appearance.light import draw_lights
 from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats

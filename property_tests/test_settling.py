@@ -10,9 +10,9 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
 from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.footprint import Underside, underside_samples
-from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import SettleRules, settle
 from hulldown.placement.terrain import Terrain
+from hulldown.plan.rejection import Rejection
 from hulldown.tests.builders.shapes import plane_mesh
 from hulldown.tests.placement.test_settle import TANK, height_field, placed
 

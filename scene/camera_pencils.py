@@ -67,7 +67,7 @@ class CameraPencils(RayBatch):
         """Directions of unit depth."""
         return self._rays[1]
 
-    def blocks(self, asked: Bool[np.ndarray, " k"]) -> Iterator[RayBlock]:
+    def world_blocks(self, asked: Bool[np.ndarray, " k"]) -> Iterator[RayBlock]:
         """Yield the asked rays in coherent blocks."""
         index = np.flatnonzero(asked)
         for some in (index[i : i + BATCH_RAYS] for i in range(0, len(index), BATCH_RAYS)):
@@ -104,14 +104,14 @@ class CameraPencils(RayBatch):
                 ahead = far[view[pair], ray] > nearest[pair] - 2.0 * NEAR_M
                 yield view[pair[ahead]] * self.count + ray[ahead], instance[pair[ahead]]
 
-    def place(
+    def place_poses(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, "m 4 4"]]:
         """Return poses in the cameras' frames."""
         camera = np.arange(len(self.low)) if row is None else row
         return camera, compose_affine(self._camera_from_world[camera], world_from_vehicle)
 
-    def blocks_near(
+    def near_blocks(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "m 4 4"],
@@ -189,7 +189,7 @@ class PixelRays:
     def __len__(self) -> int:
         return self.camera.lenses.width * self.camera.lenses.height
 
-    def pieces(self) -> Sequence[Callable[[], RayPiece]]:
+    def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
         """Return bands of tiles; beyond the picture's last row and column, tiles repeat them."""
         rows, columns = (
             np.arange(-(-n // TILE_PX) * TILE_PX).clip(max=n - 1).reshape(-1, TILE_PX)

@@ -52,7 +52,7 @@ class Ground:
     def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
         """Return the first face along each ray."""
         hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
-        for ray, start, along in rays.blocks(reach > -np.inf):
+        for ray, start, along in rays.world_blocks(reach > -np.inf):
             met = self.caster.cast(start, along, max_distance=reach[ray])
             hits.distance[ray], hits.face[ray] = met.distance, met.face
         hits.kind[hits.hit], hits.instance[hits.hit] = Kind.GROUND, 0
@@ -61,14 +61,14 @@ class Ground:
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
         """Return whether the ground lies along each ray."""
         hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
-        for ray, start, along in rays.blocks(reach > -np.inf):
+        for ray, start, along in rays.world_blocks(reach > -np.inf):
             hidden[ray] = self.caster.occluded(start, along, max_distance=reach[ray])
         return hidden
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
         """Return how much light gets through along each ray."""
         passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
-        for ray, start, along in rays.blocks(reach > -np.inf):
+        for ray, start, along in rays.world_blocks(reach > -np.inf):
             passed[ray] = self.caster.transmittance(start, along, max_distance=reach[ray])
         return passed
 

@@ -127,7 +127,7 @@ class InstancedScene:
                 continue
             moves = self.instance_from_world[instance[rows]]
             inside = np.einsum("kij,kj->ki", moves[:, :3, :3], rays.origins[ray[rows]]) + moves[:, :3, 3]
-            inward = np.einsum("kij,kj->ki", moves[:, :3, :3], rays.unit[ray[rows]])
+            inward = np.einsum("kij,kj->ki", moves[:, :3, :3], rays.unit_directions[ray[rows]])
             yield self._casters[which[rows[0]]], rows, inside, inward, np.sqrt((inward**2).sum(axis=1))
 
 

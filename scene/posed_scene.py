@@ -69,17 +69,17 @@ class Scene:
             put_rows(hits, ray, replace(found, distance=found.distance + lead))
 
         if threads == 1:
-            for piece in rays.pieces():
+            for piece in rays.ray_pieces():
                 trace(piece)
             return hits
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(trace, rays.pieces()))
+            list(pool.map(trace, rays.ray_pieces()))
         return hits
 
     def occlusion(self, rays: RaySet, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
         """Return whether anything lies along each ray."""
         hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
-        for ray, batch, lead in (piece() for piece in rays.pieces()):
+        for ray, batch, lead in (piece() for piece in rays.ray_pieces()):
             left = reach[ray] - lead
             for _, target in self._targets():
                 left[target.occlusion(batch, max_distance=left)] = -np.inf
@@ -92,7 +92,7 @@ class Scene:
         With them, the transmittances of faces are multiplied, as in Cycles.
         """
         passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
-        for ray, batch, lead in (piece() for piece in rays.pieces()):
+        for ray, batch, lead in (piece() for piece in rays.ray_pieces()):
             light, left = np.ones(len(batch)), reach[ray] - lead
             for _, target in self._targets():
                 light *= target.transmittance(batch, max_distance=left)

@@ -142,9 +142,9 @@ class PosedVehicle:
 
     def _part_blocks(self, rays: RayBatch, asked: Bool[np.ndarray, " n"]) -> Iterator[tuple[VehiclePart, NearBlock]]:
         """Yield parts, and in their frames the asked rays that may meet them; `asked` may change between blocks."""
-        camera, poses = rays.place(self.world_from_vehicle, self.row)
+        camera, poses = rays.place_poses(self.world_from_vehicle, self.row)
         for part, pose in self.caster.parts_with_poses(poses, self.articulation):
-            for block in rays.blocks_near(part.around, pose, camera, asked):
+            for block in rays.near_blocks(part.around, pose, camera, asked):
                 yield part, block
 
 

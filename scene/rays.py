@@ -96,7 +96,7 @@ class RaySet(Protocol):
 
     def __len__(self) -> int: ...
 
-    def pieces(self) -> Sequence[Callable[[], RayPiece]]:
+    def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
         """Return functions that make the batches."""
         ...
 
@@ -115,19 +115,19 @@ class RayBatch(ABC):
         """Directions of any length."""
 
     @cached_property
-    def unit(self) -> Float[np.ndarray, "n 3"]:
+    def unit_directions(self) -> Float[np.ndarray, "n 3"]:
         """Unit directions."""
         return self.directions / np.sqrt(np.einsum("ij,ij->i", self.directions, self.directions))[:, None]
 
     def __len__(self) -> int:
         return len(self.origins)
 
-    def pieces(self) -> Sequence[Callable[[], RayPiece]]:
+    def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
         """Return the batch alone."""
         return [lambda: RayPiece(np.arange(len(self)), self, 0.0)]
 
     @abstractmethod
-    def blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
+    def world_blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
         """Yield the asked rays in the world."""
 
     @abstractmethod
@@ -140,20 +140,20 @@ class RayBatch(ABC):
         """
 
     @abstractmethod
-    def place(
+    def place_poses(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " k"] | None, Float[np.ndarray, "m 4 4"]]:
-        """Return the camera of each pose, and the poses in the frames in which `blocks_near` expects them."""
+        """Return the camera of each pose, and the poses in the frames in which `near_blocks` expects them."""
 
     @abstractmethod
-    def blocks_near(
+    def near_blocks(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "k 4 4"],
         camera: Int[np.ndarray, " k"] | None,
         asked: Bool[np.ndarray, " n"],
     ) -> Iterator[NearBlock]:
-        """Yield the asked rays that may meet the hull of points in poses by `place`, in the points' frame.
+        """Yield the asked rays that may meet the hull of points in poses by `place_poses`, in the points' frame.
 
         `asked` may change between blocks.
         """
@@ -167,7 +167,7 @@ class RayList(RayBatch):
     """
 
     def __init__(self, origins: ArrayLike, directions: ArrayLike, camera: Int[np.ndarray, " n"] | None = None) -> None:
-        self._origins, self.unit, _ = checked_rays(origins, directions, np.inf)
+        self._origins, self.unit_directions, _ = checked_rays(origins, directions, np.inf)
         self._directions, self.camera = np.asarray(directions, dtype=np.float64), camera
 
     @property
@@ -183,11 +183,15 @@ class RayList(RayBatch):
     def take(self, rows: Int[np.ndarray, " k"]) -> RayList:
         """Return some of the rays, in ascending order."""
         taken = object.__new__(RayList)  # not checked again
-        taken._origins, taken._directions, taken.unit = self.origins[rows], self.directions[rows], self.unit[rows]
+        taken._origins, taken._directions, taken.unit_directions = (
+            self.origins[rows],
+            self.directions[rows],
+            self.unit_directions[rows],
+        )
         taken.camera = None if self.camera is None else self.camera[rows]
         return taken
 
-    def blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
+    def world_blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
         """Yield the asked rays."""
         if asked.all():
             yield RayBlock(np.arange(len(self)), self.origins, self.directions)
@@ -202,14 +206,14 @@ class RayList(RayBatch):
         asked = np.flatnonzero(reach > -np.inf)
         for begin in range(0, len(asked), RAYS_PER_BLOCK):
             rows = asked[begin : begin + RAYS_PER_BLOCK]
-            ray, instance, entry = tree.crossed_boxes(self.origins[rows], self.unit[rows], reach[rows])
+            ray, instance, entry = tree.crossed_boxes(self.origins[rows], self.unit_directions[rows], reach[rows])
             order = np.lexsort((instance, entry, ray))
             ray, instance, entry = rows[ray[order]], instance[order], entry[order]
             for batch in rank_batches(ray):
                 on = batch[entry[batch] <= reach[ray[batch]]]
                 yield ray[on], instance[on]
 
-    def place(
+    def place_poses(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " k"] | None, Float[np.ndarray, "k 4 4"]]:
         """Return poses in the world, as they are."""
@@ -217,7 +221,7 @@ class RayList(RayBatch):
             raise ValueError(f"vehicle: expected one pose, or the row of each, got {len(world_from_vehicle)}")
         return row, world_from_vehicle
 
-    def blocks_near(
+    def near_blocks(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "k 4 4"],

@@ -60,13 +60,13 @@ class Instances:
         return len(self.row)
 
     def take(self, index: Int[np.ndarray, " n"]) -> Instances:
-        """Return some of the instances, possibly repeated, in rows 0, 1, ..."""
-        return replace(self.keep(index), row=np.arange(len(index)))
-
-    def keep(self, index: Int[np.ndarray, " n"]) -> Instances:
-        """Return some of the instances in their rows."""
+        """Return some of the instances, possibly repeated."""
         columns = (self.row, self.model, self.world_from_vehicle, self.angles, self.center)
         return Instances(self.fleet, *(column[index] for column in columns))
+
+    def in_own_rows(self) -> Instances:
+        """Return the instances in rows 0, 1, ...: each is that of the camera with its index."""
+        return replace(self, row=np.arange(len(self)))
 
     def repeat_rows(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
         """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""

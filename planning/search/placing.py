@@ -11,9 +11,9 @@ from jaxtyping import Bool, Float, Int
 from hulldown.geometry.columns import put_rows
 from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import compose_affine, invert_rigid, rigid_matrix, rotation_z, transform_points
-from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, empty_settled, limit_contact, settle_each, underside_depth
 from hulldown.plan.config.scene_sections import PlacementSection
+from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import round_field
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import scale_uniform

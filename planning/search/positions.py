@@ -21,8 +21,8 @@ from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.columns import join_rows, put_rows, take
 from hulldown.geometry.indices import index_batches, matching_pairs
 from hulldown.placement.candidates import sample_candidates
-from hulldown.placement.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, rejection_sentence
 from hulldown.placement.settle import Settled
+from hulldown.plan.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, rejection_sentence
 from hulldown.planning.search.likeness import QUARTER_PLACES, PhotographedPoses, candidate_directions, companion_poses
 from hulldown.planning.search.placing import clear_of_vehicles, extra_offsets, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
@@ -169,7 +169,7 @@ class _Search:
             yaw = np.where(here.has_heading, here.yaw, yaw)
             settled = settle_clear(
                 self.block.site,
-                self.table.keep(self.target[row]),
+                self.table.take(self.target[row]),
                 self.config.placement,
                 xy=xy,
                 yaw=yaw,
@@ -234,12 +234,12 @@ class _Search:
             return poses
         row = table.row[extras]
         image, attempt = self.block.positions.first_image[row], self.tries[row] * self.config.camera.max_tries
-        targets = self.table.keep(self.target[row])
+        targets = self.table.take(self.target[row])
         first = RowStreams(self.draws, Purpose.CAMERA, image, attempt).random((len(row), 3))
         shown = companion_poses(
             likeness,
             targets,
-            self.table.keep(extras),
+            self.table.take(extras),
             likeness.target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
             lenses=sample_lenses(self.config.intrinsics, self.config.camera.fov_x_deg, first[:, 0]),
@@ -272,13 +272,13 @@ class _Search:
             shown = take(photographed, extras)
             pose = np.where(shown.is_shown[:, None], shown.xy_yaw + anywhere * (pose - shown.xy_yaw), pose)
             xy, yaw = pose[:, :2] + table.world_from_vehicle[self.target[row], :2, 3], pose[:, 2]
-            tries.append(settle_clear(self.block.site, self.table.keep(extras), limits, xy=xy, yaw=yaw))
+            tries.append(settle_clear(self.block.site, self.table.take(extras), limits, xy=xy, yaw=yaw))
         return join_rows(tries)
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
         """Return whether these tries of extras are clear of the target and of the extras with places."""
-        tried = replace(self.table.keep(which), world_from_vehicle=settled.world_from_vehicle)
-        standing = self.table.keep(np.flatnonzero(self.table.is_placed))
+        tried = replace(self.table.take(which), world_from_vehicle=settled.world_from_vehicle)
+        standing = self.table.take(np.flatnonzero(self.table.is_placed))
         of_tried, of_standing = matching_pairs(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
         apart = clear_of_vehicles(
@@ -290,7 +290,7 @@ class _Search:
     def _find_cameras(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Find cameras for all images of these positions, and return the positions with an image that has none."""
         max_tries = self.config.camera.max_tries
-        extras = self.table.keep(np.flatnonzero(self.table.is_placed & self.table.is_extra))
+        extras = self.table.take(np.flatnonzero(self.table.is_placed & self.table.is_extra))
         blind = self.place_rejections[:, Rejection.NO_VIEW] // QUARTER_PLACES
         pending, done, ahead = np.flatnonzero(np.isin(self.owner, positions)), 0, 1
         while len(pending) and done < max_tries:
@@ -300,7 +300,7 @@ class _Search:
             for batch in index_batches(len(now), MAX_BATCH_CAMERAS):
                 rows, owner = now[batch], self.owner[now[batch]]
                 tries = CameraTries(
-                    self.table.keep(self.target[owner]),
+                    self.table.take(self.target[owner]),
                     extras.repeat_rows(owner)[0],
                     self.block.given_poses(self.image[rows]),
                     self.image[rows],
@@ -325,15 +325,15 @@ class _Search:
         extras = np.flatnonzero(table.is_placed & table.is_extra)
         pair, of = matching_pairs(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
-        seen, standing = [], self.table.keep(present)
+        seen, standing = [], self.table.take(present)
         for batch in index_batches(len(image), MAX_BATCH_CAMERAS):
             others, which = standing.repeat_rows(self.owner[image[batch]])
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views = take(self.views, image[batch])
             views, pixels = views_of_others(
                 self.block.site,
-                self.table.take(instance[batch]),
-                others.keep(not_itself),
+                self.table.take(instance[batch]).in_own_rows(),
+                others.take(not_itself),
                 views=views,
                 cameras=Cameras(self.config.intrinsics(views.fov_x_deg), views.world_from_camera),
                 visibility_m=self._visibility_m[image[batch]],

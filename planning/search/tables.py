@@ -17,10 +17,10 @@ from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.columns import take
 from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.portable import sin_cos
-from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import Settled, empty_settled
 from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.plan.config.schema import Config
+from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import round_field
 from hulldown.planning.search.budget import Budget, Given, Positions, nothing_given
 from hulldown.planning.search.instance_table import Instances, articulated_boxes, drawn_angles, no_boxes

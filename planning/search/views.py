@@ -21,8 +21,8 @@ from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, she
 from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put_rows, take
 from hulldown.geometry.transforms import rigid_matrix
-from hulldown.placement.rejection import Rejection
 from hulldown.plan.config.scene_sections import CameraSection, RenderSection
+from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import round_field
 from hulldown.planning.search.instance_table import (
     Instances,
@@ -215,7 +215,7 @@ def try_cameras(block: Block, tries: CameraTries) -> Views:
     def scenes(rows: Int[np.ndarray, " k"]) -> tuple[Site, Instances, Instances, Cameras]:
         """Return the site, and targets, others, and cameras of these rows."""
         cameras = Cameras(candidates.drawn.lenses.take(rows), views.world_from_camera[rows])
-        return block.site, tries.targets.take(rows), tries.others.repeat_rows(rows)[0], cameras
+        return block.site, tries.targets.take(rows).in_own_rows(), tries.others.repeat_rows(rows)[0], cameras
 
     rows = views.accepted
     views.visible_fraction[rows] = visible_shares(*scenes(rows), rays=limits.visibility_rays)
@@ -248,7 +248,7 @@ def reject_camera_places(
     site: Site, tries: CameraTries, candidates: CameraCandidates, limits: CameraSection, rows: Int[np.ndarray, " k"]
 ) -> UInt8[np.ndarray, " k"]:
     """Return rejections of these rows by what is near their cameras."""
-    beside = tries.targets.take(rows), tries.others.repeat_rows(rows)[0]
+    beside = tries.targets.take(rows).in_own_rows(), tries.others.repeat_rows(rows)[0]
     return site.camera_room.reject_places(
         candidates.world_from_camera[rows, :3, 3],
         ground_clearance=limits.ground_clearance,
@@ -321,8 +321,8 @@ def views_of_others(
         air_contrast=air_contrasts(subjects, cameras, visibility_m),
     )
     named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
-    beside = others.repeat_rows(named)[0]
-    shown = pixels_shown(site, subjects.take(named), beside, cameras.take(named), xywh=seen.boxes.xywh[named])
+    beside, own = others.repeat_rows(named)[0], subjects.take(named).in_own_rows()
+    shown = pixels_shown(site, own, beside, cameras.take(named), xywh=seen.boxes.xywh[named])
     pixels[named] = shown
     return seen, pixels
 
@@ -357,7 +357,7 @@ def pixels_shown(
         np.zeros(len(cameras), dtype=bool),
         site.world.with_vehicles(others.repeat_rows(framed)[0].posed_vehicles()),
     )
-    subject, box = subjects.take(framed).posed_vehicles(), round_field("bbox", xywh[framed])
+    subject, box = subjects.take(framed).in_own_rows().posed_vehicles(), round_field("bbox", xywh[framed])
     shown[framed] = show_pixels(subject, cameras.take(framed), xywh=box, world=world)
     return shown
 

@@ -8,8 +8,8 @@ import pytest
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.transforms import compose_affine, rigid_matrix, rotation_z
 from hulldown.placement.clearance import CameraRoom
-from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
+from hulldown.plan.rejection import Rejection
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster

@@ -5,9 +5,9 @@ import pytest
 
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.placement.footprint import vehicle_underside
-from hulldown.placement.rejection import Rejection
 from hulldown.placement.settle import SettleRules, settle
 from hulldown.placement.terrain import Terrain
+from hulldown.plan.rejection import Rejection
 from hulldown.tests.builders.shapes import box, plane_mesh, surface
 from hulldown.tests.placement.test_footprint import tank
 

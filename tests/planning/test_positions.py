@@ -10,7 +10,7 @@ from hulldown.annotate.boxes import surface_box
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.transforms import transform_points
-from hulldown.placement.rejection import first_accepted
+from hulldown.plan.rejection import first_accepted
 from hulldown.plan.row import encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster

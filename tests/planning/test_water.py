@@ -13,8 +13,8 @@ from hulldown.camera.shell import camera_pose
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z
 from hulldown.placement.clearance import CameraRoom
-from hulldown.placement.rejection import Rejection
 from hulldown.placement.terrain import Terrain
+from hulldown.plan.rejection import Rejection
 from hulldown.planning.search.stage import make_stage
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.obstacles import Obstacles

@@ -1,4 +1,4 @@
-from hulldown.placement.rejection import AIMING, PLACING, Rejection
+from hulldown.plan.rejection import AIMING, PLACING, Rejection
 
 
 def test_every_rejection_has_different_words_and_is_one_of_places_or_of_cameras():
