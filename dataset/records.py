@@ -33,12 +33,12 @@ from hulldown.base.errors import DatasetError, shorten_text
 from hulldown.base.files import stays_inside
 from hulldown.base.outside import parse_value
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import read_journal
 from hulldown.dataset.store.reservations import read_reservations
+from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
 GAP, GAP_SHARE = 2.0, 0.25

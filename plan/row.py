@@ -19,10 +19,10 @@ from msgspec import Meta, Struct
 from hulldown.assets.plan_assets import GeometrySource, HdriSource, Source
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.coats import Coat
 from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses
 from hulldown.plan.picture_names import PICTURE_NAME
+from hulldown.weather.kinds import Weather
 
 PLAN_FORMAT = 4
 

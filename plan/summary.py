@@ -16,11 +16,11 @@ from rich.table import Table
 from scipy.special import chdtrc
 
 from hulldown.camera.shell import shell_place
-from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.asset_sections import OWN
 from hulldown.plan.rejection import AIMING, BY_KEY, PLACING
 from hulldown.plan.row import LeftOut, Row
+from hulldown.weather.kinds import KINDS
 
 # COCO's classes of size, by area in square pixels.
 SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}

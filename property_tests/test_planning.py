@@ -14,7 +14,6 @@ from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.kinds import KINDS
 from hulldown.dataset.attributes import label_numbers
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.geometry.transforms import transform_points
@@ -33,6 +32,7 @@ from hulldown.tests.builders.planning_assets import (
     to_camera,
 )
 from hulldown.tests.builders.shapes import vertices_at
+from hulldown.weather.kinds import KINDS
 
 # Rounding of rows: see plan/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6

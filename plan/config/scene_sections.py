@@ -9,10 +9,10 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
-from hulldown.camera.weather.extinction import MIN_LABEL_CONTRAST
-from hulldown.camera.weather.kinds import KINDS
 from hulldown.geometry.arrays import are_numbers
 from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
+from hulldown.weather.extinction import MIN_LABEL_CONTRAST
+from hulldown.weather.kinds import KINDS
 
 LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 MOST_IMAGES = 1_000_000_000  # of a class

@@ -16,7 +16,6 @@ from hulldown.base.errors import ConfigError
 from hulldown.base.terminal import track_items
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import CARD_ALBEDO, card_radiance
-from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import even_sample
 from hulldown.pictures.own_files import make_room_for_picture, save_picture
@@ -29,6 +28,7 @@ from hulldown.plan.row import Row
 from hulldown.plan.row_scenes import RowScenes
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.posed_scene import Scene
+from hulldown.weather.kinds import Weather
 
 TILE_WIDTH = 480
 MAX_HEIGHT_RATIO = 4  # largest ratio of a preview's height to its width

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.weather.extinction import air_contrast
-from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.color import linear_color
 from hulldown.plan.coats import Coat
 from hulldown.scene.camera_pencils import PixelRays
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import Kind, RayList
+from hulldown.weather.extinction import air_contrast
+from hulldown.weather.kinds import KINDS, Weather, airlight_radiance
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
@@ -59,7 +59,7 @@ def shade_pixels(
     color *= strength
     if weather is not None:
         clear = air_contrast(weather.visibility_m, hits.distance)[:, None]
-        color = clear * color + (1.0 - clear) * 0.9 * np.array(KINDS[weather.kind].preview_air) * strength
+        color = clear * color + (1.0 - clear) * 0.9 * airlight_radiance(weather.kind, _HORIZON) * strength
     # Approximate gamma of displays.
     return np.clip(color, 0.0, 1.0) ** (1.0 / 1.6)
 
@@ -70,11 +70,11 @@ def _cover_surfaces(
     """Return albedo under water, snow, or dust; `up` is z of the normals."""
     cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
     kind = KINDS[weather.kind]
-    if kind.preview is None:
+    if kind.cover_albedo is None:
         return albedo * (1.0 - 0.4 * cover)
     if kind.settles_above:
         cover = cover * np.clip(2.0 * up, 0.0, 1.0)[:, None]
-    return albedo + cover * (np.array(kind.preview) - albedo)
+    return albedo + cover * (np.array(kind.cover_albedo) - albedo)
 
 
 def _surface_albedo(

@@ -14,7 +14,6 @@ from hulldown.assets.plan_assets import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import FARTHEST_EV, card_radiance, metered_exposures_ev
-from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.indices import even_sample
 from hulldown.plan.config.scene_sections import LightSection
 from hulldown.plan.config.schema import Config
@@ -23,6 +22,7 @@ from hulldown.plan.row import Row, round_field
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList
+from hulldown.weather.kinds import KINDS, Weather
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:

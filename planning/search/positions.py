@@ -17,7 +17,6 @@ from jaxtyping import Bool, Int
 
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.weather.kinds import Weather
 from hulldown.geometry.columns import join_rows, put_rows, take
 from hulldown.geometry.indices import index_batches, matching_pairs
 from hulldown.placement.candidates import sample_candidates
@@ -40,6 +39,7 @@ from hulldown.planning.search.tables import (
     no_views,
 )
 from hulldown.planning.search.views import sample_lenses, try_cameras, views_of_others
+from hulldown.weather.kinds import Weather
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 MAX_BATCH_PLACES = 8192

@@ -12,8 +12,6 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.boxes import Boxes
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.extinction import rain_visibility_m, surface_wetness
-from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.geometry.columns import take
 from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.portable import sin_cos
@@ -27,6 +25,8 @@ from hulldown.planning.search.instance_table import Instances, articulated_boxes
 from hulldown.planning.search.likeness import Likeness, TargetBoxes
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 from hulldown.planning.search.stage import PlanStage, Site
+from hulldown.weather.extinction import rain_visibility_m, surface_wetness
+from hulldown.weather.kinds import KINDS, Weather
 
 MOST_EXTRAS = 64  # extras of one role in an image; streams of random numbers are numbered by it
 _NUMBERS = 1 + MOST_EXTRAS  # random numbers of each extra: its model, its articulation
@@ -226,7 +226,7 @@ class Views:
     fov_x_deg: Float[np.ndarray, " n"]
     boxes: Boxes  # n boxes; nan for a vehicle outside the frame, or behind the camera
     visible_fraction: Float[np.ndarray, " n"]  # shares; 0 for a vehicle outside the frame
-    air_contrast: Float[np.ndarray, " n"]  # share of the vehicle's contrast after haze; see `camera.weather.extinction`
+    air_contrast: Float[np.ndarray, " n"]  # share of the vehicle's contrast after haze; see `weather.extinction`
     rejection: UInt8[np.ndarray, " n"]
     # following, sampled, followed: a `Following`, and boxes of photographs; see `likeness.TargetBoxes`
     following: UInt8[np.ndarray, " n"]

@@ -18,7 +18,6 @@ from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target, pan_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes, shell_place
-from hulldown.camera.weather.extinction import air_contrast
 from hulldown.geometry.columns import put_rows, take
 from hulldown.geometry.transforms import rigid_matrix
 from hulldown.plan.config.scene_sections import CameraSection, RenderSection
@@ -44,6 +43,7 @@ from hulldown.planning.search.tables import (
     Views,
     no_views,
 )
+from hulldown.weather.extinction import air_contrast
 
 MIN_CAMERA_DISTANCE_M = 1e-6  # from a target's center to a given camera, which keeps the direction defined
 SIZE_TOLERANCE = 1e-9  # relative, of solved sizes: the solver and the box's projection round differently

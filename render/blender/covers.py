@@ -15,6 +15,7 @@ from typing import Any
 import bpy
 
 from hulldown.blender.add_nodes import add_math, add_node, feed_input
+from hulldown.weather.kinds import KINDS
 
 SHARE = "hulldown share"
 UP = (0.0, 0.0, 1.0)
@@ -23,9 +24,7 @@ PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the w
 POROUS_FROM, POROUS_AT = 0.5, 0.9
 WET_DIFFUSE = 0.6  # of the dry albedo where fully porous; his 0.2 turns soil twice as dark as measured
 WET_ROUGHNESS = 0.65  # of the dry roughness there
-SNOW_ALBEDO = (0.80, 0.83, 0.86)
 SNOW_LIES_TO, SNOW_SLIDES_FROM = 30.0, 60.0  # degrees of slope with all of the cover, and from which none is left
-DUST_ALBEDO = (0.36, 0.28, 0.19)
 DUST_FULL_TO, DUST_TO = 0.2, 1.2  # meters above a vehicle's underside
 DUST_ON_TOPS = 0.35  # of what lies on the lower parts; on scenery too
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
@@ -153,7 +152,7 @@ def snow_group(name: str) -> Any:
     inside = g.maths("SUBTRACT", share, patches)
     covered = g.maths("ADD", g.maths("DIVIDE", inside, edge), 0.5, clamp=True)
     some = g.maths("GREATER_THAN", share, 0.0)
-    return _finish_cover(g, g.maths("MULTIPLY", covered, some), SNOW_ALBEDO)
+    return _finish_cover(g, g.maths("MULTIPLY", covered, some), "snow")
 
 
 def dust_group(name: str, *, climbs: bool) -> Any:
@@ -169,15 +168,17 @@ def dust_group(name: str, *, climbs: bool) -> Any:
         low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, DUST_FULL_TO, DUST_TO))
         lies = g.maths("MAXIMUM", lies, low)
     thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
-    return _finish_cover(g, g.maths("MULTIPLY", thick, g.share), DUST_ALBEDO)
+    return _finish_cover(g, g.maths("MULTIPLY", thick, g.share), "dust")
 
 
 def _cover_group(name: str) -> Group:
     return Group(name, {"Surface": "Shader", "Opacity": "Float"}, {"Surface": "Shader"})
 
 
-def _finish_cover(g: Group, share: Any, albedo: tuple[float, float, float]) -> Any:
-    """Finish a cover; holes in the surface stay holes."""
+def _finish_cover(g: Group, share: Any, weather: str) -> Any:
+    """Finish a kind of weather's cover; holes in the surface stay holes."""
+    albedo = KINDS[weather].cover_albedo
+    assert albedo is not None
     matt = g.add("BsdfDiffuse", {"Color": (*albedo, 1.0)}).outputs[0]
     solid = g.maths("MULTIPLY", share, g.given["Opacity"])
     return g.finish_tree(Surface=g.add("MixShader", {0: solid, 1: g.given["Surface"], 2: matt}).outputs[0])

@@ -12,14 +12,14 @@ import numpy as np
 
 from hulldown.blender.add_nodes import add_node
 from hulldown.blender.frames import set_pose
-from hulldown.camera.weather.kinds import air_layers
 from hulldown.render.blender.hdri_light import HdriWorld
+from hulldown.weather.kinds import air_layers
 
 
 class Fog:
     """A flat box of air around the camera that absorbs light and emits the sky's.
 
-    Koschmieder's law (`camera.weather.kinds`): the radiance through `d` meters of air is
+    Koschmieder's law (`weather.kinds`): the radiance through `d` meters of air is
     ``radiance * exp(-extinction d) + airlight * (1 - exp(-extinction d))``. Absorption and emission have that closed
     form, so fog adds no noise; scattering, simulated, needs many bounces, turns the ground black when it gets few, and
     in a world volume hides the sky, which is infinitely far away.

@@ -17,8 +17,8 @@ import numpy as np
 from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.buffers import image_pixels
 from hulldown.camera.backdrop import HIGH, even_color, fade_sines
-from hulldown.camera.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 from hulldown.render.blender.messages import LightInput
+from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 
 HIGHEST = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees

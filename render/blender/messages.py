@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.kinds import Weather
+from hulldown.weather.kinds import Weather
 
 Matrix = list[list[float]]  # (4, 4)
 

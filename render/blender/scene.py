@@ -19,7 +19,6 @@ from hulldown.blender.frames import set_pose, world_from_blender_camera
 from hulldown.blender.nodes import nested_trees
 from hulldown.blender.opening import disarm_file, open_blend
 from hulldown.blender.tidy_properties import PART, REST, VISIBILITY
-from hulldown.camera.weather.kinds import KINDS, Weather, airlight_radiance
 from hulldown.render.blender.covers import PLANE
 from hulldown.render.blender.cycles import Unusable
 from hulldown.render.blender.fog import Fog
@@ -29,6 +28,7 @@ from hulldown.render.blender.messages import CameraInput, VehicleInput
 from hulldown.render.blender.paint_nodes import PaintedMaterials
 from hulldown.render.blender.streaks import Precipitation, falling_streaks
 from hulldown.render.blender.surfaces import Surfaces
+from hulldown.weather.kinds import KINDS, Weather, airlight_radiance
 
 MAX_VEHICLES = 8  # vehicle files kept in memory if rows have companions, which recur
 SENSOR_WIDTH = 36.0

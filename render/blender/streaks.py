@@ -13,10 +13,10 @@ import numpy as np
 
 from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.frames import set_pose
-from hulldown.camera.weather.kinds import KINDS, Weather
-from hulldown.camera.weather.precipitation import Streaks, drops_in_view, streak_quads, symmetric_view
 from hulldown.render.blender.fog import set_hidden
 from hulldown.render.blender.messages import CameraInput
+from hulldown.weather.kinds import KINDS, Weather
+from hulldown.weather.precipitation import Streaks, drops_in_view, streak_quads, symmetric_view
 
 NAME = "hulldown precipitation"
 

@@ -16,9 +16,9 @@ import numpy as np
 from hulldown.blender.nodes import material_output, nested_trees
 from hulldown.blender.opacity_nodes import SOCKET, opacity_socket
 from hulldown.blender.shaders import is_clear
-from hulldown.camera.weather.kinds import KINDS
 from hulldown.reading.pieces.naming import NOT_WATER, WATER, WATERS, first_match
 from hulldown.render.blender import covers
+from hulldown.weather.kinds import KINDS
 
 MARK = "hulldown weather"  # label of inserted nodes
 OURS = "hulldown"  # begins the names of the stage's own materials

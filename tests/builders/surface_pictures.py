@@ -14,12 +14,12 @@ from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.light_pictures import render_light, store_light
 from hulldown.blender.tidy_properties import PART, REST
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.kinds import Weather
 from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
 from hulldown.render.blender.scene import Stage
 from hulldown.tests.builders.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.builders.node_trees import grouped, material_of, principled, shader_group, write_picture
+from hulldown.weather.kinds import Weather
 
 TILES = ("asphalt", "soil", "paint", "metal", "glass", "grouped", "mixed", "matt")
 Z_FROM_Y_UP = [[1.0, 0, 0, 0], [0, 0, -1.0, 0], [0, 1.0, 0, 0], [0, 0, 0, 1.0]]

@@ -13,13 +13,13 @@ from scipy import ndimage
 
 from hulldown.camera.backdrop import HIGH, even_color, fade_sines
 from hulldown.camera.response import display_levels, white_balance
-from hulldown.camera.weather.kinds import air_layers, airlight_radiance, even_sky
 from hulldown.dataset.row_records import Segmenter
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation, plan_key
 from hulldown.plan.row_scenes import RowScenes
 from hulldown.scene.rays import RayList
 from hulldown.tests.builders.blender_plans import pixels
+from hulldown.weather.kinds import air_layers, airlight_radiance, even_sky
 
 MIN_SKY_PX = 40
 MAX_SKY_DIFFERENCE = 6.0  # of 255: median; sound pictures had 4.9 at most
@@ -74,7 +74,7 @@ def sky_difference(picture, row, scene, sky):
 def radiance(sky, along, *, yaw, strength, weather=None, horizon_deg=None):
     """Radiance (n, 3) of an equirectangular map, the zenith in its first row, along unit directions (n, 3).
 
-    Air is a box around the camera; a horizon's color continues below it. See `camera.weather` and `camera.backdrop`.
+    Air is a box around the camera; a horizon's color continues below it. See `weather` and `camera.backdrop`.
     """
     height, width = sky.shape[:2]
     x, y, z = np.moveaxis(along, -1, 0)

@@ -7,7 +7,6 @@ import tomllib
 import pytest
 
 from hulldown.base.errors import ConfigError
-from hulldown.camera.weather.kinds import KINDS
 from hulldown.plan.config.config_keys import (
     ENTRIES,
     PAGE,
@@ -20,6 +19,7 @@ from hulldown.plan.config.config_keys import (
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import hdri_paths
 from hulldown.plan.rejection import Rejection
+from hulldown.weather.kinds import KINDS
 
 MINIMAL = """
 [[assets.vehicles]]

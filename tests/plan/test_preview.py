@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.pictures.preview import TILE_WIDTH, Artist, image_caption, preview_sheet
 from hulldown.plan.pictures.shading import sun_direction
 from hulldown.planning.write import write_plan
 from hulldown.tests.builders.plan_lines import altered
 from hulldown.tests.builders.planning_assets import small_assets, small_config
+from hulldown.weather.kinds import Weather
 
 ASSETS = small_assets()
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
-from hulldown.camera.weather.extinction import rain_visibility_m, surface_wetness
-from hulldown.camera.weather.kinds import KINDS, Weather
 from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.planning.appearance.light import draw_lights, hdri_weights
 from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.tables import WEATHER_NAMES, draw_weathers
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config
+from hulldown.weather.extinction import rain_visibility_m, surface_wetness
+from hulldown.weather.kinds import KINDS, Weather
 
 IMAGES = np.arange(4000)
 ASSETS = small_assets()

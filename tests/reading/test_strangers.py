@@ -11,7 +11,6 @@ from PIL import Image
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.errors import HulldownError
-from hulldown.camera.weather.kinds import airlight_radiance
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.plan.config.schema import Config
@@ -33,6 +32,7 @@ from hulldown.tests.builders.planning_assets import small_assets, small_config
 from hulldown.tests.builders.shapes import surface
 from hulldown.tests.reading.test_build import box, tube
 from hulldown.tests.reading.test_roles import piece
+from hulldown.weather.kinds import airlight_radiance
 
 MAX_MATERIAL = "newmtl body\n\tNi 1.5\n\td 1\n\tTr 0\n\tTf 1 1 1\n\tillum 2\n\tKd 0.3 0.32 0.2\n"
 GLASS = "newmtl window\nTf 1 1 1\nillum 7\nd 1\n"

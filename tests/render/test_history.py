@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.camera.weather.kinds import Weather
 from hulldown.tests.builders.blender_plans import draw, make_plan
 from hulldown.tests.builders.plan_lines import altered
 from hulldown.tests.builders.render_plans import moved
+from hulldown.weather.kinds import Weather
 
 pytestmark = pytest.mark.blender
 SCRIPT = "hdri_files.py"

@@ -7,7 +7,6 @@ from scipy import ndimage
 
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.base.errors import ConfigError
-from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.coats import Coat
 from hulldown.plan.library import load_library
 from hulldown.planning.check import check_plan
@@ -15,6 +14,7 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.tests.builders.blender_plans import draw, make_plan, run_script
 from hulldown.tests.builders.plan_lines import altered
+from hulldown.weather.kinds import Weather
 
 pytestmark = pytest.mark.blender
 RAIN = Weather(2000.0, "rain", 15.0, ground_cover=1.0, vehicle_cover=1.0)

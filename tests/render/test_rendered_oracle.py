@@ -7,7 +7,6 @@ import orjson
 import pytest
 
 from hulldown.camera.response import display_levels
-from hulldown.camera.weather.kinds import Weather
 from hulldown.plan.row import decode_row
 from hulldown.scene.ground import Plane
 from hulldown.scene.posed_scene import Scene
@@ -21,6 +20,7 @@ from hulldown.tests.oracles.rendered import (
     radiance,
     sky_difference,
 )
+from hulldown.weather.kinds import Weather
 
 ROW = altered(
     decode_row(orjson.dumps(make_row(0, width=160, height=90, fov_x_deg=60.0))),

@@ -7,7 +7,10 @@ import pytest
 
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import display_levels
-from hulldown.camera.weather.kinds import (
+from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
+from hulldown.render.process import Blender
+from hulldown.tests.builders.blender_plans import drawn
+from hulldown.weather.kinds import (
     DUST_ALBEDO,
     KINDS,
     Weather,
@@ -16,10 +19,7 @@ from hulldown.camera.weather.kinds import (
     airlight_radiance,
     even_sky,
 )
-from hulldown.camera.weather.precipitation import drops_in_view, rain_sizes, symmetric_view
-from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
-from hulldown.render.process import Blender
-from hulldown.tests.builders.blender_plans import drawn
+from hulldown.weather.precipitation import drops_in_view, rain_sizes, symmetric_view
 
 pytestmark = pytest.mark.blender
 AHEAD = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]

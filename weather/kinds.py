@@ -16,8 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from hulldown.camera.response import off_daylight
-from hulldown.camera.weather.precipitation import Sizes, rain_sizes, snow_sizes
 from hulldown.geometry.color import LUMINANCE
+from hulldown.weather.precipitation import Sizes, rain_sizes, snow_sizes
 
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
 # The fog is a box around the camera.
@@ -28,7 +28,7 @@ FOG_TOP = 300.0  # meters, at most: haze of kilometers leaves the zenith blue
 DUST_LAYERS = 2  # of equal extinction, whose tops follow an exponential decay with height
 # Of thick dust under an even white sky: (1 - s) (1 - 0.139 s) / (1 + 1.17 s), s^2 = (1 - w) / (1 - 0.7 w), where the
 # single-scattering albedo w is 0.98 in red, 0.955 in green, 0.93 in blue.
-DUST_ALBEDO = (0.56, 0.42, 0.34)
+DUSTY_AIR_ALBEDO = (0.56, 0.42, 0.34)
 DAYLIGHT_K = 5000.0  # kelvin of the warmest light in which fog is gray
 FOG_KEEPS = (0.02, 0.05)  # CIE 1976 u'v' off daylight from which fog has some of the light's color, and all
 
@@ -85,10 +85,9 @@ class WeatherKind:
     # their radiance over that of the air: a drop shows most of the sky behind and above it (Garg and Nayar), less what
     # its surfaces reflect; a flake is lit by the sky and by the ground, which is half as bright
     share_of_sky: float = 0.0
-    # albedo of what covers surfaces in previews; None: they are wet, which darkens them
-    preview: tuple[float, float, float] | None = None
+    # albedo of what covers surfaces; None: they are wet, which darkens them
+    cover_albedo: tuple[float, float, float] | None = None
     settles_above: bool = False  # whether it covers level surfaces more than steep ones in previews
-    preview_air: tuple[float, float, float] = (0.78, 0.84, 0.92)  # color of endless air in previews
 
 
 KINDS: Mapping[str, WeatherKind] = MappingProxyType(
@@ -112,7 +111,7 @@ KINDS: Mapping[str, WeatherKind] = MappingProxyType(
             overcast=True,
             sizes=lambda weather: snow_sizes(air_extinction(weather.visibility_m)),
             share_of_sky=0.75,
-            preview=(0.85, 0.87, 0.9),
+            cover_albedo=(0.80, 0.83, 0.86),
             settles_above=True,
         ),
         "dust": WeatherKind(
@@ -120,9 +119,8 @@ KINDS: Mapping[str, WeatherKind] = MappingProxyType(
             covers=("dust_cover", "vehicle_dust_cover"),
             surfaces="dust",
             layers=DUST_LAYERS,
-            tint=DUST_ALBEDO,
-            preview=(0.6, 0.48, 0.33),
-            preview_air=(0.80, 0.68, 0.48),
+            tint=DUSTY_AIR_ALBEDO,
+            cover_albedo=(0.36, 0.28, 0.19),
         ),
     }
 )

@@ -9,8 +9,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.camera.weather.kinds import CONTRAST_THRESHOLD, air_extinction
 from hulldown.geometry.portable import exp, log
+from hulldown.weather.kinds import CONTRAST_THRESHOLD, air_extinction
 
 MIN_LABEL_CONTRAST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day
 WETTING_MM_H = 2.0  # a rain of this rate keeps surfaces at 63 % of the wettest

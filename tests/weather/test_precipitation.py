@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.weather.kinds import air_extinction
-from hulldown.camera.weather.precipitation import (
+from hulldown.weather.kinds import air_extinction
+from hulldown.weather.precipitation import (
     FARTHEST,
     MOST_DROPS,
     NEAREST,
