@@ -27,6 +27,7 @@ from hulldown.reading.pieces.naming import first_match
 from hulldown.reading.pieces.roles import Evaluated, Unseen
 from hulldown.reading.pieces.wording import quote_names
 from hulldown.scene.instances import InstancedScene
+from hulldown.scene.rays import RayList
 
 SIDE_PX = 128  # width and height of a picture
 VIEW_WIDTH_DIAGONALS = 1.2  # width of a picture over the diagonal of what was read
@@ -130,7 +131,7 @@ def _scene_views(read: InstancedScene, up: Float[np.ndarray, "3"], kind: str) ->
         yield _View(_camera_pose(middle - diagonal * ahead, ahead, up), VIEW_WIDTH_DIAGONALS * diagonal)
     if kind == "scenery":
         top = middle + diagonal * up + diagonal * np.array([1e-4, 2e-4, 3e-4])  # beside edges of grids
-        down = float(read.cast(top[None], -up[None]).distance[0])
+        down = float(read.first_hits(RayList(top[None], -up[None])).distance[0])
         ahead = upright.apply(np.array([0.8, 0.6, 0.0]))
         yield _View(_camera_pose(top - (min(down, diagonal) - EYE_HEIGHT_SHARE * diagonal) * up, ahead, up), 0.0)
 
@@ -189,7 +190,7 @@ def _render_numbers(
 def _cast_view(read: InstancedScene, view: _View) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
     """Return depth and number (-1: none) of the piece that each pixel of a view shows."""
     origins, along = view.rays()
-    hits = read.cast(origins, along)
+    hits = read.first_hits(RayList(origins, along))
     depth = hits.distance / np.linalg.norm(along, axis=1)
     return depth.reshape(SIDE_PX, SIDE_PX), hits.instance.reshape(SIDE_PX, SIDE_PX)
 
