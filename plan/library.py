@@ -183,7 +183,7 @@ def load_library(
 def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
     """Return the export with a doubt about a vehicle of unusual length; without a scale, it's refused."""
     report = exported.report
-    if entry.scale is None or not (odd := odd_length(entry, report)):
+    if entry.scale is None or not (odd := odd_length(class_names(entry), report)):
         return exported
     text = f"with its scale of {entry.scale:g} it is {format_length(max(report.size))} long, and {usual_text(*odd)}"
     return replace(exported, report=replace(report, doubts=(*report.doubts, Doubt(DoubtKind.SCALE, text))))
@@ -313,7 +313,8 @@ ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
     """Refuse vehicles of unusual length for their class, unless the config gives their scale."""
-    refused = [(e, odd, r) for e, r in vehicles if e.scale is None and (odd := odd_length(e, r)) is not None]
+    found = [(entry, odd_length(class_names(entry), report), report) for entry, report in vehicles]
+    refused = [(entry, odd, report) for entry, odd, report in found if entry.scale is None and odd is not None]
     if refused:
         others = [f"{entry.name} ({format_length(max(report.size))})" for entry, _, report in refused[1:]]
         _, (kind, lengths), report = refused[0]
@@ -328,12 +329,27 @@ def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> Non
         )
 
 
-def odd_length(entry: ModelEntry, report: FileReport) -> tuple[str, tuple[float, float]] | None:
-    """Return a vehicle's class and its usual lengths, if it doesn't have them."""
-    name = f"{getattr(entry, 'category', None) or ''} {entry.name}"
-    kind = next((kind for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
+def class_names(entry: ModelEntry) -> tuple[str, str]:
+    """Return the names that may tell a vehicle's class; the first that does so counts."""
+    return getattr(entry, "category", None) or "", entry.name
+
+
+def odd_length(names: Sequence[str], report: FileReport) -> tuple[str, tuple[float, float]] | None:
+    """Return the class that these names tell and its usual lengths, if a vehicle doesn't have them."""
+    kind = next((kind for name in names for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
     low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
     return None if low <= max(report.size) <= high else (kind[0], (low, high))
+
+
+def with_odd_length(report: FileReport, *names: str) -> FileReport:
+    """Return the report with a doubt about a vehicle's length that `plan` would refuse with these names."""
+    odd = odd_length(names, report) if report.kind == "vehicle" else None
+    if odd is None or any(doubt.kind == DoubtKind.SCALE for doubt in report.doubts):
+        return report
+    length = max(report.size)
+    text = f"it is {format_length(length)} long, and {usual_text(*odd)}; set scale"
+    doubt = Doubt(DoubtKind.SCALE, f"{text}{likely_scale(length, report.unit, odd[1])}")
+    return replace(report, doubts=(*report.doubts, doubt))
 
 
 def usual_text(kind: str, usual: tuple[float, float]) -> str:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import hmac
 import json
 import os
+import re
 import secrets
 import shutil
 import tempfile
@@ -27,13 +28,14 @@ from hulldown.base.errors import AssetError
 from hulldown.base.files import atomic_writer, open_regular
 from hulldown.base.outside import convert_value, file_sha256, parse_json, read_file
 from hulldown.reading.confinement.landlock import asset_folders, is_inside, unconfined_reason
+from hulldown.reading.confinement.references import nearby_files
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export_asset, folder_export
 
-EXPORTER_VERSION = 37
+EXPORTER_VERSION = 38
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32
@@ -43,11 +45,12 @@ Print = tuple[int, int, str]  # of a file: its size, its time, and its content's
 
 @dataclass(frozen=True, slots=True)
 class _Note:
-    """The asset's resolved path, its report, and the files that it refers to; None: such a file can't be read."""
+    """The asset's resolved path, its report, and what else the report depends on."""
 
     path: str
     report: FileReport
-    files: dict[str, Print | None]
+    files: dict[str, Print | None]  # that it refers to; None: such a file can't be read
+    namesakes: list[str]  # see `_namesakes`
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +96,9 @@ def cached_export(
                 made = export_asset(path, folder, kind=kind, options=options, limits=limits)
                 files = {file: _file_print(Path(file), path) for file in made.files}
                 entry = entries[made.report.kind]
-                seal_entry(Path(folder), entry, _Note(str(path.resolve()), made.report, files))
+                seal_entry(
+                    Path(folder), entry, _Note(str(path.resolve()), made.report, files, _namesakes(path, made.report))
+                )
             exported = _valid_entry(entry, path)
             assert exported is not None, f"{entry}: an export just written cannot be read back"
     return exported, digest
@@ -107,7 +112,15 @@ def _valid_entry(entry: Path, path: Path) -> Exported | None:
         return None
     if not all(_is_unchanged(Path(file), was, path) for file, was in note.files.items()):
         return None
+    if note.namesakes != _namesakes(path, note.report):
+        return None
     return folder_export(entry, replace(note.report, path=str(path)), note.files)
+
+
+def _namesakes(path: Path, report: FileReport) -> list[str]:
+    """Return the files near an asset that are called as its missing ones, and so may be read in their place."""
+    names = {re.split(r"[/\\]", missing.path)[-1].lower() for missing in report.missing}
+    return sorted(str(file) for file in nearby_files(path) if file.name.lower() in names) if names else []
 
 
 def make_cache(cache: Path) -> None:

@@ -34,7 +34,7 @@ def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
         ["plan", config, "-o", plan],
         ["preview", plan, "-o", folder / "preview.png"],
         ["render", plan, "-o", dataset],
-        ["verify", dataset, "--plan", plan],
+        ["verify", dataset, "--plan", plan, "--masks", "12"],
     ]
     if not config.exists():
         steps.insert(0, ["init", folder, "--small"])

@@ -16,6 +16,7 @@ from hulldown.base.errors import AssetError
 from hulldown.base.outside import parse_value
 from hulldown.base.terminal import track_items
 from hulldown.plan.config.config_keys import config_text
+from hulldown.plan.library import with_odd_length
 from hulldown.reading.cache import cached_export, entry_name, new_folder, seal_entry, unseal_entry
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
@@ -129,6 +130,7 @@ def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> 
         guessed: dict[str, object] = {doubt.key: doubt.taken for doubt in report.doubts if doubt.key}
         if guessed:
             read(parse_value({**keys, **guessed}, Options))  # for the plan
+        report = with_odd_length(report, _guess_category(folder, path), path.stem)
         notes = (*why, *report.lines(), *_ground_comment(report))
         keys = {**keys, **guessed, **({"name": name} if name else {})}
         material = report.materials[0].name if report.materials else ""

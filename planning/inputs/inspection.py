@@ -19,7 +19,7 @@ from hulldown.base.errors import AssetError
 from hulldown.base.terminal import reading_status
 from hulldown.pictures.own_files import make_room_for_picture
 from hulldown.plan.config.schema import Config
-from hulldown.plan.library import load_library
+from hulldown.plan.library import load_library, with_odd_length
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.inspect import Inspected, draw_asset, sky_report, write_pictures
@@ -112,6 +112,7 @@ def inspect_file(
         if progress:
             progress(str(path))
         exported = export_asset(path, folder, kind=kind, limits=limits)
+        exported = replace(exported, report=with_odd_length(exported.report, path.stem))
         if strict:
             refuse_missing([exported.report], strict=True)
         load = load_vehicle if exported.report.kind == "vehicle" else load_scenery

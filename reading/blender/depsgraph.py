@@ -32,7 +32,7 @@ from hulldown.reading.blender.hidden_objects import (
     list_hidden,
     why_unseen,
 )
-from hulldown.reading.blender.strands import curves_mesh, points_mesh, strand_curves, strand_systems
+from hulldown.reading.blender.strands import curves_mesh, points_mesh, prisms_block, strand_systems, strands_mesh
 from hulldown.reading.blender.surfaces.alpha_faces import CutoutReader
 from hulldown.reading.blender.surfaces.object_inputs import random_number, random_number_of_name
 from hulldown.reading.blender.tidy import lasting_data, piece_look
@@ -147,7 +147,9 @@ class _Reader:
                 if wet.any() and not wet.all():
                     self.result.wet[len(self.result.meshes)] = wet
             mesh = mesh if len(seen) == len(mesh.faces) else mesh.of_faces(seen)
-            self._add_mesh(key, mesh, drawn, drawn.data, [slot.material for slot in drawn.material_slots])
+            dressed = [slot.material for slot in drawn.material_slots]
+            is_hair = drawn.type == "CURVES"
+            self._add_mesh(key, mesh, prisms_block(mesh, dressed) if is_hair else lasting_data(drawn, dressed))
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
     def _hiding_mesh(self, drawn: Any) -> Mesh | None:
@@ -162,22 +164,19 @@ class _Reader:
             key = (drawn.data.as_pointer(), (STRANDS, system.name))
             if key not in self.index:
                 with _name_object(drawn):
-                    curves = strand_curves(drawn, system)
-                    mesh = curves_mesh(curves, system.name)
+                    mesh, materials = strands_mesh(drawn, system)
                 if mesh is None:
                     continue
-                self._add_mesh(key, mesh, drawn, curves, list(curves.materials))
+                self._add_mesh(key, mesh, prisms_block(mesh, materials))
             self._add_piece(instance, key, system.name, hair=True)
 
-    def _add_mesh(
-        self, key: tuple[int, tuple[str, ...]], mesh: Mesh, drawn: Any, data: Any, materials: list[Any]
-    ) -> None:
+    def _add_mesh(self, key: tuple[int, tuple[str, ...]], mesh: Mesh, block: Any) -> None:
         self.index[key] = len(self.result.meshes)
         self.result.meshes.append(mesh)
         used = np.unique(mesh.faces)
         self.used.append(mesh.vertices if len(used) == len(mesh.vertices) else mesh.vertices[used])
         self.box.append(np.array(list(product(*mesh.bounds.T))))
-        self.result.blocks.append(lasting_data(drawn, data, materials))
+        self.result.blocks.append(block)
 
     def _add_piece(self, instance: Any, key: tuple[int, tuple[str, ...]], data: str, *, hair: bool) -> None:
         drawn, number = instance.object, self.index[key]

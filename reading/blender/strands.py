@@ -1,7 +1,8 @@
-"""Hair in Blender: hair curves, and particle strands, which become hair curves; and point clouds."""
+"""Hair in Blender: hair curves, and particle strands; and point clouds."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -53,9 +54,9 @@ def strand_systems(drawn: Any) -> list[Any]:
     return [s for s in drawing if len(s.particles) or len(s.child_particles)]  # Blender crashes on curves of none
 
 
-def strand_curves(drawn: Any, system: Any) -> Any:
-    """Make a datablock of hair curves, in the object's frame, from a particle system's strands."""
-    settings, curves = system.settings, bpy.data.hair_curves.new(system.name)
+def strands_mesh(drawn: Any, system: Any) -> tuple[Mesh | None, list[Any]]:
+    """Return the mesh of a particle system's strands, in the object's frame, and its material."""
+    settings = system.settings
     parents, children = len(system.particles), len(system.child_particles)
     # As Cycles takes them: where there are children, their parents only guide them.
     strands = range(parents if children else 0, parents + children)
@@ -69,14 +70,25 @@ def strand_curves(drawn: Any, system: Any) -> Any:
     if not (np.isfinite(points).all() and np.isfinite(world_from_drawn).all()):
         raise ValueError(f"the strands of {system.name!r} have coordinates that aren't numbers")
     inside = (points.reshape(-1, 3) - world_from_drawn[:3, 3]) @ np.linalg.pinv(world_from_drawn[:3, :3]).T
-    curves.add_curves([steps] * len(strands))
-    curves.points.foreach_set("position", inside.astype(np.float32).ravel())
-    radius = curves.attributes.new("radius", "FLOAT", "POINT")
-    radius.data.foreach_set("value", _strand_radii(settings, along).astype(np.float32).ravel())
-    slots = drawn.material_slots[settings.material - 1 : settings.material]
-    worn = slots[0].material if slots else None
-    curves.materials.append(worn and worn.original)  # the evaluated one ends before the curves do
-    return curves
+    radii, first = _strand_radii(settings, along).ravel(), steps * np.arange(len(strands))
+    mesh = hair_mesh(inside, radii, first, np.zeros(len(strands), dtype=bool), system.name)
+    return mesh, [slot.material for slot in drawn.material_slots[settings.material - 1 : settings.material]]
+
+
+def prisms_block(mesh: Mesh, materials: Sequence[Any]) -> Any:
+    """Make a datablock of a hair's mesh, so that pictures show what hides vehicles; smooth, so that it looks round."""
+    block, faces = bpy.data.meshes.new(mesh.name), mesh.faces.astype(np.int32)
+    block.vertices.add(len(mesh.vertices))
+    block.loops.add(faces.size)
+    block.polygons.add(len(faces))
+    block.vertices.foreach_set("co", mesh.vertices.astype(np.float32).ravel())
+    block.loops.foreach_set("vertex_index", faces.ravel())
+    block.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
+    block.shade_smooth()
+    block.update(calc_edges=True)
+    for material in materials:
+        block.materials.append(material and material.original)  # the evaluated one ends before the block does
+    return block
 
 
 def _strand_radii(settings: Any, along: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:

@@ -29,8 +29,9 @@ POSE = "pose"
 LOOK = (*VISIBILITY, "pass_index", "color")
 
 
-def lasting_data(drawn: Any, data: Any, materials: Sequence[Any]) -> Any:
-    """Drawn data, such as a mesh, in evaluated materials, as it outlives the depsgraph; `drawn` is the object."""
+def lasting_data(drawn: Any, materials: Sequence[Any]) -> Any:
+    """Return an object's data, such as a mesh, in evaluated materials, as it outlives the depsgraph."""
+    data = drawn.data
     wanted = [material.original if material else None for material in materials]
     if _is_as_in_the_file(drawn, data, wanted):
         return drawn.original.data

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from collections.abc import Iterator, Mapping
+from itertools import chain, islice
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -17,6 +19,9 @@ AGAIN = "export it again"
 GLB_JSON = b"JSON"
 READ_PICTURES = "EXT_texture_webp"  # the one extension that names a texture's picture and that Blender knows
 COMPRESSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+SEARCH_DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
+TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
+MOST_FILES = 20_000  # files that are looked at for them
 LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
 
 
@@ -121,3 +126,14 @@ def _check_size(path: Path, uri: str, wanted: object, number: int) -> None:
         there = file.stat().st_size
         problem = f"buffers[{number}] has {wanted} bytes, but {uri[:200]} has {there}"
         raise AssetError(problem, path=path, remedy="copy it again")
+
+
+def nearby_files(path: Path) -> Iterator[Path]:
+    """Return files in the folders that an asset may read, at most `MOST_FILES`."""
+    readable = asset_folders(path)
+    own = [path.parent, Path(os.path.realpath(path)).parent]
+    children = [child for around in readable if around not in own for child in around.glob("*")]
+    folders = own + [child for child in children if child.name.lower() in TEXTURES and child.is_dir()]
+    levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, SEARCH_DEPTH + 2)]
+    files = islice(chain.from_iterable(levels), MOST_FILES)
+    return (file for file in files if file.is_file() and is_inside(file, readable))

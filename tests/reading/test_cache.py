@@ -103,6 +103,17 @@ def test_other_content_options_and_kind_give_other_entries(read: Callable[..., b
     assert not read(), "the older entry is still there"
 
 
+def test_a_picture_that_is_put_near_for_a_missing_one_counts(
+    read: Callable[..., bool], exporter: Exporter, tmp_path: Path
+) -> None:
+    # It was named model://car/textures/camo.png, so nothing appears at the place that the file names.
+    exporter.missing = (Missing(f"{tmp_path}/model://car/textures/Camo.png", ("hull",)),)
+    assert [read(), read()] == [True, False]
+    (tmp_path / "textures").mkdir()
+    (tmp_path / "textures" / "camo.png").write_bytes(b"green")
+    assert [read(), read()] == [True, False]
+
+
 def test_changes_of_textures_and_libraries_count(
     read: Callable[..., bool], exporter: Exporter, tmp_path: Path, blend: Path
 ) -> None:

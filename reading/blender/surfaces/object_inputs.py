@@ -63,14 +63,14 @@ def lost_inputs(materials: Iterable[Any], *, moved: bool) -> list[Doubt]:
     """Return a doubt about materials that read what twins lack; `moved`: they have coordinates of their own."""
     losing = [m.name for m in materials if any(_is_lost(node, moved=moved) for _, node in _material_nodes(m))]
     text = (
-        f"the materials {quote_names(losing)} read attributes, particles, or positions of the file's objects, and look "
-        "different without them; bake them into textures in Blender"
+        f"the materials {quote_names(losing)} read attributes, particles, strands, or positions of the file's objects, "
+        "and look different without them; bake them into textures in Blender"
     )
     return [Doubt(DoubtKind.NOT_READ, text)] if losing else []
 
 
 def _is_lost(node: Any, *, moved: bool) -> bool:
-    """Return whether a node reads an attribute, a particle, an instancer, or a position in the file."""
+    """Return whether a node reads an attribute, a particle, a strand, an instancer, or a position in the file."""
     kind, read = node.type, {socket.name for socket in node.outputs if socket.is_linked}
     if kind == "ATTRIBUTE":
         return bool(read) and node.attribute_type != "GEOMETRY" and node.attribute_name != RANDOM
@@ -79,7 +79,7 @@ def _is_lost(node: Any, *, moved: bool) -> bool:
     if kind == "TEX_COORD" and node.object is not None and "Object" in read:
         return True
     instanced = kind in ("TEX_COORD", "UVMAP") and node.from_instancer and bool(read & {"Generated", "UV"})
-    return instanced or (kind == "PARTICLE_INFO" and bool(read))
+    return instanced or (kind in ("PARTICLE_INFO", "HAIR_INFO") and bool(read))
 
 
 def _material_nodes(material: Any) -> Iterator[tuple[Any, Any]]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Collection, Iterator
-from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
@@ -13,15 +12,12 @@ import bpy
 
 from hulldown.blender.nodes import socket_source
 from hulldown.blender.shaders import BASE_COLORS, surface_shaders
-from hulldown.reading.confinement.landlock import asset_folders, is_inside
+from hulldown.reading.confinement.references import nearby_files
 from hulldown.reading.pieces.asset_report import Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 TILES = "<UDIM>"
-SEARCH_DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
-TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
 PICTURES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
-MOST_FILES = 20_000  # files that are looked at for them
 
 
 def used_files() -> list[str]:
@@ -40,7 +36,7 @@ def find_moved(path: Path) -> list[Doubt]:
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
     found: dict[str, set[str]] = {name: set() for name in named}
     if found:
-        for file in _nearby_files(path):
+        for file in nearby_files(path):
             if file.name.lower() in found:
                 found[file.name.lower()].add(os.path.realpath(file))
     doubts = []
@@ -60,7 +56,7 @@ def find_moved(path: Path) -> list[Doubt]:
 
 def nearby_pictures(path: Path) -> list[str]:
     """Pictures that `find_moved` would search near an asset, relative to its folder, without those in hidden ones."""
-    near = {Path(os.path.relpath(file, path.parent)) for file in _nearby_files(path) if file.suffix.lower() in PICTURES}
+    near = {Path(os.path.relpath(file, path.parent)) for file in nearby_files(path) if file.suffix.lower() in PICTURES}
     return sorted(str(file) for file in near if not any(re.match(r"\.\w", part) for part in file.parts))
 
 
@@ -70,17 +66,6 @@ def _replace_image(image: Any, file: str) -> None:
     new.colorspace_settings.name, new.alpha_mode = image.colorspace_settings.name, image.alpha_mode
     image.user_remap(new)
     bpy.data.images.remove(image)
-
-
-def _nearby_files(path: Path) -> Iterator[Path]:
-    """Files in the folders that an asset may read, at most `MOST_FILES`."""
-    readable = asset_folders(path)
-    own = [path.parent, Path(os.path.realpath(path)).parent]
-    children = [child for around in readable if around not in own for child in around.glob("*")]
-    folders = own + [child for child in children if child.name.lower() in TEXTURES and child.is_dir()]
-    levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, SEARCH_DEPTH + 2)]
-    files = islice(chain.from_iterable(levels), MOST_FILES)
-    return (file for file in files if file.is_file() and is_inside(file, readable))
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
