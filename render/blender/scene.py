@@ -9,14 +9,13 @@ Paper, sections 2.1.3 and 2.1.4.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import bpy
 import numpy as np
 
 from hulldown.blender.frames import set_pose, world_from_blender_camera
-from hulldown.blender.nodes import nested_trees
 from hulldown.blender.opening import disarm_file, open_blend
 from hulldown.blender.tidy_properties import PART, REST, VISIBILITY
 from hulldown.render.blender.covers import PLANE
@@ -48,7 +47,6 @@ class Stage:
         open_blend(tidy)
         self.scene = bpy.data.scenes.new("hulldown")
         self.scene.collection.children.link(bpy.data.collections[0])
-        self._emits = may_emit(bpy.data.materials)
         self.root = bpy.data.objects.new("hulldown", None)
         self.scene.collection.objects.link(self.root)
         self.camera = self._add_object("hulldown camera", bpy.data.cameras.new("hulldown camera"))
@@ -91,8 +89,6 @@ class Stage:
             placed.append(objects)
         for tidy, loaded in self._vehicles.items():
             loaded.show(used.get(tidy, 0))
-        # Without lamps it's a detour to the sky, of a tenth of the time that paths take.
-        self.scene.cycles.use_light_tree = self._emits or any(self._vehicles[tidy].emits for tidy in used)
         self._companions = self._companions or len(used) > 1
         kept = MAX_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
         for tidy in [t for t in self._vehicles if t not in used][: max(0, len(self._vehicles) - kept)]:
@@ -157,7 +153,6 @@ class _LoadedVehicle:
         collection, materials = append_twin(tidy)
         self._scene, self._collections = scene, [collection]
         self.painted = PaintedMaterials(collection.objects, materials)
-        self.emits = may_emit(slot.material for obj in collection.objects for slot in obj.material_slots)
         for obj in collection.objects:
             obj.parent = root
             obj.matrix_basis.identity()  # `set_pose` has the whole transform
@@ -191,19 +186,6 @@ class _LoadedVehicle:
         """Remove them, and the data that nothing else uses."""
         bpy.data.batch_remove([*self.objects(), *self._collections])
         bpy.data.orphans_purge(do_recursive=True)
-
-
-def may_emit(materials: Iterable[bpy.types.Material | None]) -> bool:
-    """Return whether any of these materials may be a lamp."""
-    used = [material.node_tree for material in materials if material and material.node_tree]
-    return any(_emits_light(node) for tree in used for inner in nested_trees(tree) for node in inner.nodes)
-
-
-def _emits_light(node: Any) -> bool:
-    if node.type != "BSDF_PRINCIPLED":
-        return node.type in ("EMISSION", "BACKGROUND")
-    strength, color = node.inputs["Emission Strength"], node.inputs["Emission Color"]
-    return bool(strength.is_linked or strength.default_value) and (color.is_linked or any(color.default_value[:3]))
 
 
 def refuse_newer(source: Any, tidy: str) -> None:
