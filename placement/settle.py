@@ -27,6 +27,7 @@ from hulldown.placement.rest import Rest, averaged_plane, underside_plane
 from hulldown.placement.terrain import Terrain
 
 RULES = ("averaged", "support")
+BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -63,7 +64,6 @@ class SettleRules:
                 raise ValueError(f"{name}: expected meters of 0 or more, got {getattr(self, name)}")
 
 
-BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
 DEFAULT_RULES = SettleRules()
 
 

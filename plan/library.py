@@ -43,6 +43,13 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.reader_process import Exported
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
+USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
+    ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
+    ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
+    ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
+}
+ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
+
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Library:
@@ -301,14 +308,6 @@ def _reads_the_same(was: Source, now: Source) -> bool:
 def _blender_versions(plan: PlanFile) -> str:
     """Return the Blenders that read the assets, for an error."""
     return f"with bpy {plan.header.versions.get('bpy', 'unknown')}; here is {package_version('bpy') or 'none'}"
-
-
-USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
-    ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
-    ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
-    ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
-}
-ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 
 def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:

@@ -40,6 +40,15 @@ QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "box_px": ("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
 }
 _BARS = " ▁▂▃▄▅▆▇█"
+MIN_EXPECTED_IMAGES = 5.0  # expected images of a class below which values are merged
+FALSE_POSITIVE_RATE = 1e-4  # false positive rate for one variable
+MIN_CRAMERS_V = 0.1  # Cramér's V below which a dependency doesn't help a detector
+REMEDIES = {
+    "box height": 'camera.size_measure = "height" gives all classes the same',
+    "scenery": "let all classes be planned on all sceneries",
+    "paint": "give all classes the same paints",
+}
+Counts = Mapping[str, Mapping[str, Counter[str]]]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -241,17 +250,6 @@ def _empty_table(title: str, *columns: str) -> Table:
 def _counts_line(counts: Iterable[tuple[str, int]]) -> str:
     """Return names and counts as a line of a table."""
     return escape(", ".join(f"{name or 'empty'} {n:,}" for name, n in counts))
-
-
-MIN_EXPECTED_IMAGES = 5.0  # expected images of a class below which values are merged
-FALSE_POSITIVE_RATE = 1e-4  # false positive rate for one variable
-MIN_CRAMERS_V = 0.1  # Cramér's V below which a dependency doesn't help a detector
-REMEDIES = {
-    "box height": 'camera.size_measure = "height" gives all classes the same',
-    "scenery": "let all classes be planned on all sceneries",
-    "paint": "give all classes the same paints",
-}
-Counts = Mapping[str, Mapping[str, Counter[str]]]
 
 
 def nuisance_values(row: Row) -> dict[str, str]:

@@ -16,8 +16,7 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.picture_names import picture_name
 from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, round_field
-from hulldown.planning.appearance.light import draw_lights
-from hulldown.planning.appearance.paint import COMPANIONS, DISTRACTORS, draw_coats
+from hulldown.planning.appearance import COMPANIONS, DISTRACTORS, draw_coats, draw_lights
 from hulldown.planning.search.instance_table import Instances, articulated_boxes
 from hulldown.planning.search.likeness import Following
 from hulldown.planning.search.positions import Planned

@@ -14,7 +14,7 @@ from hulldown.geometry.columns import take
 from hulldown.plan.config.schema import Config
 from hulldown.plan.given_poses import GivenPoses
 from hulldown.plan.row import Row, encode_rows
-from hulldown.planning.appearance.light import hdri_weights
+from hulldown.planning.appearance import hdri_weights
 from hulldown.planning.block_rows import block_rows
 from hulldown.planning.search.budget import Positions, make_budget, pose_arrays, pose_budget
 from hulldown.planning.search.likeness import Likeness

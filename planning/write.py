@@ -93,7 +93,7 @@ def plan_dataset(
     # Local imports, since the worker processes import this module.
     from hulldown.base.terminal import progress_bar
     from hulldown.plan.library import load_library
-    from hulldown.planning.appearance.light import land_above_horizon
+    from hulldown.planning.appearance import land_above_horizon
 
     config = config if isinstance(config, Config) else Config.read(config)
     given = read_poses(Path(poses)) if poses else None

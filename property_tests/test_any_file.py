@@ -34,11 +34,11 @@ from hulldown.tests.builders.networks import RUN
 from hulldown.training.detectors.detector import find_weights
 from hulldown.training.evaluation.labels import evaluation_labels
 from hulldown.training.evaluation.predictions import read_predictions
+from hulldown.training.input_pictures import read_video
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.settings import OWN_AUGMENTATIONS, load_settings
 from hulldown.training.predict import load_detector
 from hulldown.training.study.study_folder import read_study
-from hulldown.training.videos import read_video
 
 pytestmark = pytest.mark.filterwarnings("ignore::UserWarning")
 COCO = {

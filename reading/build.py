@@ -22,10 +22,10 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_pattern
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
-from hulldown.reading.vehicle.marked_keypoints import marked_points
 from hulldown.reading.vehicle.nose import forward_text
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
+from hulldown.reading.vehicle.pivots import marked_points
 from hulldown.reading.vehicle.solids import MOST_SOLIDS, PlacedPieces
 from hulldown.reading.vehicle.stance import Upright, find_nose, find_solids_again, vehicle_from_upright
 from hulldown.reading.vehicle.strays import Stray, find_strays

@@ -43,6 +43,14 @@ REPLACE_MEMORY_SHARE = 0.8  # of the memory limit: above it, Blender is replaced
 GIB = 2**30
 CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
+MAX_ATTEMPTS = 3  # at a job, or at a start
+START_S = 300.0  # time limit of a start
+FIRST_JOBS = 5  # jobs that set the time limit of the others
+FIRST_JOBS_S = 3600.0  # their own time limit
+TIMES_LONGER = 20.0  # the longest of them is the others' time limit
+SHORTEST_S = 300.0  # least time limit, for loading another scenery
+SIGNATURE = b"\x89PNG\r\n\x1a\n"
+NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
 
 @Parameter(name="*")
@@ -61,14 +69,6 @@ class Limits:
 
     job_s: Annotated[Positive | None, Parameter(name="--image-timeout")] = None
     memory_bytes: Annotated[int | None, Parameter(parse=False)] = None
-
-
-MAX_ATTEMPTS = 3  # at a job, or at a start
-START_S = 300.0  # time limit of a start
-FIRST_JOBS = 5  # jobs that set the time limit of the others
-FIRST_JOBS_S = 3600.0  # their own time limit
-TIMES_LONGER = 20.0  # the longest of them is the others' time limit
-SHORTEST_S = 300.0  # least time limit, for loading another scenery
 
 
 class Allowance:
@@ -318,10 +318,6 @@ def _output_content(job: OutputJob) -> bytes:
         if wrong := picture_damage(output, size.width, size.height):
             raise AttemptFailed(wrong)
     return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)
-
-
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
-NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
 
 def without_notes(data: bytes) -> bytes:

@@ -12,7 +12,7 @@ from hulldown.verbs.output import DONE, FOUND, STOPPED
 
 if TYPE_CHECKING:
     from hulldown.dataset.join import Joined
-    from hulldown.dataset.reports.comparison import Comparison
+    from hulldown.dataset.reports.dataset_report import Comparison
     from hulldown.render.supervisor import RenderReport
     from hulldown.render.verify import Findings
 

@@ -1,16 +1,26 @@
-"""Check that a dataset's pictures exist, are undamaged, and belong to their records."""
+"""Check that a dataset's pictures exist, are undamaged, belong to their records, and show their targets.
+
+Thresholds of targets were measured on 240 renders of the demo, 320 x 180 pixels at 5 samples, eight skies, fog in a
+seventh of them; docs/dataset.md has the figures.
+"""
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 
+import imagehash
 import numpy as np
-from jaxtyping import Bool
+import PIL.Image
+from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.coco_types import Coco, Record
+from hulldown.annotate.labels.mask import VisibleMask
+from hulldown.annotate.masks import decode_mask
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Image
 from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
@@ -19,11 +29,17 @@ from hulldown.base.files import stays_inside
 from hulldown.dataset.records import Finding
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.placed_pictures import resolve_own_picture
-from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
-from hulldown.dataset.verification.target_appearance import check_appearances, is_rendered
+from hulldown.geometry.color import LUMINANCE
 
 CHECKER_THREADS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
 MAX_PICTURE_PIXELS = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
+HASH_SIDE = 16  # of a hash: 256 bits
+MAX_DIFFERING_BITS = 26  # differing bits of 256, see docs/dataset.md for what was measured
+FLAT_DEVIATION_LEVELS = 2.0  # of 255: standard deviation of a picture that has nothing to compare
+MIN_CONTRAST = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
+CLEAR_CONTRAST = 8.0  # of 255: with less, it's hard to make out; sound renders had 20.9 and more
+MIN_BRIGHTEST, MAX_DARKEST = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
+SURROUNDINGS_WIDTH = 0.25  # width of the surroundings, of a mask's longer side
 
 
 def check_pictures(
@@ -93,3 +109,94 @@ def _check_picture(
         findings.append(Finding("error", name, problem))
     looked_at = picture.pixels if not is_rendered(record) else None
     return findings, actual, None if looked_at is None else picture_hash(looked_at)
+
+
+def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
+    """Return a picture's perceptual hash; None without contrast, where the hash is meaningless.
+
+    Zauner, Implementation and benchmarking of perceptual image hash functions, 2010, section 3.2.1 (DCT hash).
+    """
+    gray = PIL.Image.fromarray(pixels).convert("L")
+    if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < FLAT_DEVIATION_LEVELS:
+        return None
+    return imagehash.phash(gray, hash_size=HASH_SIDE).hash.ravel()
+
+
+def near_duplicates(
+    first: Sequence[Bool[np.ndarray, "256"] | None], second: Sequence[Bool[np.ndarray, "256"] | None]
+) -> Int[np.ndarray, "n 2"]:
+    """Return index pairs of near duplicates, (n, 2)."""
+    (rows, ones), (columns, others) = _hash_signs(first), _hash_signs(second)
+    found = [np.zeros((0, 2), dtype=np.int64)]
+    for start in range(0, len(ones), 1024):  # blocks, so that a large dataset doesn't need a large matrix
+        differing = (HASH_SIDE * HASH_SIDE - ones[start : start + 1024] @ others.T) / 2.0
+        found.append(np.argwhere(differing <= MAX_DIFFERING_BITS) + np.array([start, 0]))
+    pairs = np.concatenate(found)
+    return np.stack([rows[pairs[:, 0]], columns[pairs[:, 1]]], axis=1)
+
+
+def _hash_signs(
+    hashes: Sequence[Bool[np.ndarray, "256"] | None],
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
+    """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""
+    there = {i: hashed for i, hashed in enumerate(hashes) if hashed is not None}
+    bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, HASH_SIDE * HASH_SIDE)
+    return np.array(list(there), dtype=np.int64), 2.0 * bits - 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class TargetAppearance:
+    """A target's look in a picture; levels from 0 to 255."""
+
+    # the difference of its mean color from its surroundings', in the channel where it's largest, or the range of its
+    # own luminance, 10th to 90th percentile, if that is larger
+    contrast: float
+    darkest: float  # darkest, brightest: its luminance, 5th and 95th percentile
+    brightest: float
+
+
+def is_rendered(image: Record) -> bool:
+    """Return whether an image record is of a rendered picture: photographs' records lack two keys."""
+    return any(image.get(key) is not None for key in (PICTURE_KEY, "world_from_camera"))
+
+
+def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
+    """Find targets of a rendered picture that are black, white, or without contrast."""
+    height, width = pixels.shape[:2]
+    masked = []
+    for label in image.labels:
+        with contextlib.suppress(ValueError):  # found elsewhere
+            masked.append((label, decode_mask(label.read(VisibleMask).segmentation, width, height)))
+    covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
+    for label, mask in masked:
+        if not label.crowd and (seen := target_appearance(pixels, mask, covering > mask)) is not None:
+            yield from _appearance_problems(f"{image.file_name}: annotation {label.id}", seen)
+
+
+def _appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding]:
+    if seen.brightest < MIN_BRIGHTEST:
+        yield Finding("error", where, f"its pixels are black: {seen.brightest:.1f} of 255", seen.brightest)
+    elif seen.darkest > MAX_DARKEST:
+        yield Finding("error", where, f"its pixels are white: {seen.darkest:.1f} of 255", seen.darkest)
+    elif seen.contrast < MIN_CONTRAST:
+        problem = f"cannot be seen in its picture: its contrast is {seen.contrast:.1f} of 255"
+        yield Finding("error", where, problem, seen.contrast)
+    elif seen.contrast < CLEAR_CONTRAST:
+        problem = f"is hard to make out: its contrast is {seen.contrast:.1f} of 255"
+        yield Finding("warning", where, problem, seen.contrast)
+
+
+def target_appearance(
+    picture: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], others: Bool[np.ndarray, "h w"]
+) -> TargetAppearance | None:
+    """Measure the look of a target's pixels; None without any. Pixels of `others` don't count as surroundings."""
+    if not mask.any():
+        return None
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    margin = max(3, int(SURROUNDINGS_WIDTH * max(np.ptp(columns), np.ptp(rows))))
+    near = tuple(slice(max(along[0] - margin, 0), along[-1] + margin + 1) for along in (rows, columns))
+    colors, around = picture[near].astype(np.float32), ~(mask | others)[near]
+    inside = colors[mask[near]]
+    low, darkest, brightest, high = np.percentile(inside @ LUMINANCE, [10, 5, 95, 90]).tolist()
+    apart = np.abs(inside.mean(axis=0) - colors[around].mean(axis=0)).max() if around.any() else 0.0
+    return TargetAppearance(max(float(apart), high - low), darkest, brightest)

@@ -17,6 +17,7 @@ UNDRAWN = {
     "VOLUME": "a volume hides nothing as a surface, and isn't rendered",
 }
 DRAWN = (*SURFACES, *SOLID, *UNDRAWN)
+ACTIVE_CAMERA = "GeometryNodeInputActiveCamera"
 
 
 def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:
@@ -68,9 +69,6 @@ def why_unseen(drawn: Any, depsgraph: Any) -> Unseen | None:
 def is_hidden(original: Any) -> bool:
     """Return whether its own or its collection's eye or monitor icon hides it."""
     return bool(original.hide_viewport or not original.visible_get())
-
-
-ACTIVE_CAMERA = "GeometryNodeInputActiveCamera"
 
 
 def follows_camera(obj: Any) -> str:

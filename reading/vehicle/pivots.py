@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,6 @@ from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.naming import PIVOT, first_match, name_words
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link
-from hulldown.reading.vehicle.marked_keypoints import read_keypoint
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, link_key, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces
 
@@ -35,6 +35,8 @@ PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}
 MAX_MIDDLE_DISTANCE_SHARE = (
     0.01  # share of the longest side: an origin this close to its mesh's middle was set automatically
 )
+
+_NAMED = re.compile(r"(?:kp_|keypoint[_.\- ]*)(.*)", re.IGNORECASE | re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -290,3 +292,28 @@ def gun_ends(
     forward = rear[axis] >= behind[axis] - 0.1 * (high - low)[axis]
     rear[axis], front[axis] = (low[axis], high[axis]) if forward else (high[axis], low[axis])
     return rear, front
+
+
+def read_keypoint(name: str) -> str | None:
+    """Return the keypoint of an empty with this name; None if it isn't one."""
+    found = _NAMED.fullmatch(name)
+    return (found[1] or name) if found else None
+
+
+def marked_points(
+    markers: Sequence[tuple[Link, ...]], chains: Sequence[tuple[Link, ...]], piece_part: Sequence[int]
+) -> dict[str, tuple[Float[np.ndarray, "3"], int | None]]:
+    """Keypoints of empties: positions in the file, and the part that each belongs to, if any."""
+    parts_below: dict[tuple[str, bytes], set[int]] = {}
+    for chain, part in zip(chains, piece_part, strict=True):
+        for link in chain:
+            parts_below.setdefault(link_key(link), set()).add(part)
+    own = {link_key(chain[0]): part for chain, part in zip(chains, piece_part, strict=True)}
+    found: dict[str, tuple[Float[np.ndarray, "3"], int | None]] = {}
+    for marker, *above in markers:
+        if (name := read_keypoint(marker.name)) is None or name in found:
+            continue
+        # The first one above it that is a piece, or only holds pieces of one part.
+        below = (({own[key]} if key in own else parts_below.get(key, set())) for key in map(link_key, above))
+        found[name] = marker.pose[:3, 3], next((min(parts) for parts in below if len(parts) == 1), None)
+    return found

@@ -13,7 +13,7 @@ from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.vehicle.marked_keypoints import marked_points
+from hulldown.reading.vehicle.pivots import marked_points
 from hulldown.render.verify import verify_dataset
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster

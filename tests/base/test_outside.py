@@ -29,7 +29,7 @@ ALLOWED = {
     "training/detectors/detector.py": "torch.load",
     # Give paths of regular files to a library.
     "reading/scenery/geotiff.py": "rasterio.open",
-    "training/videos.py": "cv2.VideoCapture",
+    "training/input_pictures.py": "cv2.VideoCapture",
     # Read what this process or a part of hulldown wrote.
     **dict.fromkeys(("base/child.py", "base/code.py", "plan/config/config_keys.py", "training/onnx_model.py"), ""),
     **dict.fromkeys(("dataset/store/document.py", "dataset/store/placed_pictures.py", "reading/hdri.py"), ""),

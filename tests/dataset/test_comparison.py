@@ -10,8 +10,12 @@ from PIL import Image
 from hulldown.base.errors import DatasetError
 from hulldown.cli import main
 from hulldown.dataset.photographs import read_photographs
-from hulldown.dataset.reports.comparison import FEATURES, brightness_and_contrast, compare_with_photographs
-from hulldown.dataset.reports.dataset_report import report_dataset
+from hulldown.dataset.reports.dataset_report import (
+    FEATURES,
+    brightness_and_contrast,
+    compare_with_photographs,
+    report_dataset,
+)
 from hulldown.dataset.table import Dataset
 from hulldown.tests.builders.editing import write_dataset
 

@@ -6,7 +6,7 @@ from PIL import Image
 from scipy import ndimage
 
 from hulldown.assets.picture_files import read_pixels
-from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
+from hulldown.dataset.verification.check_pictures import near_duplicates, picture_hash
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.editing import write_dataset
 

@@ -7,7 +7,7 @@ from scipy import ndimage
 
 from hulldown.annotate.masks import encode_mask, mask_box
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.verification.target_appearance import target_appearance
+from hulldown.dataset.verification.check_pictures import target_appearance
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.editing import append
 

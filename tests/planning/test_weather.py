@@ -9,7 +9,7 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.plan.config.scene_sections import WeatherSection
-from hulldown.planning.appearance.light import draw_lights, hdri_weights
+from hulldown.planning.appearance import draw_lights, hdri_weights
 from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.tables import WEATHER_NAMES, draw_weathers
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config

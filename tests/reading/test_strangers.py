@@ -15,7 +15,7 @@ from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
-from hulldown.planning.appearance.light import land_above_horizon
+from hulldown.planning.appearance import land_above_horizon
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris

@@ -23,7 +23,7 @@ from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.usable_labels import clip_labels
-from hulldown.dataset.verification.near_duplicates import near_duplicates, picture_hash
+from hulldown.dataset.verification.check_pictures import near_duplicates, picture_hash
 
 READER_THREADS = 4  # threads that check pictures before training
 
@@ -128,7 +128,7 @@ class CheckedPictures:
 
     sha256: str  # SHA-256 of records and pictures
     digests: tuple[bytes, ...]
-    # perceptual hash of each picture, see `dataset.verification.near_duplicates`
+    # perceptual hash of each picture, see `dataset.verification.check_pictures`
     hashes: tuple[Bool[np.ndarray, "256"] | None, ...]
 
 

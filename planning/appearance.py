@@ -1,4 +1,8 @@
-"""Light of each image: HDRI, rotation, and strength; exposure and white balance with errors."""
+"""Light of each image (HDRI, rotation, strength), exposure and white balance with errors, and coats of paint.
+
+Every vehicle of a position has its own coats, which all shots share. They depend only on seed, position, and the
+vehicle's number in the row.
+"""
 
 from __future__ import annotations
 
@@ -9,12 +13,15 @@ from fnmatch import fnmatchcase
 
 import numpy as np
 from jaxtyping import Float, Int
+from numpy.typing import ArrayLike
 
 from hulldown.assets.plan_assets import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import FARTHEST_EV, card_radiance, metered_exposures_ev
 from hulldown.geometry.indices import even_sample
+from hulldown.plan.coats import Coat
+from hulldown.plan.config.asset_sections import OWN, PaintEntry
 from hulldown.plan.config.scene_sections import LightSection
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
@@ -23,6 +30,12 @@ from hulldown.planning.search.random_streams import Purpose, RandomStreams, choo
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList
 from hulldown.weather.kinds import KINDS, Weather
+
+MAX_EXAMINED_IMAGES = 1000  # images spread over the plan
+RAY_COLUMNS, RAY_ROWS = 24, 16  # rays through an image
+DOWNWARD_SINE = math.sin(math.radians(-1.0))  # height of a ray that should meet ground
+MIN_LAND_SHARE = 0.01  # share of an image above which the land counts as visible
+COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the target's is 0
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
@@ -94,16 +107,10 @@ def draw_lights(
     }
 
 
-LOOKED_AT = 1000  # images, evenly spread over the plan
-COLUMNS, ROWS = 24, 16  # rays through an image
-BELOW = math.sin(math.radians(-1.0))  # height of a ray that should meet ground
-MIN_LAND_SHARE = 0.01  # share of an image above which the land counts as visible
-
-
 def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
     fallback_z = Config.of_plan(plan).ground.fallback_z
-    chosen = even_sample(len(plan), LOOKED_AT).tolist()
+    chosen = even_sample(len(plan), MAX_EXAMINED_IMAGES).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
     for index in chosen:
         row = plan[index]
@@ -113,9 +120,27 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     for scenery, of_scenery in rows.items():
         world = Scene.of(assets.sceneries[scenery], fallback_z=fallback_z)
         for row in of_scenery:
-            camera = Cameras(row.intrinsics.with_size(COLUMNS, ROWS), row.world_from_camera)
+            camera = Cameras(row.intrinsics.with_size(RAY_COLUMNS, RAY_ROWS), row.world_from_camera)
             along = camera.rays(camera.lenses.pixel_centers)[1]
-            down = along[along[:, 2] < BELOW]
+            down = along[along[:, 2] < DOWNWARD_SINE]
             missed = ~world.first_hits(RayList(np.tile(camera.position, (len(down), 1)), down)).hit
-            count += int(missed.sum()) > MIN_LAND_SHARE * COLUMNS * ROWS
+            count += int(missed.sum()) > MIN_LAND_SHARE * RAY_COLUMNS * RAY_ROWS
     return count, len(chosen)
+
+
+def draw_coats(
+    paint: Sequence[PaintEntry], draws: RandomStreams, *, position: Int[np.ndarray, " n"], place: ArrayLike
+) -> list[list[Coat]]:
+    """Draw the coats of a vehicle at n positions; `place` is `COMPANIONS` + k, `DISTRACTORS` + k, or 0, the target."""
+    n, kinds = len(position), len(paint)
+    if not kinds:
+        return [[] for _ in range(n)]
+    sizes = np.array([len(entry.colors) for entry in paint])
+    drawn = draws.uniform(Purpose.PAINT, position, place, count=kinds).reshape(n, kinds)
+    choices = np.minimum((drawn * sizes).astype(np.int64), sizes - 1).tolist()
+    return [[_choose_coat(entry, choice) for entry, choice in zip(paint, row, strict=True)] for row in choices]
+
+
+def _choose_coat(entry: PaintEntry, choice: int) -> Coat:
+    color = entry.colors[choice]
+    return Coat(list(entry.materials), None if color == OWN else color)

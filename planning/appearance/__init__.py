@@ -1,1 +1,0 @@
-"""What an image looks like: light, exposure, lens, and paint, as functions of the seed."""
