@@ -77,15 +77,7 @@ def add_tracks(m: BlendModel, p: Paints, gear: Running) -> None:
         ],
         sides=22,
     )
-    bolts = join_shapes(
-        make_tube(
-            (r * 0.52 * np.cos(a), w * 0.26, r * 0.52 * np.sin(a)),
-            (r * 0.52 * np.cos(a), w * 0.34, r * 0.52 * np.sin(a)),
-            0.03,
-            sides=6,
-        )
-        for a in np.arange(8) * np.pi / 4
-    )
+    bolts = bolt_circle(np.arange(8) * np.pi / 4, r * 0.52, (w * 0.26, w * 0.34), 0.03)
     copies = (gear.wheels, gear.step)
     m.add("Road_Tires", tires.moved(gear.first, gear.y, z), p.rubber, bevel=0, mirror=True, copies=copies)
     m.add("Road_Wheels", (disc + bolts).moved(gear.first, gear.y, z), p.body, bevel=0, mirror=True, copies=copies)
@@ -123,6 +115,12 @@ def add_tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     m.add("Tracks", belt.moved(z=-low), p.dark, bevel=0, mirror=True, smooth=20)
 
 
+def bolt_circle(angles: np.ndarray, reach: float, y: tuple[float, float], radius: float) -> Shape:
+    """Return bolts along the y axis, from y[0] to y[1], at these angles and `reach` around it."""
+    corners = [(reach * np.cos(a), reach * np.sin(a)) for a in angles]
+    return join_shapes(make_tube((x, y[0], z), (x, y[1], z), radius, sides=6) for x, z in corners)
+
+
 def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
     """Tire with tread blocks, and rim with hub, of a truck's wheel about the y axis, its outer side at +y."""
     r, w, sides = radius, width / 2, 24
@@ -157,15 +155,7 @@ def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
         ],
         sides=sides,
     )
-    nuts = join_shapes(
-        make_tube(
-            (r * 0.36 * np.cos(a), w * 0.4, r * 0.36 * np.sin(a)),
-            (r * 0.36 * np.cos(a), w * 0.55, r * 0.36 * np.sin(a)),
-            0.025,
-            sides=6,
-        )
-        for a in np.arange(10) * np.pi / 5
-    )
+    nuts = bolt_circle(np.arange(10) * np.pi / 5, r * 0.36, (w * 0.4, w * 0.55), 0.025)
     return tire + blocks, rim + nuts
 
 

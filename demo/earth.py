@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from hulldown.demo.materials import Color, Graph, srgb_to_linear
+from hulldown.demo.materials import Color, Graph
 
 
 @dataclass(frozen=True)
@@ -26,8 +26,7 @@ def ground_material(name: str, soil: Soil, *, far: bool = False) -> Any:
     """Ground with patches of every size, bare on slopes, rock where steep; far ground fades into the haze."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
-    normal = g.add("NewGeometry").outputs["Normal"]
-    up = g.add("SeparateXYZ", {0: normal}).outputs[2]
+    up = g.upward_normal()
     vast = g.noise(where, 0.006, detail=2.0)
     wide = g.noise(where, 0.03, detail=3.0, rough=0.6, warp=0.8)
     middle = g.noise(where, 0.35, detail=4.0, rough=0.65)
@@ -58,7 +57,7 @@ def ground_material(name: str, soil: Soil, *, far: bool = False) -> Any:
     )
     pebble = g.maths("MULTIPLY", g.ramp(clod, 0.30, 0.20), g.ramp(kind, 0.52, 0.58))
     seen = g.maths("MULTIPLY", pebble, g.maths("MAXIMUM", g.maths("MULTIPLY", worn, 0.8), soil.stony))
-    color = g.mix(seen, g.mix(worn, cover, bare), g.shade(srgb_to_linear(soil.rock[0]), fine, 0.4))
+    color = g.mix(seen, g.mix(worn, cover, bare), g.shade(soil.rock[0], fine, 0.4))
     steep = g.ramp(g.maths("ADD", up, g.maths("MULTIPLY", middle, 0.16)), 0.88, 0.80)
     color = g.mix(steep, color, rock)
     if far:
@@ -107,7 +106,7 @@ def stone_material(name: str, tones: tuple[Color, Color], growth: Color) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     coarse = g.noise(where, 1.2, detail=6.0, rough=0.65)
     fine = g.noise(where, 9.0, detail=5.0, rough=0.7)
-    up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
+    up = g.upward_normal()
     color = g.shade(g.mix(g.ramp(coarse, 0.35, 0.65), *tones), fine, 0.3)
     color = g.mix(g.maths("MULTIPLY", g.ramp(g.maths("ADD", up, coarse), 1.1, 1.5), 0.8), color, growth)
     return g.surface(
@@ -124,9 +123,7 @@ def bark_material(name: str, color: Color) -> Any:
     g = Graph(name)
     where = g.add("Mapping", {0: g.add("TexCoord").outputs["Object"], "Scale": (9.0, 9.0, 1.6)}).outputs[0]
     furrows = g.noise(where, 1.0, detail=4.0, rough=0.6)
-    return g.surface(
-        {"Base Color": g.shade(srgb_to_linear(color), furrows, 0.5), "Roughness": 0.92, "Normal": g.bump(furrows, 0.03)}
-    )
+    return g.surface({"Base Color": g.shade(color, furrows, 0.5), "Roughness": 0.92, "Normal": g.bump(furrows, 0.03)})
 
 
 def leaf_material(name: str, colors: tuple[Color, Color]) -> Any:

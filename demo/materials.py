@@ -45,6 +45,10 @@ class Graph:
         node = self.add("TexVoronoi", {"Vector": where, "Scale": scale}, voronoi_dimensions="2D")
         return node.outputs["Distance"], self.add("SeparateXYZ", {0: node.outputs["Color"]}).outputs[0]
 
+    def upward_normal(self) -> Any:
+        """Return the upward part of the surface's normal, 1 where it's level."""
+        return self.add("SeparateXYZ", {0: self.add("NewGeometry").outputs["Normal"]}).outputs[2]
+
     def ramp(self, value: Any, low: float, high: float) -> Any:
         """0 below `low` to 1 above `high`, smoothly; falling where low > high."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
@@ -53,14 +57,15 @@ class Graph:
         """Return one arithmetic operation on numbers."""
         return self.add("Math", {0: a, 1: b}, operation=operation).outputs[0]
 
-    def mix(self, factor: Any, a: Any, b: Any, *, blend: str = "MIX") -> Any:
+    def mix(self, factor: Any, a: Any, b: Any) -> Any:
         """Color a turning into b as the factor goes from 0 to 1."""
         a, b = (srgb_to_linear(c) if isinstance(c, str) else c for c in (a, b))
-        node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA", blend_type=blend)
+        node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA")
         return node.outputs[2]
 
     def shade(self, color: Any, value: Any, amount: float) -> Any:
         """Return the color made darker and brighter by up to `amount` as a noise value goes about 0.5."""
+        color = srgb_to_linear(color) if isinstance(color, str) else color
         factor = self.add("MapRange", {0: value, 1: 0.25, 2: 0.75, 3: 1 - amount, 4: 1 + amount}).outputs[0]
         vector = color[:3] if isinstance(color, tuple) else color
         scale = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
@@ -88,7 +93,7 @@ def plain_material(name: str, color: Color, *, rough: float = 0.6, metal: float 
     value = g.noise(where, 6.0, detail=4.0)
     return g.surface(
         {
-            "Base Color": g.shade(srgb_to_linear(color), value, mottle),
+            "Base Color": g.shade(color, value, mottle),
             "Roughness": g.maths("ADD", rough - 0.08, g.maths("MULTIPLY", value, 0.16)),
             "Metallic": metal,
         }
@@ -136,9 +141,7 @@ def gloss_paint(color: Color, *, dust: Color) -> Any:
     film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.05, 0.3), 0.5)
     return g.surface(
         {
-            "Base Color": g.mix(
-                film, g.shade(srgb_to_linear(color), worn, 0.05), g.shade(srgb_to_linear(dust), worn, 0.3)
-            ),
+            "Base Color": g.mix(film, g.shade(color, worn, 0.05), g.shade(dust, worn, 0.3)),
             "Roughness": g.maths("ADD", 0.16, g.maths("MULTIPLY", film, 0.55)),
             "Coat Weight": 0.5,
         }
@@ -155,8 +158,8 @@ def rusted_paint(name: str, color: Color, *, rust: Color, share: float, streaks:
     level = 0.75 - 0.5 * share
     broken = g.ramp(blister, level - 0.04, level + 0.05)
     stained = g.maths("MULTIPLY", g.ramp(runs, level - 0.06, level + 0.16), 0.6)
-    paint = g.shade(g.shade(srgb_to_linear(color), blister, 0.22), fine, 0.12)
-    iron = g.mix(fine, g.shade(srgb_to_linear(rust), blister, 0.5), "#2c1c14")
+    paint = g.shade(g.shade(color, blister, 0.22), fine, 0.12)
+    iron = g.mix(fine, g.shade(rust, blister, 0.5), "#2c1c14")
     color_now = g.mix(g.maths("MAXIMUM", broken, stained), paint, iron)
     rough = g.maths("ADD", 0.55, g.maths("MULTIPLY", broken, 0.35))
     return g.surface({"Base Color": color_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
@@ -167,12 +170,8 @@ def burnt_steel(name: str) -> Any:
     g = Graph(name)
     where = _position_in_units(g, 1.0)
     coarse, fine = g.noise(where, 0.9, detail=5.0, rough=0.65), g.noise(where, 11.0, detail=4.0)
-    up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
-    iron = g.mix(
-        g.ramp(coarse, 0.36, 0.62),
-        g.shade(srgb_to_linear("#46291d"), fine, 0.5),
-        g.shade(srgb_to_linear("#74402a"), fine, 0.4),
-    )
+    up = g.upward_normal()
+    iron = g.mix(g.ramp(coarse, 0.36, 0.62), g.shade("#46291d", fine, 0.5), g.shade("#74402a", fine, 0.4))
     ash = g.maths("MULTIPLY", g.ramp(up, 0.5, 1.0), g.ramp(g.noise(where, 2.6, detail=4.0), 0.5, 0.68))
     soot = g.ramp(g.noise(where, 0.7, detail=3.0, warp=0.5), 0.44, 0.62)
     color = g.mix(g.maths("MULTIPLY", ash, 0.5), iron, "#8d8880")
@@ -186,11 +185,7 @@ def straw_material(colors: tuple[Color, Color]) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     wound = g.add("VectorMath", {0: where, 1: (9.0, 60.0, 9.0)}, operation="MULTIPLY").outputs[0]
     streak, clump = g.noise(wound, 1.0, detail=5.0, rough=0.7, warp=1.2), g.noise(where, 3.0, detail=4.0)
-    color = g.mix(
-        g.ramp(streak, 0.3, 0.7),
-        g.shade(srgb_to_linear(colors[0]), clump, 0.35),
-        g.shade(srgb_to_linear(colors[1]), clump, 0.3),
-    )
+    color = g.mix(g.ramp(streak, 0.3, 0.7), g.shade(colors[0], clump, 0.35), g.shade(colors[1], clump, 0.3))
     return g.surface({"Base Color": color, "Roughness": 0.9, "Normal": g.bump(streak, 0.03)})
 
 
@@ -209,10 +204,10 @@ def _add_wear(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Materi
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
     low = g.maths("MULTIPLY", g.ramp(height, 1.55, 0.25), g.ramp(worn, 0.15, 0.65))
     mud = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, worn), 1.45, 0.85), g.ramp(worn, 0.38, 0.52))
-    up = g.add("SeparateXYZ", {0: g.add("NewGeometry").outputs["Normal"]}).outputs[2]
+    up = g.upward_normal()
     settled = g.maths("MULTIPLY", g.ramp(up, 0.6, 1.0), g.ramp(worn, 0.40, 0.75))
     film = g.maths("MULTIPLY", g.maths("MAXIMUM", low, g.maths("MULTIPLY", settled, 0.55)), 0.8)
-    color = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, color, dust), g.shade(srgb_to_linear(dust), fine, 0.35))
+    color = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, color, dust), g.shade(dust, fine, 0.35))
     rough = g.maths("ADD", 0.5, g.maths("MULTIPLY", worn, 0.3))
     return g.surface(
         {
