@@ -18,13 +18,7 @@ _UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.ndarray, "5"] | None:
-    """Center, width, height, and angle of the smallest rectangle that holds a mask's pixels; None for an empty mask.
-
-    `width`, `height`: of the image, in pixels.
-
-    >>> mask_rectangle({"size": [3, 3], "counts": [0, 1, 3, 1, 3, 1]}, 3, 3).round(3).tolist()
-    [1.5, 1.5, 4.243, 1.414, 0.785]
-    """
+    """Center, width, height, and angle of the smallest rectangle that holds a mask's pixels; None for an empty mask."""
     corners = _pixel_corners(segmentation, width, height)
     if not len(corners):
         return None
@@ -69,11 +63,7 @@ def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.nd
 
 
 def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:
-    """Return corners of rectangles (..., 5), in order around each; the first two are where its height begins.
-
-    >>> rectangle_corners([2.0, 1.0, 4.0, 2.0, 0.0]).tolist()
-    [[0.0, 0.0], [4.0, 0.0], [4.0, 2.0], [0.0, 2.0]]
-    """
+    """Return corners of rectangles (..., 5), in order around each; the first two are where its height begins."""
     given = checked_array(rectangles, "rectangles", ("...", 5))
     angle = given[..., 4, None]
     x, y = np.moveaxis(_UNIT * given[..., None, 2:4], -1, 0)

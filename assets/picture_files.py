@@ -33,11 +33,7 @@ class PictureFile:
 
 
 def read_picture(path: Path, size: tuple[int, int] | None = None, *, largest: int | None = None) -> PictureFile:
-    """Read a picture. Everything in hulldown that needs a dataset's pixels reads them here.
-
-    `size`: width and height that its record states; None: any.
-    `largest`: don't decode pictures of more pixels than this; only check their structure and read their size.
-    """
+    """Read a picture, of a stated width and height if given; of more than `largest` pixels, only structure and size."""
     picture = _read_picture(path, largest)
     if size is not None and picture.size != size:
         raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")

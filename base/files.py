@@ -19,16 +19,7 @@ UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so tha
 
 @contextmanager
 def atomic_writer(path: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file that replaces `path` in one step when all of it is on disk.
-
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder:
-    ...     with atomic_writer(Path(folder) / "plan.json") as file:
-    ...         _ = file.write(b"{}")
-    ...     (Path(folder) / "plan.json").read_text()
-    '{}'
-    """
+    """Open a temporary file that replaces `path` in one step when all of it is on disk."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         temporary.unlink(missing_ok=True)  # writing would follow a link

@@ -34,10 +34,7 @@ def validate_model(
     *,
     removed: Mapping[str, str] = MappingProxyType({}),
 ) -> Model:
-    """Return the model that the data of a file describes.
-
-    `removed`: what to use instead of keys ("section.key") and values ("section.key = 'value'") of earlier versions.
-    """
+    """Return the model of a file's data; `removed` tells what to use instead of keys and values of earlier versions."""
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:

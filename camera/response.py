@@ -34,12 +34,7 @@ _CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389
 
 
 def display_levels(radiance: np.ndarray) -> np.ndarray:
-    """Levels from 0 to 255 of linear Rec. 709 radiance in a picture.
-
-    >>> import numpy as np
-    >>> display_levels(np.array([[0.0, 0.0, 0.0], [1e3, 1e3, 1e3]])).round().tolist()
-    [[0.0, 0.0, 0.0], [255.0, 255.0, 255.0]]
-    """
+    """Levels from 0 to 255 of linear Rec. 709 radiance in a picture."""
     stops = (np.log2(np.maximum(radiance @ _IN.T, 1e-10)) - _LOWEST) / _STOPS
     curved = np.polyval(_CURVE, np.clip(stops, 0.0, 1.0))
     linear = np.clip(np.sign(curved) * np.abs(curved) ** _LEVEL_POWER @ _OUT.T, 0.0, 1.0)

@@ -67,8 +67,7 @@ def run_cluster(
 ) -> None:
     """Start a Dask cluster on this machine.
 
-    Starts a scheduler and workers for `hulldown render --scheduler` and `hulldown study run --scheduler`, until Ctrl-C
-    or SIGTERM; writes nothing.
+    Starts a scheduler and workers for `hulldown render --scheduler`, until Ctrl-C or SIGTERM; writes nothing.
 
     Parameters
     ----------
@@ -105,7 +104,7 @@ def local_cluster(workers: int, *, port: int) -> Iterator[str]:
                 n_workers=workers,
                 threads_per_worker=1,
                 resources={RESOURCE: 1},
-                memory_limit=0,  # Dask sees only its own process; `rendering.process` watches Blender
+                memory_limit=0,  # Dask sees only its own process; `render.process` watches Blender
                 host=HOST,
                 scheduler_port=port,
                 dashboard_address=f"{HOST}:0",

@@ -1,4 +1,4 @@
-"""Run tasks on the workers of a Dask cluster, for images and trainings alike.
+"""Run tasks on the workers of a Dask cluster.
 
 Dask places the tasks, moves those of lost workers to others, and gives up a task during which worker after worker is
 lost. This module checks each worker before it gets tasks, and excludes and names those that can't do them.

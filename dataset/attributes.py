@@ -89,10 +89,7 @@ def viewing_angles(
     world_from_vehicle: Float[np.ndarray, "n 4 4"],
     world_from_camera: Float[np.ndarray, "n 4 4"],
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Return distance in meters, elevation, and azimuth in degrees of cameras, seen from the centers of targets.
-
-    Azimuth is 0 in front of the target and positive to its left; elevation is above the horizon.
-    """
+    """Return distances in meters of cameras from targets' centers, elevation and azimuth (+: left) in degrees."""
     toward = world_from_camera[:, :3, 3] - centers
     distance, _, elevation = shell_place(toward)
     forward, left = (np.einsum("ni,ni->n", toward, world_from_vehicle[:, :3, axis]) for axis in (0, 1))

@@ -33,12 +33,7 @@ class Cut(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class AlphaMap:
-    """The opacity of a material over texture coordinates.
-
-    >>> leaf = AlphaMap(np.array([[0, 255]], dtype=np.uint8), smooth=False)
-    >>> leaf.opacity(np.array([[0.25, 0.5], [0.75, 0.5], [1.25, 0.5]])).tolist()
-    [0.0, 1.0, 0.0]
-    """
+    """The opacity of a material over texture coordinates."""
 
     # values from 0 to 1: uint8 in 255ths, or float32. The first row is the lowest. Maps may share one array.
     texels: np.ndarray

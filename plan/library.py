@@ -118,11 +118,7 @@ def load_library(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
-    """Return the assets of a config with reports and tidy twins.
-
-    `cache`: folder for data read from files; the config's if None.
-    `progress`: called with each path that is read; None for a status line.
-    """
+    """Return the assets of a config, from `cache` or the config's; `progress` gets each path, None: a status line."""
     if progress is None:
         with reading_status() as status:
             return load_library(config, strict=strict, cache=cache, progress=status, limits=limits)

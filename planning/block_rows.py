@@ -112,10 +112,7 @@ def _image_extras(
 
 
 def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[Label]:
-    """Return the labels of n companions and distractors, by `config.annotate`, or the limits of targets by default.
-
-    `pixels` tells whether a vehicle has a class and covers the center of any pixel; without, it has no label.
-    """
+    """Return the labels of n companions and distractors that have a class and cover `pixels`, within the limits."""
     given, camera = config.annotate, config.camera
     least_px, least_visible = given.min_box_px, given.min_visible_fraction
     most_cut = given.max_truncated_fraction

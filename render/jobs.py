@@ -19,14 +19,7 @@ from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import PlannedVehicle, Row
 from hulldown.reading.confinement.landlock import asset_folders
 from hulldown.reading.pieces.asset_report import MaterialRow
-from hulldown.render.blender.messages import (
-    CameraInput,
-    CyclesSettings,
-    LightInput,
-    MaskJob,
-    RenderJob,
-    VehicleInput,
-)
+from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, MaskJob, RenderJob, VehicleInput
 
 
 def readable_paths(library: Library) -> tuple[Path, ...]:

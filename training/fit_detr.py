@@ -14,12 +14,7 @@ from torchvision.ops import box_convert
 
 from hulldown.base.files import replace_file
 from hulldown.training.detectors.detector import WEIGHTS_NAME
-from hulldown.training.detectors.detr import (
-    DetrDetector,
-    detr_contents,
-    normalize_pictures,
-    starting_module,
-)
+from hulldown.training.detectors.detr import DetrDetector, detr_contents, normalize_pictures, starting_module
 from hulldown.training.fitting import Trainee
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.extra import silence_libraries

@@ -20,13 +20,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
 from hulldown.base.terminal import is_interactive, progress_bars
 from hulldown.base.terminal import print_message as show_line
-from hulldown.training.detectors.detector import (
-    Run,
-    RunFigures,
-    RunSource,
-    chosen_device,
-    weights_digest,
-)
+from hulldown.training.detectors.detector import Run, RunFigures, RunSource, chosen_device, weights_digest
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.draws import Draws, make_draws, source_shares
 from hulldown.training.inputs.extra import require_extra, silence_libraries

@@ -46,10 +46,9 @@ def settle_clear(
     upright: Bool[np.ndarray, " n"] | None = None,
     z: Float[np.ndarray, " n"] | None = None,
 ) -> Settled:
-    """Settle n vehicles, or reject those that don't meet the limits; poses of `instances` aren't used.
+    """Settle n vehicles, or reject those that don't meet the config's limits; poses of `instances` aren't used.
 
-    `xy`, `yaw`: meters and (n,) radians.
-    `upright`, `z`: vehicles that are placed upright at these heights instead of settling; None: all settle.
+    Places are in meters, yaw in radians; where `z` isn't nan, a vehicle is put upright at that height.
     """
     fleet, rules = instances.fleet, settle_rules(limits)
     settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)

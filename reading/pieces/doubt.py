@@ -53,11 +53,7 @@ _RANK = {kind: rank for rank, kind in enumerate(DoubtKind)}
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Something in a file that looks unintended.
-
-    >>> str(Doubt(DoubtKind.SCALE, "the vehicle is 600 m long; set scale if that is wrong"))
-    'the vehicle is 600 m long; set scale if that is wrong'
-    """
+    """Something in a file that looks unintended."""
 
     kind: DoubtKind
     text: str  # a sentence for the user, with the config's key to set if there is one
@@ -70,18 +66,7 @@ class Doubt:
 
 
 def file_warnings(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
-    """Return one warning for each file, those with the worst doubts first, each with its worst `MAX_SHOWN_KINDS` kinds.
-
-    >>> odd, worse = Doubt(DoubtKind.PARTS, "odd"), Doubt(DoubtKind.MISSING, "missing: b.png")
-    >>> for warning in file_warnings({"a.obj": [odd], "b.obj": [odd, worse, odd]}):
-    ...     print(warning)
-    b.obj
-      missing: b.png
-      odd
-      and 1 more, which `hulldown inspect` lists
-    a.obj
-      odd
-    """
+    """Return a warning for each file, those with the worst doubts first, each with `MAX_SHOWN_KINDS` kinds at most."""
     ranked = {path: sorted(found, key=_doubt_rank) for path, found in doubts.items() if found}
     warnings = []
     for path, found in sorted(ranked.items(), key=lambda item: _doubt_rank(item[1][0])):

@@ -28,6 +28,11 @@ from hulldown.training.evaluation.metrics import (
 )
 
 
+def test_real_images_alone_have_the_figures_of_the_papers_figure_9():
+    found = figures_from_sums(np.array([688.0, 49, 391, 0, 0, 0]))
+    assert [round(100 * float(found[key]), 1) for key in ("precision", "recall", "f1")] == [93.4, 63.8, 75.8]
+
+
 def test_figures_and_confusion_of_one_image_by_hand():
     boxes = [(1, 1, (0, 0, 10, 10)), (1, 1, (100, 0, 10, 10)), (1, 2, (200, 0, 10, 10)), (1, 2, (300, 0, 10, 10))]
     found = [

@@ -76,15 +76,8 @@ def share_interval(
 ) -> Float[np.ndarray, "2 *shape"]:
     """Return the 95 % interval of a figure between 0 and 1; nan if `error` is.
 
-    It's Wilson's interval with the number of trials that has this `error`.
-
-    `freedom`: degrees of freedom of the error. If the error is 0, the trials are one more: if all observations agree,
-    positions count instead of labels.
-
-    Five photographs with one label each, all found:
-
-    >>> share_interval(1.0, 0.0, freedom=4).round(2).tolist()
-    [0.39, 1.0]
+    It's Wilson's interval with the number of trials that has this `error`. `freedom`: degrees of freedom of the error.
+    If the error is 0, the trials are one more: if all observations agree, positions count instead of labels.
     """
     value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
     spread = value * (1.0 - value)

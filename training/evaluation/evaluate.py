@@ -8,13 +8,7 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.training.evaluation.average_precision import (
-    AVERAGES,
-    IOUS,
-    class_mean,
-    coco_averages,
-    resampled_averages,
-)
+from hulldown.training.evaluation.average_precision import AVERAGES, IOUS, class_mean, coco_averages, resampled_averages
 from hulldown.training.evaluation.bins import BinFigures, bin_figures, binned_fields
 from hulldown.training.evaluation.bootstrap import (
     difference_interval,

@@ -39,15 +39,7 @@ def grouped_sums(
 
 
 def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
-    """`FIGURES` from `SUMS` in the last axis; nan if undefined.
-
-    The paper's Figure 9, real images alone, in percent:
-
-    >>> import numpy as np
-    >>> found = figures_from_sums(np.array([688.0, 49, 391, 0, 0, 0]))
-    >>> [round(100 * float(found[key]), 1) for key in ("precision", "recall", "f1")]
-    [93.4, 63.8, 75.8]
-    """
+    """`FIGURES` from `SUMS` in the last axis; nan if undefined."""
     tp, _, _, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
     parts = (tp, tp, 2.0 * tp, iou, sure_tp + sure_fp, sure_tp, sure_fp)
     return {

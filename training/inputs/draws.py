@@ -28,14 +28,7 @@ class Draws:
 
 
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float] = ()) -> Draws:
-    """Draw pictures with replacement.
-
-    `shares`: each source's share of the draws, see `source_shares`. Empty: every picture is equally likely.
-
-    >>> draws = make_draws([21, 420], 25_000, seed=0)
-    >>> np.bincount(draws.source).tolist()
-    [1147, 23853]
-    """
+    """Draw pictures with replacement, by `shares` of the sources, see `source_shares`; else all are equally likely."""
     if not sizes or min(sizes) < 1:
         raise ValueError(f"sizes: expected at least one picture in each of at least one source, got {list(sizes)}")
     if shares and len(shares) != len(sizes):

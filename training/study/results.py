@@ -17,12 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.training.evaluation.average_precision import AVERAGES
-from hulldown.training.evaluation.bootstrap import (
-    combined_error,
-    difference_interval,
-    share_interval,
-    standard_error,
-)
+from hulldown.training.evaluation.bootstrap import combined_error, difference_interval, share_interval, standard_error
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, equal_count
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.metrics import SHARES
@@ -223,10 +218,6 @@ def photographs_needed(
 
     Between two fractions, a curve is linear in the logarithm of the count, and below the least fraction in the count
     itself, from 0. Falling parts are replaced by the maximum so far.
-
-    >>> curve = np.array([[0.2, 0.2, 0.2], [0.4] * 3])
-    >>> photographs_needed(np.array([10.0, 100.0]), curve, np.array([0.1, 0.3, 0.5])).round(1)
-    array([ 5. , 31.6,  inf])
     """
     rising = np.maximum.accumulate(np.nan_to_num(curve), axis=0)
     wanted = np.nan_to_num(wanted)

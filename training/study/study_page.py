@@ -126,10 +126,7 @@ def _draw_bars(axis: Axes, cell: ReportedCell, keys: Sequence[str], *, shift: fl
 
 
 def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> Figure:
-    """Return each measure over the number of photographs, for every arm in cells of a report.
-
-    Bands are intervals, dots are seeds. An arm without photographs is a level line.
-    """
+    """Return each measure over photographs: bands are intervals, dots seeds, level lines arms without photographs."""
     figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
     axes = figure.subplots(1, len(measures), squeeze=False)[0]
     for axis, measure in zip(axes, measures, strict=True):
