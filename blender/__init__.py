@@ -1,1 +1,1 @@
-"""What the reader and the renderer share inside Blender's process: opening files, nodes, materials, and buffers."""
+"""What reader and renderer share inside Blender: opening files, nodes, materials, buffers; needs numpy and bpy only."""

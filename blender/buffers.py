@@ -1,7 +1,4 @@
-"""Blender's data as arrays.
-
-Needs numpy and bpy only, because it also runs inside an installed Blender.
-"""
+"""Blender's data as arrays."""
 
 from __future__ import annotations
 

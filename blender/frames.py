@@ -1,7 +1,4 @@
-"""Conversion between hulldown's frames and Blender's: camera axes, and float64 matrices in float32.
-
-Imports numpy only, because it also runs inside an installed Blender.
-"""
+"""Conversion between hulldown's frames and Blender's: camera axes, and float64 matrices in float32."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Render a scene's light into an array.
-
-Needs numpy and bpy only, because it also runs inside an installed Blender.
-"""
+"""Render a scene's light into an array."""
 
 from __future__ import annotations
 

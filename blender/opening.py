@@ -1,7 +1,6 @@
 """Open someone else's .blend so that it's drawn and does nothing else.
 
-No script or simulation runs, no cache is written, and settings of Blender rather than of its own
-scene are reset. Needs bpy only, because it also runs inside an installed Blender.
+No script or simulation runs, no cache is written, and settings of Blender rather than of its own scene are reset.
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
 """Settings of Cycles: device, samples, denoising, pictures, on a scene with Blender's own settings.
 
-Runs inside Blender; imports numpy-free standard library and bpy only.
-
 Paper, section 2.1.4: Cycles, 128 samples, OpenImageDenoise.
 """
 

@@ -1,7 +1,4 @@
-"""Visible air: fog by meteorological visibility.
-
-Runs inside Blender; needs numpy and bpy only.
-"""
+"""Visible air: fog by meteorological visibility."""
 
 from __future__ import annotations
 

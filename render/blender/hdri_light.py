@@ -1,7 +1,4 @@
-"""Light: an HDRI as lamp and backdrop, dimmed by the air of `render.blender.fog`.
-
-Runs inside Blender; needs numpy and bpy only.
-"""
+"""Light: an HDRI as lamp and backdrop, dimmed by the air of `render.blender.fog`."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A distorting lens in Cycles: a camera written in Open Shading Language, which gives each sample its own ray.
-
-Runs inside Blender; needs numpy and bpy only.
-"""
+"""A distorting lens in Cycles: a camera written in Open Shading Language, which gives each sample its own ray."""
 
 from __future__ import annotations
 

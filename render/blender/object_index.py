@@ -1,8 +1,7 @@
 """The vehicle at each pixel's center, rendered by Cycles: the oracle for annotations.
 
-Everything emits its object's number, with one ray through the center of each pixel, and the picture is read back.
-A material is invisible where it's less than half opaque and opaque elsewhere, as in
-planning. Runs inside Blender; needs numpy and bpy only.
+Everything emits its object's number, with one ray through the center of each pixel, and the picture is read back. A
+material is invisible where it's less than half opaque and opaque elsewhere, as in planning.
 """
 
 from __future__ import annotations

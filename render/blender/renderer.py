@@ -1,7 +1,4 @@
-"""Do a worker's jobs: load missing assets, pose, render, measure.
-
-Runs inside Blender; needs numpy and bpy only.
-"""
+"""Do a worker's jobs: load missing assets, pose, render, measure."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""A stage saved as a file of its own, which shows the same picture in any Blender of the same version.
-
-Runs inside Blender; needs bpy only.
-"""
+"""A stage saved as a file of its own, which shows the same picture in any Blender of the same version."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """A loaded scenery, and a row's vehicles, camera, HDRI, and weather in it.
 
 The scenery is the tidy twin of its file (`reading.blender.tidy`): in meters, z up, relative to its origin, without
-lamps, cameras, or anything that Blender evaluates. Runs inside Blender; needs numpy and bpy only.
+lamps, cameras, or anything that Blender evaluates.
 
 Paper, sections 2.1.3 and 2.1.4.
 """

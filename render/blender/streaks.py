@@ -1,7 +1,4 @@
-"""Streaks of rain and flakes of snow in the scene: one mesh of quads, replaced for each image.
-
-Runs inside Blender; needs numpy and bpy only.
-"""
+"""Streaks of rain and flakes of snow in the scene: one mesh of quads, replaced for each image."""
 
 from __future__ import annotations
 
