@@ -2,7 +2,7 @@
 
     supervisor -> outline, session, jobs -> pool -> process   in the caller: remaining images, and their workers
         blender/worker -> renderer -> scene, cycles           in separate processes
-    cluster_pool -> cluster.workers -> node -> process        on a Dask cluster, in place of a pool: see docs/cluster.md
+    cluster_pool -> cluster.workers -> process                on a Dask cluster, in place of a pool: see docs/cluster.md
     cycles_masks                                              annotations compared with Cycles' own masks
 
 `doctor` checks the machine.

@@ -2,22 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
-from functools import partial
+import os
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from pathlib import Path
 
-from hulldown.base.code import package_versions
-from hulldown.cluster.scheduler import RESOURCE, Scheduler
-from hulldown.cluster.workers import Answer, Cluster
+from distributed import get_worker
+
+from hulldown.base.child import Stopped
+from hulldown.base.code import MISSING, package_versions, version_difference
+from hulldown.base.files import open_regular
+from hulldown.cluster.scheduler import RESOURCE, SHARE_VARIABLE, Scheduler
+from hulldown.cluster.workers import Answer, Cluster, task_is_wanted
 from hulldown.plan.library import Library
+from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import RenderJob
 from hulldown.render.jobs import readable_paths
-from hulldown.render.node import Setting, refusal_reason, render_row, shared_files
 from hulldown.render.pool import Engine
-from hulldown.render.process import Outcome
+from hulldown.render.process import Allowance, Blender, Confinement, Limits, Outcome
 
 AT_ONCE = 2  # tasks per worker: the current and the next one
 LOST = "its workers were lost, the last ones while they had nothing else to do"
+SHARE = "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
+IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
 
 
 class ClusterPool(Cluster):
@@ -48,3 +58,120 @@ class ClusterPool(Cluster):
             reasons = [reason for outcome in outcomes for reason in outcome.reasons] if outcomes[-1].reasons else []
             restarts = sum(outcome.restarts for outcome in outcomes)
             yield job, replace(outcomes[-1], reasons=tuple(reasons), restarts=restarts)
+
+
+def shared_files(library: Library) -> dict[str, tuple[int, int]]:
+    """Size and time of the last change of each file that the renders of a plan read, by absolute path.
+
+    A file outside the folders that `render.jobs.readable_paths` lists isn't read, and isn't in it.
+    """
+    read = (*library.models.values(), *library.sceneries.values())
+    named = [hdri.path for hdri in library.hdris.values()]
+    for exported in read:
+        named += [exported.tidy, Path(exported.report.path), *map(Path, exported.files)]
+    allowed, files = readable_paths(library), dict[str, tuple[int, int]]()
+    for path in named:
+        if path.is_file() and landlock.is_inside(path, allowed):
+            stat = path.stat()
+            files[str(path.absolute())] = stat.st_size, stat.st_mtime_ns
+    return files
+
+
+def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
+    """Return the reason why this process can't render for a client with these `shared_files`; empty if it can."""
+    if package_versions("bpy")["bpy"] == MISSING:
+        return "has no bpy"
+    if wrong := version_difference({name: version for name, version in client.items() if version != MISSING}):
+        return wrong
+    if require_confinement and (why := landlock.unconfined_reason()):
+        return f"can't confine Blender: {why}"
+    for path, (size, changed) in files.items():
+        try:
+            with open_regular(Path(path)) as file:
+                stat = os.fstat(file.fileno())
+        except OSError:
+            return f"cannot read {path}: {SHARE}"
+        if (stat.st_size, stat.st_mtime_ns) != (size, changed):
+            return f"sees another {path}: {SHARE}"
+    return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """The parameters of a plan's Blenders."""
+
+    readable: tuple[Path, ...]  # paths that they may read, by `render.jobs.readable_paths`
+    device: str
+    limits: Limits
+
+
+def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
+    """Render an image on this Dask worker, with a Blender of this setting."""
+    is_wanted, opened = task_is_wanted(), _open_blender()
+    with opened.use_blender(setting):
+        output = opened.pictures / "picture.png"
+        try:
+            outcome = opened.blender.do(replace(job, output=str(output)), stopping=lambda: not is_wanted())
+        except Stopped:
+            return Answer(Outcome())
+        output.unlink(missing_ok=True)
+        lines, opened.lines[:] = tuple(opened.lines), []
+        return Answer(outcome, has_failed=bool(outcome.reasons), lines=lines)
+
+
+@cache
+def _open_blender() -> OpenBlender:
+    """Return the process's Blender."""
+    return OpenBlender(Path(get_worker().local_directory) / "hulldown")
+
+
+class OpenBlender:
+    """The Blender of a Dask worker, and unsent `lines` for the user; it writes to `scratch`.
+
+    It starts with the first image and ends with the worker's process in any case: the pipe between them is closed then,
+    see `render.blender.worker`.
+    """
+
+    blender: Blender  # for the setting of the last `busy`
+
+    def __init__(self, scratch: Path) -> None:
+        self._scratch, self.pictures = scratch, scratch / "pictures"
+        self.pictures.mkdir(parents=True, exist_ok=True)
+        self._setting: Setting | None = None
+        self.lines: list[str] = []
+        self._busy = threading.Lock()
+        self._idle = threading.Timer(IDLE_S, self._end_idle)
+
+    def _end_idle(self) -> None:
+        with self._busy:
+            if self._setting is not None:
+                self.blender.close()  # the next image starts another
+
+    @contextmanager
+    def use_blender(self, setting: Setting) -> Iterator[None]:
+        """Have a Blender for a setting during the block; Blender stays open for `IDLE_S` after it."""
+        self._idle.cancel()
+        try:
+            with self._busy:
+                if setting != self._setting:
+                    self._apply_setting(setting)
+                yield
+        finally:
+            self._idle = threading.Timer(IDLE_S, self._end_idle)
+            self._idle.daemon = True
+            self._idle.start()
+
+    def _apply_setting(self, setting: Setting) -> None:
+        if self._setting is not None:
+            self.blender.close()
+        self._setting = None  # should any of this fail
+        self.blender = Blender(
+            self._scratch / "logs" / "blender.log",
+            device=setting.device,
+            allowance=Allowance(setting.limits, max(1, int(os.environ.get(SHARE_VARIABLE, "1")))),
+            confinement=Confinement(self.pictures, setting.readable),
+            say=self.lines.append,
+        )
+        if why := landlock.unconfined_reason():
+            self.lines.append(f"Blender is not confined there: {why}; see docs/safety.md")
+        self._setting = setting

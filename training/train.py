@@ -22,7 +22,6 @@ from hulldown.base.terminal import is_interactive, progress_bars
 from hulldown.base.terminal import print_message as show_line
 from hulldown.training.detectors.detector import Run, RunFigures, RunSource, chosen_device, weights_digest
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.inputs.draws import Draws, make_draws, source_shares
 from hulldown.training.inputs.extra import require_extra, silence_libraries
 from hulldown.training.inputs.settings import SettingOptions, Settings, load_settings
 from hulldown.training.inputs.sources import (
@@ -38,6 +37,7 @@ if TYPE_CHECKING:
     import torch
 
     from hulldown.training.fitting import Trainee
+    from hulldown.training.inputs.data import Draws
 
 AUGMENTATION_NAME = "augmentation.json"
 VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "transformers", "albumentations",
@@ -121,7 +121,7 @@ def train_detector(
     require_extra()
     # Not at the top: this module can be imported without the extra.
     from hulldown.training.inputs.augment import Augmenter
-    from hulldown.training.inputs.data import DrawnExamples
+    from hulldown.training.inputs.data import DrawnExamples, make_draws, source_shares
 
     if progress is None and is_interactive():
         with progress_bars() as bars:

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.code import package_versions
-from hulldown.render.node import refusal_reason, shared_files
+from hulldown.render.cluster_pool import refusal_reason, shared_files
 from hulldown.tests.builders.render_plans import cube_library
 
 

@@ -11,8 +11,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.training.inputs import data
 from hulldown.training.inputs.augment import Augmenter
-from hulldown.training.inputs.data import Batches, DrawnExamples
-from hulldown.training.inputs.draws import make_draws
+from hulldown.training.inputs.data import Batches, DrawnExamples, make_draws
 from hulldown.training.inputs.settings import KNOWN_AUGMENTATIONS, load_settings
 from hulldown.training.inputs.sources import Sample, read_sources
 from hulldown.training.sheet import augmentation_sheet

@@ -16,8 +16,7 @@ from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.tests.training.test_augment import augmentation
 from hulldown.tests.training.test_study import config_of
 from hulldown.tests.training.test_train import in_child, nano, small, train_and_die
-from hulldown.training.inputs.data import DrawnExamples
-from hulldown.training.inputs.draws import make_draws
+from hulldown.training.inputs.data import DrawnExamples, make_draws
 from hulldown.training.inputs.sources import follow_masks, read_sources
 from hulldown.training.predict import load_detector
 from hulldown.training.study.study_folder import prepare_study, study_runs

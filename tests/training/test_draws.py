@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
-from hulldown.training.inputs.draws import make_draws, source_shares
+from hulldown.training.inputs.data import make_draws, source_shares
 
 
 def test_a_row_is_a_function_of_seed_and_number_alone():
