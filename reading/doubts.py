@@ -38,8 +38,9 @@ def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
         text = f"the vehicle is {format_length(longest)} long; set scale{hint} if that is wrong"
         yield Doubt(DoubtKind.SCALE, text)
     if height > 1.5 * across and options.up is None:
+        other = "z" if report.up == "y" else "y"
         text = f"it is {format_length(height)} high and {format_length(across)} long"
-        yield Doubt(DoubtKind.UP, f'{text}; set up = "y" if it lies on its side')
+        yield Doubt(DoubtKind.UP, f'{text}; set up = "{other}" if it stands on its end')
     kept = [row for row in report.rows if row.use != "dropped"]
     asked = [row for row in report.rows if row.use == "dropped" and row.by is By.CONFIG]
     dropped = [row for row in report.rows if row.use == "dropped" and row.by is not By.CONFIG and row.triangles]
@@ -116,6 +117,10 @@ def _shape_doubts(used: Used) -> Iterator[Doubt]:
         text = "if buildings are part of it, vehicles are placed on their roofs; make them objects of their own"
         yield Doubt(DoubtKind.STEEP_GROUND, f"{steep}: {text} in Blender")
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
+    level = [piece for piece in solid if not piece.scattered]
+    if grounds and _level_area(level) > _level_area(grounds):
+        text = f"obstacles have more level surface than the ground, {quote_names(piece.name for piece in grounds)}"
+        yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(level)}")
     for sheet, above in canopy_sheets(solid, [piece.bounds for piece in grounds]):
         name = as_key([sheet.name])
         text = f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it"

@@ -278,6 +278,10 @@ def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
     report = FileReport("scenery", "", (4000.0, 100.0, 9.0), 0, 1.0, "z")
     doubts = scenery_doubts(report, [*tiles, *posts], roles, Options())
     assert 'ground = ["TERR*"]' in doubts[0].text
+    road = piece("road", size=(4000, 8, 0), level=1.0)
+    doubts = scenery_doubts(report, [*tiles, road], [*roles[:40], PieceRole("ground", "", By.NAME)], Options())
+    (kept,) = [doubt.text for doubt in doubts if doubt.kind == DoubtKind.NOT_GROUND]
+    assert 'ground = ["TERR*"]' in kept
 
 
 def test_a_curb_around_a_track_is_not_water(read):
