@@ -18,15 +18,18 @@ from rich.markup import escape
 from hulldown.base.errors import HulldownError, shorten_text
 from hulldown.base.terminal import STDERR
 from hulldown.verbs import demo, planning, rendering, training
-from hulldown.verbs.command import named_verb, run_command
-from hulldown.verbs.output import DONE, MISTAKE, STOPPED, silence_stdout, warnings_in_one_line
+from hulldown.verbs.command import named_verb, parser_problem, run_command
+from hulldown.verbs.output import DONE, MISTAKE, STDOUT_NAME, STOPPED, silence_stdout, warnings_in_one_line
 
 LONGEST_LINE = 2000  # characters of a message
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
-REFUSALS = (
-    *(errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM),
-    *(errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP),
-)
+REFUSALS = {
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room and run the same command again"),
+    **dict.fromkeys(
+        (errno.EROFS, errno.EACCES, errno.EPERM), "name another place, or give yourself the right to use it"
+    ),
+    **dict.fromkeys((errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP), "name another file or folder"),
+}
 CHANGED = (errno.ENOENT, errno.EINVAL, errno.ESTALE)  # a named file that is gone, or something else than before
 VERBS = planning.VERBS | rendering.VERBS | training.VERBS | demo.VERBS
 
@@ -44,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print_refusal(str(error))
     except CycloptsError as error:
         asked = " ".join(["hulldown", named_verb(words, VERBS) or "", "--help"])
-        return _print_refusal(f"{error} See `{' '.join(asked.split())}`")
+        return _print_refusal(f"{parser_problem(error)} (see `{' '.join(asked.split())}`)")
     except KeyboardInterrupt:
         resumes = any(verb.resumes for name, verb in VERBS.items() if words[: name.count(" ") + 1] == name.split())
         return _print_refusal(
@@ -57,9 +60,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     except OSError as error:
         if error.errno not in REFUSALS and not (error.errno in CHANGED and error.filename):
             raise
-        if error.filename is None:
+        if error.filename == STDOUT_NAME:
             silence_stdout()
-        return _print_refusal(f"{error.filename or 'stdout'}: {error.strerror}")
+        remedy = REFUSALS.get(error.errno or 0, "run the same command again")
+        return _print_refusal(f"{error.filename or 'a file cannot be written'}: {error.strerror}; {remedy}")
 
 
 def _print_refusal(problem: str, code: int = MISTAKE) -> int:

@@ -16,6 +16,8 @@ from hulldown.assets.skylight import EVEN, SkyLight
 from hulldown.assets.vehicle import VehicleShape
 
 GOLDEN_RATIO = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
+PARTS_PER_M = 2**32  # to which each term of the sum is rounded
+MAX_TERM_M = 2.0**30  # of such a term
 SHAPE_TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a coordinate that changes by 0.02 mm changes it more
 
 
@@ -39,7 +41,7 @@ def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
     """Return the fingerprint of an asset as it was read; names and what follows from its meshes don't count."""
     if isinstance(asset, VehicleShape):
         asset = replace(asset, underside=np.zeros((0, 0)))  # by rays, for which rounding may make the difference
-    topology, shape, count = hashlib.sha256(), 0.0, 0
+    topology, shape, count = hashlib.sha256(), 0, 0
 
     def take(array: np.ndarray) -> Any:
         nonlocal shape, count
@@ -49,14 +51,17 @@ def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
             weight -= np.floor(weight)  # modulo 1, in a tenth of the time that NumPy's `%` takes
             weight -= 0.5
             weight += np.copysign(0.5, weight)  # no coordinate counts less than half
-            shape += float(weight @ np.nan_to_num(array.ravel().astype(np.float64), posinf=0.0, neginf=0.0))
+            values = np.nan_to_num(array.ravel().astype(np.float64), posinf=0.0, neginf=0.0)
+            terms = np.clip(weight * values, -MAX_TERM_M, MAX_TERM_M)
+            # Whole numbers, since the last digits of a sum of floats depend on its order, which each BLAS chooses.
+            shape += int(np.rint(terms * PARTS_PER_M).astype(np.int64).sum())
             count += array.size
         else:
             topology.update(array.tobytes())
         return None
 
     msgspec.to_builtins(asset, enc_hook=take)
-    return Fingerprint(topology.hexdigest(), shape)
+    return Fingerprint(topology.hexdigest(), shape / PARTS_PER_M)
 
 
 class Source(Struct, frozen=True, kw_only=True):
@@ -69,6 +74,8 @@ class Source(Struct, frozen=True, kw_only=True):
 class GeometrySource(Source, frozen=True, kw_only=True):
     """The file of a vehicle or scenery, and what was read from it."""
 
+    # SHA-256 of the textures and libraries that it refers to, by their paths from its folder; None: can't be read
+    files: dict[str, str | None] = {}
     geometry: Fingerprint | None = None
 
 

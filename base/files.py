@@ -1,20 +1,14 @@
-"""Atomic writes of files and folders, safe opens, and paths that stay inside their folder."""
+"""Atomic writes of files, safe opens, and paths that stay inside their folder."""
 
 from __future__ import annotations
 
 import errno
 import os
-import shutil
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath, PureWindowsPath
 from typing import BinaryIO, TypeGuard, cast
-
-from hulldown.base.errors import DatasetError, HulldownError
-
-DONE_NAME = ".hulldown-done"  # of a file with the key of what made its folder
-UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so that renaming its content never copies
 
 
 @contextmanager
@@ -42,52 +36,6 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
     """Write a whole file as `atomic_writer` does."""
     with atomic_writer(path) as file:
         file.write(content)
-
-
-@contextmanager
-def all_or_nothing(out: Path, key: str = "") -> Iterator[Path]:
-    """Yield a temporary folder whose content moves to `out` at the end of the block.
-
-    It's inside `out`, so that moving is renaming. Training tools don't see the remains of a killed run, and the
-    next run replaces them. With a key of what is made, `is_done` tells whether an earlier run with it made all.
-    """
-    if out.exists() and (not out.is_dir() or any(path.name != UNFINISHED_NAME for path in out.iterdir())):
-        raise DatasetError("isn't empty", path=out, remedy="name an empty or a new folder")
-    unfinished = out / UNFINISHED_NAME
-    made = not out.exists()
-    try:
-        shutil.rmtree(unfinished, ignore_errors=True)
-        unfinished.mkdir(parents=True)
-        yield unfinished
-        if key:
-            replace_file(unfinished / DONE_NAME, key.encode())
-        _move_folder(unfinished, out)
-    except BaseException as error:
-        shutil.rmtree(out if made else unfinished, ignore_errors=True)
-        if isinstance(error, OSError):
-            full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-            remedy = (
-                "free some space and run the same command again" if full else "choose a folder that you may write to"
-            )
-            raise DatasetError(f"cannot be written ({error.strerror})", path=out, remedy=remedy) from error
-        raise
-
-
-def is_done(out: Path, key: str) -> bool:
-    """Tell whether a run of `all_or_nothing` with this key ended, finishing one that was stopped as it moved files."""
-    for folder in (out, out / UNFINISHED_NAME):
-        with suppress(OSError), open_regular(folder / DONE_NAME) as file:
-            if file.read(len(key) + 1) == key.encode():
-                if (out / UNFINISHED_NAME).exists():
-                    _move_folder(out / UNFINISHED_NAME, out)
-                return True
-    return False
-
-
-def _move_folder(unfinished: Path, out: Path) -> None:
-    for path in sorted(unfinished.iterdir(), key=lambda path: path.name == DONE_NAME):  # the mark last
-        path.rename(out / path.name)
-    unfinished.rmdir()
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -131,11 +79,3 @@ def stays_inside(file_name: object) -> TypeGuard[str]:
         return False
     unix, windows = PurePosixPath(file_name), PureWindowsPath(file_name)
     return not (unix.is_absolute() or windows.drive or windows.root or ".." in unix.parts or ".." in windows.parts)
-
-
-def prepare_output_file(path: Path) -> None:
-    """Make a file's folder before the long work that writes the file."""
-    if path.is_dir():
-        raise HulldownError("is a folder", path=path, remedy="name a file in it")
-    with HulldownError.raise_for_system("cannot be written", path=path, remedy="choose a folder that you may write to"):
-        path.parent.mkdir(parents=True, exist_ok=True)

@@ -30,6 +30,16 @@ MAX_NESTING_DEPTH = 64  # lists and objects in each other
 LONGEST_NUMBER = 300  # characters: float64 ends at 308
 LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
 MAX_LINE_DOTS = 500  # of a line of TOML: its parser takes quadratic time for keys of many parts
+# What folders with these files are, and files that begin like this, or are named like this.
+FOLDER_KINDS = {
+    "annotations.json": "a dataset", "journal.jsonl": "a dataset", "run.json": "a run of `train`",
+    "study.json": "a study", ".hulldown-done": "an export",
+}  # fmt: skip
+BEGINNINGS = {
+    b'{"hulldown_plan"': "a plan", b"BLENDER": "a .blend file",
+    b"\x89PNG": "a picture", b"\xff\xd8\xff": "a picture", b"\x76\x2f\x31\x01": "an HDRI",
+}  # fmt: skip
+FILE_KINDS = {".toml": "a config", ".json": "a JSON file", ".blend": "a .blend file"}
 T = TypeVar("T")
 _ONE_THREAD = threading.RLock()
 Refuse: TypeAlias = Callable[[str], Exception]  # makes an error of a problem, such as partial(ConfigError, path=path)
@@ -59,6 +69,20 @@ def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
     if len(content) > most:
         raise refuse(f"is larger than {most >> 20:,} MiB")
     return content
+
+
+def describe_path(path: Path) -> str:
+    """Return what is at a path, as far as its beginning shows, for errors about what it isn't."""
+    if path.is_dir():
+        return next((kind for name, kind in FOLDER_KINDS.items() if (path / name).exists()), "a folder")
+    try:
+        with open_regular(path) as file:
+            start = file.read(16)
+    except OSError:
+        return "another file"
+    kind = FILE_KINDS.get(path.suffix.lower(), "another file")
+    kind = "a JSON list" if kind == "a JSON file" and start.startswith(b"[") else kind
+    return next((known for mark, known in BEGINNINGS.items() if start.startswith(mark)), kind if start else "empty")
 
 
 def file_sha256(path: Path) -> str:
@@ -143,6 +167,8 @@ class _Loader(yaml.SafeLoader):
             raise ValueError("it is nested too deeply")
         node = super().compose_node(parent, index)
         self.depth -= 1
+        if isinstance(node, yaml.ScalarNode) and ":" in node.value and node.tag.endswith((":int", ":float")):
+            node.tag = "tag:yaml.org,2002:str"  # 1:36 is 96 in YAML 1.1, where 60 is a base
         if isinstance(node, yaml.ScalarNode) and len(node.value) > LONGEST_NUMBER and not node.tag.endswith(":str"):
             raise ValueError(f"it has a number of {len(node.value):,} characters")
         return node

@@ -13,18 +13,21 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from hulldown.base.errors import ConfigError, shorten_value
-from hulldown.base.outside import parse_toml, read_text
+from hulldown.base.outside import describe_path, parse_toml, read_text
 
+TEXTS = ("a config", "a JSON file", "another file", "empty")  # that may be a config
 Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
     """Read a TOML file; `remedy` is what to do if it can't be read."""
+    if path.exists() and (kind := describe_path(path)) not in TEXTS:
+        raise ConfigError(f"is {kind}, not a config", path=path, remedy=remedy or "name a .toml file")
     text = read_text(path, partial(ConfigError, path=path, remedy=remedy))
     try:
         return parse_toml(text)
     except ValueError as error:
-        raise ConfigError(f"isn't TOML: {error}", path=path) from None
+        raise ConfigError(f"isn't TOML: {error}", path=path, remedy="correct that line") from None
 
 
 def validate_model(

@@ -7,16 +7,15 @@ record that a user deletes there stays deleted.
 
 from __future__ import annotations
 
-import contextlib
 import time
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import msgspec
-from filelock import FileLock, Timeout
 
 from hulldown.base.errors import DatasetError
+from hulldown.base.outputs import OutputFolder
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
 from hulldown.dataset.store.entries import (
     Record,
@@ -30,9 +29,9 @@ from hulldown.dataset.store.entries import (
 from hulldown.dataset.store.journal import MERGED, Journal
 from hulldown.dataset.store.reservations import Reservation
 
-LOCK_NAME = ".hulldown.lock"
 MERGE_EVERY_S = 30.0
 MERGE_SHARE = 0.02  # largest share of a run's time for rewriting annotations.json
+LOGS_NAME = "logs"
 
 
 class CocoDataset:
@@ -52,10 +51,10 @@ class CocoDataset:
     (1, ['annotations.json'])
     """
 
-    def __init__(self, folder: Path, lock: FileLock, journal: Journal, document: Document, made: list[Path]) -> None:
-        self.folder = folder
+    def __init__(self, lock: OutputFolder, journal: Journal, document: Document, *, new: bool) -> None:
+        self.folder = lock.folder
         self._lock = lock
-        self._made = made
+        self._new = new
         self._images = len(document.images)
         self._length = journal.length
         self._journal = journal
@@ -64,7 +63,7 @@ class CocoDataset:
         self._merge_took = 0.0
 
     @classmethod
-    def open(cls, folder: Path | str, *, categories: Iterable[str] = ()) -> CocoDataset:
+    def open(cls, folder: Path | str, *, categories: Iterable[str] = (), inputs: Iterable[Path] = ()) -> CocoDataset:
         """Open `folder` for appending; made if it does not exist, continued if it does.
 
         Parameters
@@ -73,28 +72,20 @@ class CocoDataset:
             The dataset. An ``annotations.json`` in it, made here or elsewhere, keeps all its records and fields.
         categories
             Names of classes that get ids now, in this order, unless a category of that name exists.
+        inputs
+            Folders that it may not be in.
 
         Raises
         ------
-        DatasetError
-            If another process has it open, or a file in it can't be read.
+        HulldownError
+            If another process has it open, it has other files and no dataset, or a file in it can't be read.
         """
-        folder = Path(folder)
-        lock = FileLock(folder / LOCK_NAME)
-        # Inner folders first, the order in which `abandon` removes them.
-        files = (folder / JOURNAL_NAME, folder / LOCK_NAME, folder, *folder.parents)
-        made = [path for path in files if not path.exists()]
-        remedy = "choose a folder that you may write to"
-        with DatasetError.raise_for_system("cannot be written to", path=folder, remedy=remedy):
-            folder.mkdir(parents=True, exist_ok=True)
-            try:
-                lock.acquire(timeout=0)
-            except Timeout:
-                remedy = "wait until it has ended, or write to another folder"
-                raise DatasetError("another process is writing to this dataset", path=folder, remedy=remedy) from None
+        marks = (JOURNAL_NAME, ANNOTATIONS_NAME)
+        lock = OutputFolder(Path(folder), "dataset", marks, inputs=inputs, remains=LOGS_NAME)
         try:
-            document = read_document(folder)
-            dataset = cls(folder, lock, Journal(folder / JOURNAL_NAME), document, made)
+            journal = lock.folder / JOURNAL_NAME
+            new, document = not journal.exists(), read_document(lock.folder)
+            dataset = cls(lock, Journal(journal), document, new=new)
             dataset.add_categories(map(new_category, categories))
         except BaseException:
             lock.release()
@@ -252,7 +243,7 @@ class CocoDataset:
 
     def close(self) -> None:
         """Merge, and release the dataset for other processes. Closing twice is harmless."""
-        if not self._lock.is_locked:
+        if not self._lock.is_held:
             return
         try:
             self.merge()
@@ -264,14 +255,12 @@ class CocoDataset:
         """Close as if it had never been opened; for a run that cannot begin."""
         if len(self) > self._images:
             raise ValueError(f"abandon: expected no image since the dataset was opened, got some in {self.folder}")
-        if not self._lock.is_locked:
+        if not self._lock.is_held:
             return
         self._journal.truncate(self._length)
         self._journal.close()
-        for path in self._made:
-            # A folder that isn't empty stays.
-            with contextlib.suppress(OSError):
-                path.rmdir() if path.is_dir() else path.unlink()
+        if self._new:
+            self._journal.path.unlink(missing_ok=True)
         self._lock.release()  # last: afterwards the folder may be another process's
 
     def __enter__(self) -> CocoDataset:

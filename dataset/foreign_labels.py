@@ -80,7 +80,7 @@ def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> C
     except ValueError as error:
         raise refuse(f"names no classes ({error})") from None
     coco = _empty_coco(str(name) for _, name in sorted(names.items()))
-    ids = {key: i for i, key in enumerate(sorted(names), 1)}
+    ids = {float(key): i for i, key in enumerate(sorted(names), 1)}
     for picture in _picture_files(pictures):
         image = _add_image(coco, folder, picture)
         text = labels / f"{picture.stem}.txt"
@@ -88,8 +88,8 @@ def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> C
         for number, line in enumerate(read_text(text, refuse).splitlines() if text.exists() else (), 1):
             if line.strip():
                 try:
-                    key, *values = line.split()
-                    _yolo_label(coco, image, ids[int(key)], parse_value(values, list[_Share], strict=False))
+                    key, *values = map(float, line.replace("_", "?").split())  # Python reads 0.1_5
+                    _yolo_label(coco, image, ids[key], parse_value(values, list[_Share]))
                 except (ValueError, KeyError):
                     problem = f"line {number}: {line[:60]!r} is no class and box, or class and polygon"
                     raise refuse(problem) from None

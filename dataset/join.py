@@ -117,7 +117,7 @@ def join_datasets(
     folder = Path(output)
     allowed = [Path(path) for path in allow_links]
     read = [_read_part(Path(part), folder, allowed) for part in parts]
-    target = CocoDataset.open(folder)
+    target = CocoDataset.open(folder, inputs=map(Path, parts))
     try:
         for part in read:
             target.add_categories(part.document.categories)

@@ -5,14 +5,14 @@ from __future__ import annotations
 import contextlib
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_type_hints
 
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, defstruct
 
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.label_list import label_misfits, label_problems
@@ -37,7 +37,9 @@ from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import read_journal
+from hulldown.dataset.store.placed_pictures import refuse_links
 from hulldown.dataset.store.reservations import read_reservations
+from hulldown.plan.row import PlannedVehicle, Row, row_fields
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
@@ -77,10 +79,15 @@ def finding_lines(findings: Iterable[Finding]) -> list[str]:
     return lines + [f"{severity}: and {n} more like: {' '.join(kind.split())}" for severity, kind, n in more]
 
 
-def read_usable(folder: Path) -> LabeledImages:
-    """Read the dataset in `folder`, all records of which must be complete."""
+def read_usable(folder: Path, allowed: Sequence[Path] = ()) -> LabeledImages:
+    """Read the dataset in `folder`, all records of which must be complete.
+
+    Pictures may be missing, but not be links that lead out of it and the `allowed` folders, or special files.
+    """
     coco = read_coco(folder)
     refuse_unusable(folder, coco["categories"], coco["images"], coco["annotations"])
+    names = [image["file_name"] for image in coco["images"]]
+    refuse_links(folder if folder.is_dir() else folder.parent, names, allowed)
     return LabeledImages.from_coco(coco)
 
 
@@ -139,10 +146,22 @@ def check_names(coco: Coco) -> Iterator[Finding]:
                 yield Finding("warning", f"{kind}{name}", f"differs from {other} in capitals only")
 
 
+def _recorded_fields(kind: type[Struct], *declared: type[Struct]) -> type[Struct]:
+    """Return a type of the fields of a plan's row or vehicle that records have, less those that are declared."""
+    hints, known = get_type_hints(kind, include_extras=True), set().union(*map(get_type_hints, declared))
+    keys = [key for key, field in row_fields(kind).items() if field.recorded and key not in known]
+    return defstruct(kind.__name__, [(key, hints[key], None) for key in keys])
+
+
+ROW_FIELDS = _recorded_fields(Row, View, ImageRecord)
+VEHICLE_FIELDS = _recorded_fields(PlannedVehicle, LabelRecord)
+
+
 def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
     """Find fields of a render's view that don't fit; those of other datasets may mean something else."""
     for image in images:
-        problems = list(invalid_fields(image, View))
+        row_fields = invalid_fields(image, ROW_FIELDS) if PICTURE_KEY in image else ()
+        problems = [*invalid_fields(image, View), *row_fields]
         if (
             not (problems or any(invalid_fields(image, ImageRecord)))
             and (view := declared_fields(image, View)).K is not None
@@ -185,7 +204,9 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
             if (box := (label.category_id, *label.bbox.tolist())) in boxes:
                 yield Finding("warning", where, "repeats class and box of another one in the same image")
             boxes.add(box)
-            problems = label_problems(label, image, classes.get(label.category_id))
+            problems = [*label_problems(label, image, classes.get(label.category_id))]
+            if PICTURE_KEY in image.record:
+                problems += invalid_fields(label.record, VEHICLE_FIELDS)
             yield from (Finding("error", where, problem) for problem in problems)
             yield from _label_hints(where, label, image)
     for number, times in numbers.items():
@@ -221,19 +242,22 @@ def _box_gap(label: Label, image: Image) -> float:
 
 
 class _Line(Struct):
-    """An image's line of a journal."""
+    """A line of a journal: an image, or what else it has."""
 
-    image: dict[str, object]
-    annotations: list[dict[str, object]]
+    image: dict[str, object] | None = None
+    annotations: list[dict[str, object]] = []
+    categories: list[dict[str, object]] = []
 
 
 def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
     """Find records that aren't as they were appended; images without a line in the journal are from elsewhere."""
     lines: dict[str, _Line] = {}
+    classes: dict[object, Record] = {}
     for number, each in enumerate(read_journal(journal), start=1):
         try:
-            if "image" in each:
-                written = parse_value(each, _Line)
+            written = parse_value(each, _Line)
+            classes |= {category.get("id"): category for category in written.categories}
+            if written.image is not None:
                 lines[normal_name(str(written.image.get("file_name")))] = written
         except ValueError as error:
             yield Finding("error", journal.name, f"line {number} does not fit ({error})")
@@ -244,15 +268,18 @@ def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
         if (line := lines.get(normal_name(_image_name(image)))) is None:
             continue
         found: dict[str, Record] = {"its record": image, **labels.get(str(image["id"]), {})}
-        wanted: dict[str, Record] = {
-            "its record": line.image,
-            **{f"annotation {label.get('id')}": label for label in line.annotations},
-        }
-        for what in dict.fromkeys([*wanted, *found]):
-            if found.get(what) != wanted.get(what):
-                how = "added" if what not in wanted else "deleted" if what not in found else "changed"
-                problem = f"{what} was {how} after it was recorded; if that's meant, delete {journal.name}"
-                yield Finding("error", _image_name(image), problem)
+        wanted = {"its record": line.image or {}} | {f"annotation {one.get('id')}": one for one in line.annotations}
+        yield from _changes(_image_name(image), found, wanted, journal)
+    kept = {f"category {each['id']}": each for each in coco["categories"] if each["id"] in classes}
+    yield from _changes("categories", kept, {f"category {number}": each for number, each in classes.items()}, journal)
+
+
+def _changes(where: str, found: Mapping[str, Record], wanted: Mapping[str, Record], journal: Path) -> Iterator[Finding]:
+    for what in dict.fromkeys([*wanted, *found]):
+        if found.get(what) != wanted.get(what):
+            how = "added" if what not in wanted else "deleted" if what not in found else "changed"
+            problem = f"{what} was {how} after it was recorded; if that's meant, delete {journal.name}"
+            yield Finding("error", where, problem)
 
 
 def check_reservations(coco: Coco) -> Iterator[Finding]:

@@ -13,8 +13,10 @@ from cyclopts import Parameter
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import AssetError, ConfigError, HulldownError
-from hulldown.base.files import atomic_writer, prepare_output_file
+from hulldown.base.files import atomic_writer
+from hulldown.base.outputs import claim_file
 from hulldown.base.terminal import progress_bar
+from hulldown.dataset.store.document import is_own
 from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PLAIN, SCENERY_FILES, TANK, TRUCK
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.asset_sections import CACHE_NAME
@@ -82,7 +84,9 @@ def write_config(folder: Path, text: str) -> Path:
 
 
 def refuse_config(config: Path) -> None:
-    """Raise ConfigError if there is a config, which is the user's."""
+    """Raise ConfigError if there is a config, which is the user's, or a dataset."""
+    if is_own(config.parent):
+        raise ConfigError("is a dataset", path=config.parent, remedy="name another folder")
     if config.exists():
         raise ConfigError("is there already", path=config, remedy="delete it or name another folder")
 
@@ -132,7 +136,7 @@ def create_project(
     if source is not None:
         return _write_project(Path(source), folder, values, limits)
     refuse_config(folder / CONFIG)
-    prepare_output_file(folder / CONFIG)
+    claim_file(folder / CONFIG, "a config")
     if bare:
         return write_config(folder, bare_text(values))
     with progress_bar("building demo assets") as advance:
@@ -152,7 +156,7 @@ def _write_project(source: Path, folder: Path, values: Mapping[str, object], lim
             shutil.rmtree(cache)
             folder.rmdir()
         raise
-    prepare_output_file(folder / CONFIG)
+    claim_file(folder / CONFIG, "a config")
     config = write_config(folder, found_config(source, found, folder, values))
     keep_doubts(found, source, config, cache)
     for word in missing_kinds(found):

@@ -159,8 +159,13 @@ def load_library(
     prints = {name: print_of(asset) for name, asset in (read_shapes | read_lands).items()}
     sources: dict[str, dict[str, Source]] = {
         key: {
-            e.name: GeometrySource(path=e.path, sha256=sha256, geometry=prints[e.name])
-            for e, (_, sha256) in files
+            e.name: GeometrySource(
+                path=e.path,
+                sha256=sha256,
+                files={_relative_path(config.folder / e.path, file): each for file, each in exported.hashes.items()},
+                geometry=prints[e.name],
+            )
+            for e, (exported, sha256) in files
             if isinstance(e, kind)
         }
         for key, kind in kinds.items()
@@ -261,6 +266,10 @@ def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
     return Options(**options, texture_size=config.assets.texture_size)
 
 
+def _relative_path(asset: Path, file: str) -> str:
+    return Path(os.path.relpath(file, asset.resolve().parent)).as_posix()
+
+
 def _as_given(path: Path, config: Config) -> str:
     try:
         return path.relative_to(config.folder).as_posix()
@@ -280,6 +289,12 @@ def refuse_changed(plan: PlanFile, assets: Assets) -> None:
                     path=plan.path,
                     remedy="plan again with `hulldown plan`, or bring the old file back",
                 )
+            if changed := _changed_file(was, files[name]):
+                raise ConfigError(
+                    f"{kind}: {changed}, of {name!r} ({was.path}), is not what it was when this was planned",
+                    path=plan.path,
+                    remedy="plan again with `hulldown plan`, or bring the old file back",
+                )
             if not _reads_the_same(was, files[name]):
                 raise ConfigError(
                     f"{kind}: {name!r} ({was.path}) has another geometry here than when this was planned"
@@ -292,6 +307,14 @@ def refuse_changed(plan: PlanFile, assets: Assets) -> None:
 def _source_digests(source: Source) -> tuple[str, str]:
     """Return the digests of a file and of its rendered copy."""
     return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
+
+
+def _changed_file(was: Source, now: Source) -> str:
+    """Return the first texture or library that has changed; empty if there is none, or the plan doesn't list any."""
+    if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.files):
+        return ""
+    names = sorted({*was.files, *now.files})
+    return next((each for each in names if was.files.get(each, "") != now.files.get(each, "")), "")
 
 
 def _reads_the_same(was: Source, now: Source) -> bool:

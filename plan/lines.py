@@ -14,7 +14,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self, get_type_hints, overload
 
-import filelock
 import msgspec
 import numpy as np
 from jaxtyping import Int
@@ -22,7 +21,8 @@ from msgspec import Struct
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import open_in_place, open_regular
-from hulldown.base.outside import convert_value, parse_json
+from hulldown.base.outputs import OutputLock, claim_file
+from hulldown.base.outside import convert_value, describe_path, parse_json
 from hulldown.plan.picture_names import picture_name
 from hulldown.plan.rejection import BY_KEY
 from hulldown.plan.row import (
@@ -38,7 +38,7 @@ from hulldown.plan.row import (
 )
 
 _CHUNK_BYTES = 1 << 24
-_BEGINNING = b'{"hulldown_plan":'
+PLAN_MARK = b'{"hulldown_plan":'
 
 
 class PlanFile(os.PathLike[str]):
@@ -58,10 +58,14 @@ class PlanFile(os.PathLike[str]):
         except FileNotFoundError:
             raise ConfigError("no such plan", path=path, remedy="make one with `hulldown plan`") from None
         except OSError as error:
-            raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
+            if not path.is_dir():
+                raise ConfigError(f"cannot be read: {error.strerror}", path=path) from None
+            raise _other_kind(path) from None
         try:
             version = parse_json(line, dict[str, object])["hulldown_plan"]
         except (ValueError, KeyError):
+            if not line.startswith(PLAN_MARK):
+                raise _other_kind(path) from None
             raise _damage_error(path, 1, "isn't the header of a plan") from None
         if version != PLAN_FORMAT:
             raise _damage_error(path, 1, f"has plan format {version!r:.60}, this is format {PLAN_FORMAT}")
@@ -157,6 +161,11 @@ class PlanFile(os.PathLike[str]):
         return row
 
 
+def _other_kind(path: Path) -> ConfigError:
+    remedy = "name a plan, which `hulldown plan` makes"
+    return ConfigError(f"is {describe_path(path)}, not a plan", path=path, remedy=remedy)
+
+
 def _damage_error(path: Path, number: int, what: str) -> ConfigError:
     return ConfigError(f"line {number} {what}", path=path, remedy="plan again with `hulldown plan`")
 
@@ -189,20 +198,15 @@ class PlanWriter:
     def __init__(self, path: str | Path, header: Header) -> None:
         self.path = Path(path)
         self.partial = self.path.with_name(self.path.name + ".partial")
-        self._lock = filelock.FileLock(self.path.with_name(f".{self.path.name}.lock"), timeout=0)
         self._header = encode_line(header)
-        _refuse_other_file(self.path)
+        claim_file(self.path, "a plan", PLAN_MARK)
+        self._lock = OutputLock.of_file(self.path, "plan")
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            self._lock.acquire()
-            self._file = self._open_partial()
-        except filelock.Timeout:
-            raise ConfigError("another process is writing this plan", path=self.path, remedy="wait for it") from None
-        except OSError as error:
-            if self._lock.is_locked:
-                self._release_lock()
-            remedy = "make room, or choose a folder that you may write to"
-            raise ConfigError(f"cannot be written: {error.strerror}", path=self.path, remedy=remedy) from None
+            with self._name_file():
+                self._file = self._open_partial()
+        except BaseException:
+            self._lock.release()
+            raise
 
     def _open_partial(self) -> BinaryIO:
         file = open_in_place(self.partial)
@@ -220,8 +224,9 @@ class PlanWriter:
     def keep_rows(self, rows: int) -> None:
         """Drop the rows after the first `rows`; call it before `write`."""
         end = int(self._starts[rows + 1])
-        self._file.truncate(end)
-        self._file.seek(end)
+        with self._name_file():
+            self._file.truncate(end)
+            self._file.seek(end)
         self.rows = rows
 
     def write(self, lines: bytes, rows: int) -> None:
@@ -253,26 +258,13 @@ class PlanWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._file.close()
-        if self.rows == 0:
-            self.partial.unlink(missing_ok=True)
-        self._release_lock()
-
-    def _release_lock(self) -> None:
-        # Deleted before the release, since afterwards the file may be another process's lock.
-        Path(self._lock.lock_file).unlink(missing_ok=True)
-        self._lock.release()
-
-
-def _refuse_other_file(path: Path) -> None:
-    """Refuse to replace a file that isn't a plan, such as a config after `-o`."""
-    if path.is_dir():
-        raise ConfigError("is a folder", path=path, remedy="name a file for the plan, such as plan.jsonl")
-    if path.is_file():
-        with open_regular(path) as file:
-            start = file.read(len(_BEGINNING))
-        if start not in (b"", _BEGINNING):
-            raise ConfigError("exists and isn't a plan", path=path, remedy="name another file, or delete it first")
+        try:
+            with self._name_file():
+                self._file.close()
+        finally:
+            if self.rows == 0:
+                self.partial.unlink(missing_ok=True)
+            self._lock.release()
 
 
 def line_starts(file: BinaryIO) -> Int[np.ndarray, " lines_plus_1"]:

@@ -299,15 +299,17 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     seed: Annotated[int, _field_kind("a whole number >= 0", ge=0, le=2**63 - 1), _field_meaning("the config's")]
     root: Annotated[Name, _field_meaning("folder of the config, relative to the plan; paths below are relative to it")]
     config: Annotated[dict[str, object], _field_kind("a table"), _field_meaning("the config with all defaults")]
-    vehicles: Annotated[dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `geometry`, `category`")]
+    vehicles: Annotated[
+        dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `files`, `geometry`, `category`")
+    ]
     sceneries: Annotated[
         dict[str, ScenerySource],
         _Files,
-        _field_meaning("`path`, `sha256`, `geometry`, `origin`: the world's, in the file's coordinates"),
+        _field_meaning("`path`, `sha256`, `files`, `geometry`, `origin`: the world's, in the file's coordinates"),
     ]
     hdris: Annotated[dict[str, HdriSource], _Files, _field_meaning("`path`, `sha256`, `mended_sha256`")]
     distractors: Annotated[
-        dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `geometry`, `category` or null")
+        dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `files`, `geometry`, `category` or null")
     ]
     versions: Annotated[
         dict[str, str], _field_kind("versions by name"), _field_meaning("of Python, Blender (`bpy`), and the libraries")

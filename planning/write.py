@@ -24,12 +24,12 @@ from hulldown.assets.plan_assets import Assets, HdriSource, Source
 from hulldown.base.arguments import PATH, AnyPath, Count
 from hulldown.base.code import package_version
 from hulldown.base.errors import ConfigError
-from hulldown.base.files import prepare_output_file
+from hulldown.base.outputs import claim_file
 from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.plan.config.asset_sections import CACHE_NAME
 from hulldown.plan.config.schema import Config
 from hulldown.plan.given_poses import GivenPoses
-from hulldown.plan.lines import PlanWriter
+from hulldown.plan.lines import PLAN_MARK, PlanWriter
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import PLAN_FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.inputs.poses import read_poses
@@ -100,7 +100,7 @@ def plan_dataset(
     path = Path(output)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")
-    prepare_output_file(path)
+    claim_file(path, "a plan", PLAN_MARK)
     photographs = None
     if config.camera.like is not None:
         photographs = read_photographs(config.folder / config.camera.like)  # before the long work

@@ -114,7 +114,8 @@ def _valid_entry(entry: Path, path: Path) -> Exported | None:
         return None
     if note.namesakes != _namesakes(path, note.report):
         return None
-    return folder_export(entry, replace(note.report, path=str(path)), note.files)
+    hashes = {file: was and was[2] for file, was in note.files.items()}
+    return replace(folder_export(entry, replace(note.report, path=str(path)), note.files), hashes=hashes)
 
 
 def _namesakes(path: Path, report: FileReport) -> list[str]:

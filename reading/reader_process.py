@@ -6,7 +6,7 @@ import json
 import os
 import sys
 import tempfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from pathlib import Path
@@ -25,7 +25,6 @@ from hulldown.reading.pieces.options import DEFAULTS, Options
 ANSWER = "answer.json"
 PICTURE = "picture.png"
 DIFFERENCES = "differences.png"
-LAST_WORDS = 2000  # characters of Blender's last output before a crash
 Found = TypeVar("Found")
 
 
@@ -63,6 +62,8 @@ class Exported:
     picture: Path | None  # of a vehicle, see `reading.blender.vehicle_picture`; None for a scenery
     differences: Path | None  # a picture of what was lost, see `reading.blender.file_pictures`; None if nothing was
     files: tuple[str, ...]  # absolute path of every file that the asset refers to: textures, libraries
+    # SHA-256 of each, from a cache; None if it can't be read
+    hashes: Mapping[str, str | None] = field(default_factory=dict)
 
 
 def export_asset(
@@ -153,4 +154,7 @@ def _raise_reason(path: str, code: int, last_words: str, exceeded: str) -> NoRet
     if code < 0:
         problem = f"Blender crashed reading it (signal {-code})"
         raise AssetError(problem, path=path, remedy="open it in Blender, save it again, or leave it out")
-    raise RuntimeError(f"{path}: reading it failed:\n{last_words[-LAST_WORDS:]}")
+    with tempfile.NamedTemporaryFile("w", prefix="hulldown-reading-", suffix=".log", delete=False) as log:
+        log.write(last_words)
+    last = (last_words.strip().splitlines() or [f"exit code {code}"])[-1]
+    raise AssetError(f"reading it failed: {last:.300}", path=path, remedy=f"please report it, with {log.name}")

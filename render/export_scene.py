@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hulldown.base.arguments import AnyPath, BlendFile, Count
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import prepare_output_file
+from hulldown.base.outputs import claim_file
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
@@ -62,9 +62,7 @@ def export_scene(
     if image > len(rows):
         raise HulldownError(f"has no image {image}", path=rows.path, remedy=f"name one from 1 to {len(rows)}")
     engine = Engine(device=device, blender=blender)
-    if os.path.lexists(output):
-        raise HulldownError("is there already", path=output, remedy="delete it or name another file")
-    prepare_output_file(output)
+    claim_file(output, "a scene")
     library = load_planned_library(rows, cache=cache, limits=limits)
     with tempfile.TemporaryDirectory(prefix=".hulldown-", dir=output.parent) as name:
         folder = Path(name).resolve()

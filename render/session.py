@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.base.errors import ConfigError, HulldownError
-from hulldown.base.files import UNFINISHED_NAME
-from hulldown.dataset.coco import CocoDataset
+from hulldown.base.outputs import UNFINISHED_NAME
+from hulldown.dataset.coco import LOGS_NAME, CocoDataset
 from hulldown.dataset.provenance import (
     Failure,
     Provenance,
@@ -40,7 +40,6 @@ from hulldown.render.process import Outcome, without_notes
 if TYPE_CHECKING:
     from hulldown.render.cluster_pool import ClusterPool
 
-LOGS_NAME = "logs"
 GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they aren't the cause
 
 

@@ -19,7 +19,7 @@ from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import is_interactive, print_message, titled_bar
 from hulldown.cluster.scheduler import Scheduler, needing_dask
-from hulldown.dataset.coco import CocoDataset
+from hulldown.dataset.coco import LOGS_NAME, CocoDataset
 from hulldown.dataset.provenance import FAILURES_NAME
 from hulldown.dataset.store.placed_pictures import path_inside
 from hulldown.dataset.table import Dataset
@@ -30,7 +30,7 @@ from hulldown.render.jobs import readable_paths
 from hulldown.render.outline import WHOLE, Outline, Part
 from hulldown.render.pool import DEFAULT_ENGINE, Device, Engine, Pool
 from hulldown.render.process import Confinement
-from hulldown.render.session import LOGS_NAME, Progress, Session
+from hulldown.render.session import Progress, Session
 
 if TYPE_CHECKING:
     from hulldown.render.cluster_pool import ClusterPool

@@ -114,6 +114,8 @@ def find_problems(
     """Find what is wrong with a dataset; parameters as of `verify_dataset`."""
     folder = Path(dataset)
     coco = read_coco(folder)
+    if folder.is_file():
+        raise DatasetError("is a file", path=folder, remedy=f"name its folder, {folder.parent}")
     sound = sound_images(coco)
     findings = [*unusable_records(coco["categories"], coco["images"], coco["annotations"]), *check_names(coco)]
     findings += check_cameras(coco["images"])

@@ -95,6 +95,10 @@ def fit_network(trainee: Trainee, training: Training) -> RunFigures:
         trainer.fit(trainee.module, loader, ckpt_path=None if done is None else str(checkpoint), weights_only=True)
     except SystemExit:  # raised by Lightning on Ctrl-C
         raise KeyboardInterrupt from None
+    except DAMAGED as error:
+        if done is None or recorder.began:  # else it's the checkpoint, of which `_steps_done` read two values
+            raise
+        raise _damaged(checkpoint, error) from None
     network: Any = trainee.module.model
     network.load_state_dict(recorder.best_weights or trainee.average.get_ema_model_state_dict())
     trainee.save(network, training.folder.path)
@@ -117,6 +121,7 @@ class Recorder(pl.Callback):
         self.seconds: list[float] = []
         self.best: dict[str, float] | None = None  # the last validation, or with `keep = "best"` the best one
         self.best_weights: Mapping[str, torch.Tensor] = {}
+        self.began = False
         self._trainee, self._training, self._steps = trainee, training, training.settings.steps
         self._due = {round(self._steps * k / CURVE_POINTS) for k in range(1, CURVE_POINTS + 1)}
         self._parts: list[torch.Tensor] = []
@@ -131,7 +136,7 @@ class Recorder(pl.Callback):
 
     def on_train_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule) -> None:
         """Start the clock, and copy the network for validations."""
-        self._step, self._last = trainer.global_step, time.monotonic()
+        self.began, self._step, self._last = True, trainer.global_step, time.monotonic()
         self._averaged: Any = deepcopy(self._trainee.module.model) if self._training.valid is not None else None
 
     def on_train_batch_end(
@@ -220,7 +225,13 @@ def _steps_done(checkpoint: Path, module: pl.LightningModule) -> int:
         with open_regular(checkpoint) as file:
             found: Any = load_tensors(file)
         module.load_state_dict(found["state_dict"])
-        return int(found["global_step"])
+        if type(steps := found["global_step"]) is not int or steps < 0:
+            raise ValueError(f"global_step is {steps!r:.40}")
+        return steps
     except DAMAGED as error:
-        problem, remedy = f"is damaged ({first_line(error)})", "delete it, and training begins anew"
-        raise HulldownError(problem, path=checkpoint, remedy=remedy) from None
+        raise _damaged(checkpoint, error) from None
+
+
+def _damaged(checkpoint: Path, error: BaseException) -> HulldownError:
+    problem, remedy = f"is damaged ({first_line(error)})", "delete it, and training begins anew"
+    return HulldownError(problem, path=checkpoint, remedy=remedy)

@@ -24,6 +24,7 @@ from hulldown.annotate.records import Image
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import open_regular
+from hulldown.base.outside import describe_path
 from hulldown.dataset.foreign_labels import PICTURES, foreign_reader
 from hulldown.dataset.store.document import COCO_NAME, is_own
 from hulldown.training.evaluation.labels import Labels, read_labels
@@ -117,7 +118,10 @@ def _list_files(path: str) -> list[Path]:
     else:
         found = [Path(name) for name in glob.glob(path, recursive=True) if name.lower().endswith(PICTURES)]
     if not found:
-        raise DatasetError("no pictures here", path=path, remedy=f"name a dataset, a video, or {', '.join(PICTURES)}")
+        here = f": it is {describe_path(Path(path))}" if os.path.exists(path) else ""
+        raise DatasetError(
+            f"no pictures here{here}", path=path, remedy=f"name a dataset, a video, or {', '.join(PICTURES)}"
+        )
     if strange := [file for file in found if file.suffix.lower() not in PICTURES]:
         remedy = "name one video by itself" if strange[0].suffix.lower() in VIDEOS else "name a picture or a folder"
         raise DatasetError(f"is no picture ({', '.join(PICTURES)})", path=strange[0], remedy=remedy)

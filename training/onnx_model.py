@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import prepare_output_file, replace_file
+from hulldown.base.files import replace_file
+from hulldown.base.outputs import claim_file
 from hulldown.training.detectors.detector import find_weights
 from hulldown.training.inputs.extra import require_extra, silence_libraries
 from hulldown.training.predict import load_detector
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 INPUT = "input: (1, 3, h, w) RGB, 0 to 1"
 NORMALIZED_INPUT = f"{INPUT}, less ImageNet's mean, over its standard deviation"
+MARK = b"\x12\x08hulldown"  # ONNX's field for the name of the producer, among the first
 OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
 
 
@@ -53,7 +55,7 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     output = Path(output)
     if output.suffix.lower() != ".onnx":
         raise HulldownError("doesn't end in .onnx", path=output, remedy="name it model.onnx, for example")
-    prepare_output_file(output)
+    claim_file(output, "a network", MARK)
     weights = find_weights(Path(run))
     detector = load_detector(weights, "cpu")
     if isinstance(detector, TransformersDetector):
@@ -61,6 +63,7 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     else:
         content, normalized = _export_detr(weights), True
     model = onnx.load_from_string(content)
+    model.producer_name = "hulldown"
     about: dict[str, object] = {
         "classes": list(detector.classes), "input": NORMALIZED_INPUT if normalized else INPUT, "output": OUTPUT
     }  # fmt: skip

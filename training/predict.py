@@ -6,8 +6,9 @@ import hashlib
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Annotated, TypedDict
@@ -20,8 +21,9 @@ from PIL import Image
 from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.base.arguments import AnyPath, Count, Overlap, make_parser
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import atomic_writer, open_in_place, open_regular, prepare_output_file, replace_file
-from hulldown.base.outside import parse_json
+from hulldown.base.files import atomic_writer, open_in_place, open_regular, replace_file
+from hulldown.base.outputs import OutputError, OutputFolder, OutputLock, claim_file
+from hulldown.base.outside import file_sha256, parse_json
 from hulldown.base.terminal import progress_bar
 from hulldown.training.detectors.detector import Detector, chosen_device, find_weights, weights_digest
 from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
@@ -38,6 +40,7 @@ from hulldown.training.inputs.extra import require_extra
 from hulldown.training.run_folder import starting_weights
 
 UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for each finished image
+INFO_MARK, RESULTS_MARK = b'{"detector":', b"["
 BATCH_PICTURES = 8
 PIXEL_DIGITS = 3  # decimals of a pixel
 START = "start"  # names the weights that a run started from, as rivals
@@ -160,8 +163,13 @@ def predict_detections(
     """
     require_extra()
     output = Path(output)
-    prepare_output_file(output)
-    found = find_pictures([pictures] if isinstance(pictures, str | os.PathLike) else list(pictures))
+    info_file, unfinished = (output.with_name(output.name + suffix) for suffix in (INFO_SUFFIX, UNFINISHED_SUFFIX))
+    named = [pictures] if isinstance(pictures, str | os.PathLike) else list(pictures)
+    inputs = [Path(run), *map(Path, named)]
+    ours = info_file.exists() or unfinished.exists()  # results have no place for a mark of their own
+    claim_file(info_file, "a list of pictures", INFO_MARK, inputs=inputs)
+    claim_file(output, "detections", RESULTS_MARK if ours else b"", inputs=inputs)
+    found = find_pictures(named)
     detector = load_detector(Path(run), device)
     ids, unknown = _category_ids(detector.classes, found)
     rival_weights = None if rivals is None else starting_weights(Path(run)) if str(rivals) == START else Path(rivals)
@@ -172,29 +180,33 @@ def predict_detections(
         from hulldown.training.detectors.tiled import TiledDetector
 
         detector = TiledDetector(detector, tile, batch=batch)
-    unfinished = output.with_name(output.name + UNFINISHED_SUFFIX)
-    done = _read_unfinished(unfinished, key)
-    already = len(done)
-    left = [k for k, image in enumerate(found.images) if image.id not in done]
-    with progress_bar("predicting", progress) as advance, open_in_place(unfinished) as file:
-        for some in _detect_batches(detector, found, ids, left, batch):
-            file.write(_result_lines(some))
-            file.flush()
-            done |= some
-            advance(len(done), len(found.images))
-    results = [one for image in found.images for one in done[image.id]]
-    names = dict(zip(ids, detector.classes, strict=True))
-    new = [NewCategory(id=i, name=name) for i, name in names.items() if name not in found.category_ids]
-    info = PredictionInfo(detector=str(run), images=[image.id for image in found.images], categories=new)
-    if not found.category_ids:
-        info["pictures"] = [image.record for image in found.images]
-    info_file = output.with_name(output.name + INFO_SUFFIX)
-    info_file.unlink(missing_ok=True)  # of earlier results
-    for path, value in ((output, results), (info_file, info)):
-        replace_file(path, orjson.dumps(value) + b"\n")
-    if drawn is not None:
-        _draw_detections(found, done, names, Path(drawn), threshold)
-    unfinished.unlink()
+    with ExitStack() as stack:
+        stack.enter_context(OutputLock.of_file(output, "file of detections"))
+        if drawn is not None:
+            if Path(drawn).resolve() == found.folder.resolve():
+                raise OutputError("has the pictures", path=Path(drawn), remedy="name an empty folder by --draw")
+            stack.enter_context(OutputFolder(Path(drawn), "drawings", inputs=inputs))
+        done = _read_unfinished(unfinished, key, content := _content_hashes(found))
+        already = len(done)
+        left = [k for k, image in enumerate(found.images) if image.id not in done]
+        with progress_bar("predicting", progress) as advance, open_in_place(unfinished) as file:
+            for some in _detect_batches(detector, found, ids, left, batch):
+                file.write(_result_lines(some, content))
+                file.flush()
+                done |= some
+                advance(len(done), len(found.images))
+        results = [one for image in found.images for one in done[image.id]]
+        names = dict(zip(ids, detector.classes, strict=True))
+        new = [NewCategory(id=i, name=name) for i, name in names.items() if name not in found.category_ids]
+        info = PredictionInfo(detector=str(run), images=[image.id for image in found.images], categories=new)
+        if not found.category_ids:
+            info["pictures"] = [image.record for image in found.images]
+        info_file.unlink(missing_ok=True)  # of earlier results
+        for path, value in ((output, results), (info_file, info)):
+            replace_file(path, orjson.dumps(value) + b"\n")
+        if drawn is not None:
+            _draw_detections(found, done, names, Path(drawn), threshold)
+        unfinished.unlink()
     counts = Counter(names[one["category_id"]] for one in results if one["score"] >= threshold)
     return Predicted(len(found.images), len(results), already, unknown, dict(counts))
 
@@ -262,15 +274,15 @@ def _draw_detections(
     if (video := pictures.video) is not None:
         from supervision import VideoInfo, VideoSink
 
-        prepare_output_file(target := folder / pictures.path.with_suffix(".mp4").name)
+        target = folder / pictures.path.with_suffix(".mp4").name
+        target.unlink(missing_ok=True)  # writing would follow a link
         with VideoSink(str(target), VideoInfo(video.width, video.height, video.fps, video.frames)) as sink:
             for _, picture in labeled():
                 sink.write_frame(np.asarray(picture)[..., ::-1])
         return
     for name, picture in labeled():
-        prepare_output_file(
-            target := folder / (name if name.lower().endswith((".jpg", ".jpeg", ".png")) else f"{name}.png")
-        )
+        target = folder / (name if name.lower().endswith((".jpg", ".jpeg", ".png")) else f"{name}.png")
+        target.parent.mkdir(parents=True, exist_ok=True)
         with atomic_writer(target) as file:
             picture.save(file, format="PNG" if target.suffix.lower() == ".png" else "JPEG", quality=90)
 
@@ -287,19 +299,34 @@ def _results_key(
     return digest.hexdigest()
 
 
-def _read_unfinished(path: Path, key: str) -> dict[int, Found]:
+def _content_hashes(pictures: Pictures) -> Callable[[int], str | None]:
+    """Return a function that hashes the file of an image, by its id; None if it can't be read."""
+    files = {image.id: pictures.folder / image.file_name for image in pictures.images}
+
+    @cache
+    def file_digest(path: Path) -> str | None:
+        try:
+            return file_sha256(path)
+        except OSError:  # found when it's read
+            return None
+
+    return lambda image: file_digest(pictures.path if pictures.video else files[image])
+
+
+def _read_unfinished(path: Path, key: str, content: Callable[[int], str | None]) -> dict[int, Found]:
     """Return an interrupted call's results by image, which are all that its file then has.
 
-    A file with another key is ignored, and so is a truncated last line.
+    A file with another key is ignored, and so are a truncated last line, and images whose files have changed.
     """
     done: dict[int, Found] = {}
-    with suppress(FileNotFoundError, ValueError), open_regular(path) as before:
+    with suppress(FileNotFoundError, ValueError, KeyError), open_regular(path) as before:
         for line in before if parse_json(before.readline(), object) == key else ():
-            image, found = parse_json(line, tuple[int, Found])
-            done[image] = found
-    replace_file(path, orjson.dumps(key) + b"\n" + _result_lines(done))
+            image, digest, found = parse_json(line, tuple[int, str | None, Found])
+            if digest == content(image):
+                done[image] = found
+    replace_file(path, orjson.dumps(key) + b"\n" + _result_lines(done, content))
     return done
 
 
-def _result_lines(found: Mapping[int, Found]) -> bytes:
-    return b"".join(orjson.dumps(item) + b"\n" for item in found.items())
+def _result_lines(found: Mapping[int, Found], content: Callable[[int], str | None]) -> bytes:
+    return b"".join(orjson.dumps([image, content(image), results]) + b"\n" for image, results in found.items())

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 
 import msgspec
-from filelock import FileLock, Timeout
 from msgspec import Struct
 
-from hulldown.base.errors import ConfigError, HulldownError
+from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
 from hulldown.base.outside import read_json
 from hulldown.training.detectors.detector import RUN_NAME, Run, find_weights, read_run
 
-CONFIG_NAME, CHECKPOINT_NAME, LOCK_NAME = "config.json", "checkpoint.ckpt", ".hulldown.lock"
-
-
-class FolderBusy(HulldownError):
-    """Another process is at work in a folder."""
+CONFIG_NAME, CHECKPOINT_NAME = "config.json", "checkpoint.ckpt"
 
 
 class RunData(Struct, frozen=True):
@@ -61,22 +55,6 @@ class RunFolder:
         path = self.path / RUN_NAME if isinstance(record, Run) else self.config
         text = json.dumps(msgspec.to_builtins(record), indent=2, ensure_ascii=False)
         replace_file(path, text.encode() + b"\n")
-
-
-@contextmanager
-def lock_folder(folder: Path, *, marker: str, what: str) -> Iterator[None]:
-    """Lock a folder that is new, empty, or has the file `marker`."""
-    if folder.exists() and not (folder / marker).exists():
-        held = [one.name for one in folder.iterdir()] if folder.is_dir() else [folder.name]
-        if strangers := [name for name in held if name != LOCK_NAME]:
-            raise ConfigError(f"holds {strangers[0]} and no {what}", path=folder, remedy="name a new or empty folder")
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(folder / LOCK_NAME, timeout=0):
-            yield
-    except Timeout:
-        remedy = "wait until it has ended, or name another folder"
-        raise FolderBusy(f"another process is at work on this {what}", path=folder, remedy=remedy) from None
 
 
 def finished_run(path: Path, config: RunConfig) -> Run | None:

@@ -12,7 +12,7 @@ from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.terminal import track_items
 from hulldown.geometry.indices import even_sample
-from hulldown.pictures.own_files import make_room_for_picture, save_picture
+from hulldown.pictures.own_files import claim_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.training.inputs.extra import require_extra
 from hulldown.training.inputs.settings import load_settings
@@ -53,7 +53,7 @@ def augmentation_sheet(
     from hulldown.training.inputs.augment import Augmenter
     from hulldown.training.inputs.data import at_work_size
 
-    make_room_for_picture(Path(output))
+    claim_picture(Path(output))
     augment = Augmenter(load_settings(None, {"augmentation": augmentation}).augmentation)
     classes, (source,) = read_sources({"dataset": dataset})
     chosen = even_sample(len(source), rows)

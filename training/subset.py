@@ -13,13 +13,13 @@ import orjson
 from hulldown.annotate.records import Image
 from hulldown.base.arguments import AnyPath, make_parser
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import all_or_nothing
+from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.exports.split import shuffle_key
 from hulldown.dataset.images import group_positions
 from hulldown.dataset.records import read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
-from hulldown.dataset.store.placed_pictures import link_or_copy
+from hulldown.dataset.store.placed_pictures import link_or_copy, resolve_own_picture
 
 FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
 SHARES = make_parser("shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,...")
@@ -103,16 +103,17 @@ def write_subsets(
     chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}
     done, total = 0, sum(sizes)
     head = {"info": {}, **found.head, "categories": [category.record for category in found.categories]}
-    with progress_bar("linking images") as advance, all_or_nothing(out) as unfinished:
+    with (
+        OutputFolder(out, "subsets", (), inputs=[dataset]) as target,
+        progress_bar("linking images") as advance,
+        target.all_or_nothing() as unfinished,
+    ):
         for name, ids in chosen.items():
             images = [image for image in found.images if image.id in ids]
             for image in images:
-                source, target = dataset / image.file_name, unfinished / name / image.file_name
-                target.parent.mkdir(parents=True, exist_ok=True)
-                with DatasetError.raise_for_system(
-                    "cannot be linked", path=source, remedy="check it with `hulldown verify`"
-                ):
-                    link_or_copy(source, target)
+                source, linked = resolve_own_picture(dataset, image.file_name), unfinished / name / image.file_name
+                linked.parent.mkdir(parents=True, exist_ok=True)
+                link_or_copy(source, linked)
                 done += 1
                 advance(done, total)
             records = [orjson.dumps(image.record) for image in images]

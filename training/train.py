@@ -18,6 +18,7 @@ from msgspec.structs import replace
 from hulldown.base.arguments import AnyPath, make_check
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
+from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import is_interactive, progress_bars
 from hulldown.base.terminal import print_message as show_line
 from hulldown.training.detectors.detector import Run, RunFigures, RunSource, chosen_device, weights_digest
@@ -31,7 +32,7 @@ from hulldown.training.inputs.sources import (
     read_sources,
     shared_pictures,
 )
-from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, finished_run, lock_folder
+from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, finished_run
 
 if TYPE_CHECKING:
     import torch
@@ -158,24 +159,23 @@ def train_detector(
     from hulldown.training.fitting import Training, fit_network
 
     draws = make_draws(list(map(len, sources)), settings.budget, seed=settings.seed, shares=shares)
-    with silence_libraries():
+    with silence_libraries(), OutputFolder(out, "run", [CONFIG_NAME], inputs=map(Path, data.values())):
         trainee = prepare_trainee(settings, classes, chosen, out)
-        with lock_folder(out, marker=CONFIG_NAME, what="run"):
-            folder = RunFolder(out)
-            folder.write(run_config)
-            run = _describe_run(settings, classes, data, sources, draws, chosen)
-            folder.write(run)
-            text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it
-            replace_file(out / AUGMENTATION_NAME, f"{text}\n".encode())
-            size = (settings.resolution, settings.resolution)
-            examples = DrawnExamples(sources, draws, size, settings.augmentation, masks=bool(settings.masks))
-            training = Training(
-                settings, examples, folder, device=chosen, workers=_worker_count() if workers is None else workers,
-                checkpoint_every_s=checkpoint_every_s, valid=labels, progress=progress,
-            )  # fmt: skip
-            run = replace(run, status="finished", figures=fit_network(trainee, training))
-            folder.write(run)
-            folder.checkpoint.unlink(missing_ok=True)
+        folder = RunFolder(out)
+        folder.write(run_config)
+        run = _describe_run(settings, classes, data, sources, draws, chosen)
+        folder.write(run)
+        text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it
+        replace_file(out / AUGMENTATION_NAME, f"{text}\n".encode())
+        size = (settings.resolution, settings.resolution)
+        examples = DrawnExamples(sources, draws, size, settings.augmentation, masks=bool(settings.masks))
+        training = Training(
+            settings, examples, folder, device=chosen, workers=_worker_count() if workers is None else workers,
+            checkpoint_every_s=checkpoint_every_s, valid=labels, progress=progress,
+        )  # fmt: skip
+        run = replace(run, status="finished", figures=fit_network(trainee, training))
+        folder.write(run)
+        folder.checkpoint.unlink(missing_ok=True)
     return run
 
 

@@ -12,8 +12,10 @@ from importlib.util import find_spec
 from typing import Annotated, Any
 
 from cyclopts import App, Parameter
+from cyclopts.exceptions import CycloptsError, MissingArgumentError, UnusedCliTokensError
 from rich.table import Table
 
+from hulldown.base.code import package_version
 from hulldown.base.terminal import print_message, print_warning
 from hulldown.verbs.output import DONE, print_report, show_json
 
@@ -103,6 +105,18 @@ def named_verb(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
     return next((name for name in verbs if list(words[: len(name.split())]) == name.split()), None)
 
 
+def parser_problem(error: CycloptsError) -> str:
+    """Return what is wrong with the words of a command, in one line."""
+    if isinstance(error, MissingArgumentError) and (argument := error.argument) and not error.tokens_so_far:
+        name = argument.names[0].lstrip("-").upper()
+        if error.keyword is not None:
+            return f"{error.keyword} has no value"
+        return f"{name if argument.index is not None else f'{argument.names[-1]} {name}'} is missing"
+    if isinstance(error, UnusedCliTokensError):
+        return f"unexpected words: {' '.join(error.unused_tokens or ())}"
+    return " ".join(str(error).split())
+
+
 def run_command(words: Sequence[str], verbs: Mapping[str, Verb]) -> int:
     """Run a verb, or show help, and return the exit code."""
     app = command_line(words, verbs)
@@ -115,7 +129,8 @@ def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
     app = App(
         name="hulldown",
         help="Plan, render and annotate synthetic detection datasets of vehicles on terrain.",
-        version_flags=(),
+        version=package_version("hulldown") or "unknown",
+        version_flags=("--version",),
         default_parameter=Parameter(negative=(), show_default=_shown_default),
         suppress_keyboard_interrupt=False,
     )

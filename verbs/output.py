@@ -19,6 +19,7 @@ from hulldown.base.terminal import Terminal, print_warning
 
 STDOUT = Terminal(highlight=False)
 MAX_TABLE_CHARACTERS = 10_000  # characters of a table in a file or a pipe
+STDOUT_NAME = "stdout"  # names it in errors
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
 
@@ -44,6 +45,17 @@ def silence_stdout() -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
+@contextmanager
+def _naming_stdout() -> Iterator[None]:
+    """Name stdout in errors such as that of a full disk."""
+    try:
+        yield
+    except OSError as error:
+        error.filename = error.filename or STDOUT_NAME
+        raise
+
+
+@_naming_stdout()
 def print_report(*results: str | Table) -> None:
     """Print lines and tables on stdout: lines unbroken in a narrow terminal, tables whole in a file or a pipe."""
     for result in results:
@@ -55,6 +67,7 @@ def print_report(*results: str | Table) -> None:
             Terminal(file=STDOUT.file, width=MAX_TABLE_CHARACTERS, highlight=False).print(result)
 
 
+@_naming_stdout()
 def show_json(result: object) -> None:
     """Print a result on stdout as JSON."""
     sys.stdout.write(json.dumps(result, indent=2, default=_plain_value) + "\n")

@@ -18,7 +18,7 @@ from hulldown.annotate.masks import area_and_box
 from hulldown.annotate.records import Image, Label
 from hulldown.base.arguments import AnyPath, AtLeastZero, make_parser
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import all_or_nothing, is_done
+from hulldown.base.outputs import DONE_NAME, OutputFolder
 from hulldown.base.terminal import print_message, progress_bar
 from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, voc, yolo
 from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
@@ -119,36 +119,38 @@ def export_dataset(
         raise DatasetError(f"layout {layout} has no polygons", remedy=f"these have: {', '.join(WITH_POLYGONS)}")
     folder, out = Path(dataset), Path(output)
     within = POLYGONS_WITHIN_PX if polygons is True else float(polygons)
-    document = read_usable(folder)
+    allowed = [Path(each) for each in allow_links]
+    document = read_usable(folder, allowed)
     images = clip_labels(document.images, folder=folder, clip=clip)
     split_of = assign_splits(images, fractions=fractions)
     _check_masks(images, folder)
-    pictures = sound_pictures(folder, images, [Path(each) for each in allow_links])
+    pictures = sound_pictures(folder, images, allowed)
     items: dict[str, list[Item]] = {split: [] for split in SPLITS}
-    for image, name, picture in zip(images, flat_names(images), pictures, strict=True):
+    for image, name, (picture, digest) in zip(images, flat_names(images), pictures, strict=True):
         kept = floors.kept_labels(image.labels)
         if polygons is not False:
             kept = [_outline_label(label, image.size, within) for label in kept]
-        items[split_of[image.id]].append(Item(image.labeled(kept), name, picture))
+        items[split_of[image.id]].append(Item(image.labeled(kept), name, picture, digest))
     categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
     splits = Splits(folder, document.head, categories, items)
     key = _export_key(layout, splits)
-    if is_done(out, key):
-        print_message(f"{out}: is complete already")
-        return counts
-    with progress_bar("linking images", progress) as advance, all_or_nothing(out, key) as unfinished:
-        LAYOUTS[layout](replace(splits, progress=advance), unfinished)
+    with OutputFolder(out, "export", [DONE_NAME], inputs=[folder]) as target:
+        if target.is_done(key):
+            print_message(f"{out}: is complete already")
+            return counts
+        with progress_bar("linking images", progress) as advance, target.all_or_nothing(key) as unfinished:
+            LAYOUTS[layout](replace(splits, progress=advance), unfinished)
     return counts
 
 
 def _export_key(layout: str, splits: Splits) -> str:
-    """Return a hash of everything that determines an export, besides the content of pictures without a hash."""
+    """Return a hash of everything that determines an export."""
     key = hashlib.sha256(orjson.dumps([layout, splits.coco_head]))
     for split, of_split in splits.items.items():
         for item in of_split:
             labels = [label.record for label in item.image.labels]
-            key.update(orjson.dumps([split, item.image.record, labels, item.name]))
+            key.update(orjson.dumps([split, item.image.record, labels, item.name, item.sha256]))
     return key.hexdigest()
 
 

@@ -22,7 +22,8 @@ from hulldown.annotate.drawing import IGNORED, category_color
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import prepare_output_file, replace_file
+from hulldown.base.files import replace_file
+from hulldown.base.outputs import claim_file
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.attributes import SCALES, SIZE, camera_poses, pose_array
 from hulldown.dataset.photographs import Photographs, read_photographs
@@ -38,7 +39,6 @@ from hulldown.dataset.reports.page import Tile, render_page
 from hulldown.dataset.table import CONDITIONS, Dataset
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import even_sample
-from hulldown.pictures.own_files import refuse_foreign
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import read_plan
@@ -92,8 +92,7 @@ def report_dataset(
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH_PX, labels=False))
     if not dataset.images:
         raise DatasetError("has no images yet", path=source, remedy="render some first")
-    prepare_output_file(out)
-    refuse_foreign(out, PAGE_MARK)
+    claim_file(out, "a page", PAGE_MARK)
     comparison = None
     if photographs is not None:
         comparison = compare_with_photographs(dataset, read_photographs(Path(photographs)), pixels=source.is_dir())

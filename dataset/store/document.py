@@ -20,7 +20,7 @@ import orjson
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.base.code import package_version
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, convert_value, json_parts, json_records, parse_json, read_file
+from hulldown.base.outside import DATA, convert_value, describe_path, json_parts, json_records, parse_json, read_file
 from hulldown.dataset.foreign_labels import foreign_reader, refuse_nameless
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import last_merged, read_journal, replace_journal
@@ -212,9 +212,9 @@ def is_own(folder: Path) -> bool:
 def check_is_dataset(folder: Path) -> None:
     """Refuse a folder without a dataset."""
     if not is_own(folder):
-        raise DatasetError(
-            f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here", path=folder, remedy="name the folder of a dataset"
-        )
+        missing = f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here"
+        problem = f"is {describe_path(folder)}, not a dataset" if folder.is_file() else missing
+        raise DatasetError(problem, path=folder, remedy="name the folder of a dataset")
 
 
 def read_coco(folder: Path | str) -> Coco:
@@ -225,6 +225,8 @@ def read_coco(folder: Path | str) -> Coco:
     """
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
+        if (kind := describe_path(folder)) not in ("a JSON file", "another file", "empty"):
+            raise DatasetError(f"is {kind}, not a dataset", path=folder, remedy="name the folder of a dataset")
         return _read_annotations(folder).to_dict()
     if not is_own(folder):
         if (folder / COCO_NAME).exists():

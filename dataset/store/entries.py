@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from hulldown.annotate.coco_types import Record
-from hulldown.base.files import UNFINISHED_NAME, stays_inside
+from hulldown.base.files import stays_inside
+from hulldown.base.outputs import LOCK_NAME, UNFINISHED_NAME
 from hulldown.geometry.arrays import are_numbers
 
 # The dataset's own files: pictures with these names would be removed or overwritten.
 RESERVED = (
     *("annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json", "logs"),
-    *(UNFINISHED_NAME, ".hulldown.lock"),
+    *(UNFINISHED_NAME, LOCK_NAME),
 )
 
 

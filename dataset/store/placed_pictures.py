@@ -5,7 +5,8 @@ from __future__ import annotations
 import errno
 import os
 import shutil
-from collections.abc import Sequence
+import stat
+from collections.abc import Iterable, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
 
@@ -73,11 +74,26 @@ def resolve_own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -
         raise LinkError(
             f"is a link that leads out of its dataset, to {real}",
             path=path,
-            remedy=f"if you trust it, allow that with --allow-links {real.parent}",
+            remedy=f"put the picture there; if you trust it, export and join take --allow-links {real.parent}",
         )
     if not real.is_file():
         raise DatasetError("cannot be read (it isn't a regular file)", path=path, remedy=remedy)
     return real
+
+
+def refuse_links(folder: Path, names: Iterable[str], allowed: Sequence[Path] = ()) -> None:
+    """Refuse special files, and links that lead out of a dataset and the allowed folders; pictures may be missing."""
+    root, inside = folder.resolve(), dict[str, bool]()
+    for name in names:
+        path = os.path.join(folder, name)
+        try:
+            mode = os.lstat(path).st_mode
+        except OSError:
+            continue
+        if (home := os.path.dirname(path)) not in inside:
+            inside[home] = Path(home).resolve().is_relative_to(root)
+        if not (stat.S_ISREG(mode) and inside[home]):
+            resolve_own_picture(folder, name, allowed)
 
 
 def link_or_copy(source: Path, target: Path) -> None:

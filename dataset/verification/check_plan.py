@@ -62,8 +62,8 @@ def check_planned(coco: Coco, plan: Plan, assets: Callable[[], Library] | None) 
 
 
 def unlabeled_vehicle(name: str, category: str | None, vehicle: str) -> Finding:
-    """Return a warning about a missing label, which someone may have deleted on purpose."""
-    return Finding("warning", name, f"{category} {vehicle!r} is planned and has no annotation")
+    """Return the finding of a missing label."""
+    return Finding("error", name, f"{category} {vehicle!r} is planned and has no annotation")
 
 
 def _label_differences(name: str, box: Record | None, wanted: Record, names: Mapping[int, Any]) -> Iterator[Finding]:

@@ -21,7 +21,8 @@ from hulldown.assets.plan_assets import Assets
 from hulldown.assets.scenery import Scenery
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import ConfigError, HulldownError
-from hulldown.base.files import prepare_output_file, replace_file
+from hulldown.base.files import replace_file
+from hulldown.base.outputs import OutputFolder
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import track_items
 from hulldown.geometry.indices import even_sample
@@ -33,7 +34,14 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.camera_pencils import PixelRays
 from hulldown.scene.rays import Hits, Kind
 
-PASSES = ("depth", "normal", "instance", "part", "category")
+# folder and suffix of each pass
+PASSES = {
+    "depth": ("depth", ".npz"),
+    "normal": ("normal", ".npz"),
+    "instance": ("instance", ".png"),
+    "part": ("part", ".png"),
+    "category": ("panoptic", ".png"),
+}
 STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
 STUFF_SEGMENT = 1 << 16  # first segment number of stuff; segments of vehicles have their instance numbers
 MOST_INSTANCES = (1 << 16) - 1
@@ -241,22 +249,23 @@ def write_passes(
     plan, output = PlanFile.read(plan), Path(output)
     assets = assets or load_planned_library(plan, cache=cache, limits=limits).assets
     asked = dict(zip(PASSES, (depth, normal, instance, part, category), strict=True))
-    passes = [name for name in PASSES if asked[name]] or PASSES
+    passes = [name for name in PASSES if asked[name]] or list(PASSES)
     artist = Artist(plan, assets)
     chosen = even_sample(len(plan), len(plan) if count is None else count).tolist()
     names = [*plan.header.categories, *STUFF]
     things = len(plan.header.categories)
     categories = [PanopticClass(i, name, int(i <= things)) for i, name in enumerate(names, start=1)]
     document = Panoptic([], [], categories)
-    for index in track_items("casting rays", chosen, len(chosen)):
-        row = plan[index]
-        segments = _write_passes(row, artist, assets, output, passes)
-        document.images.append(PanopticImage(row.image_id, row.file_name, row.width, row.height))
-        document.annotations.append(PanopticLabel(row.image_id, f"{_image_stem(row)}.png", segments))
-    if "part" in passes:
-        _write_file(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
-    if "category" in passes:
-        _write_file(output / "panoptic.json", msgspec.json.encode(document))
+    with OutputFolder(output, "passes"):
+        for index in track_items("casting rays", chosen, len(chosen)):
+            row = plan[index]
+            segments = _write_passes(row, artist, assets, output, passes)
+            document.images.append(PanopticImage(row.image_id, row.file_name, row.width, row.height))
+            document.annotations.append(PanopticLabel(row.image_id, f"{_image_stem(row)}.png", segments))
+        if "part" in passes:
+            replace_file(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
+        if "category" in passes:
+            replace_file(output / "panoptic.json", msgspec.json.encode(document))
     return dict.fromkeys(passes, len(chosen))
 
 
@@ -264,23 +273,24 @@ def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes
     """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
     stem, digest = _image_stem(row), hashlib.sha256(encode_line(row)).hexdigest()
     path, complete = output / "tables" / f"{stem}.json", set[str]()
+    places = {name: output / folder / f"{stem}{suffix}" for name, (folder, suffix) in PASSES.items()}
     with suppress(HulldownError):  # written anew
         table = read_json(path, Written, partial(HulldownError, path=path), what="a table of ours")
-        complete = set(table.passes) if table.row_sha256 == digest else complete
+        if table.row_sha256 == digest:
+            complete = {name for name in table.passes if name in places and places[name].is_file()}
     if complete >= set(passes):
         return table.segments_info
     pixels = trace_pixels(row, artist, assets.sceneries)
     colors, segments = panoptic_segments(pixels, artist.class_ids)
-    files = {
-        "depth": ("depth", ".npz", lambda: _pass_arrays(axis=pixels.axis, ray=pixels.ray)),
-        "normal": ("normal", ".npz", lambda: _pass_arrays(world=pixels.normal)),
-        "instance": ("instance", ".png", lambda: _encode_png(pixels.instance)),
-        "part": ("part", ".png", lambda: _encode_png(pixels.part)),
-        "category": ("panoptic", ".png", lambda: _encode_png(colors)),
+    contents = {
+        "depth": lambda: _pass_arrays(axis=pixels.axis, ray=pixels.ray),
+        "normal": lambda: _pass_arrays(world=pixels.normal),
+        "instance": lambda: _encode_png(pixels.instance),
+        "part": lambda: _encode_png(pixels.part),
+        "category": lambda: _encode_png(colors),
     }
     for name in passes:
-        folder, suffix, content = files[name]
-        _write_file(output / folder / f"{stem}{suffix}", content())
+        _write_file(places[name], contents[name]())
     _write_file(path, msgspec.json.encode(Written(digest, sorted({*passes, *complete}), pixels.table, segments)))
     return segments
 
@@ -303,5 +313,5 @@ def _encode_png(pixels: np.ndarray) -> bytes:
 
 
 def _write_file(path: Path, content: bytes) -> None:
-    prepare_output_file(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
     replace_file(path, content)

@@ -18,7 +18,7 @@ from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import CARD_ALBEDO, card_radiance
 from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.indices import even_sample
-from hulldown.pictures.own_files import make_room_for_picture, save_picture
+from hulldown.pictures.own_files import claim_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_planned_library
@@ -62,7 +62,7 @@ def preview_sheet(
     """
     rows = PlanFile.read(plan)
     path = rows.path.with_name(f"{rows.path.name}.preview.png") if output is None else Path(output)
-    make_room_for_picture(path)
+    claim_picture(path)
     artist = Artist(rows, assets or load_planned_library(rows, cache=cache, limits=limits).assets)
     chosen = even_sample(len(rows), count).tolist()
     shaded = track_items("shading", chosen, len(chosen))

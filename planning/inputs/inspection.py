@@ -17,7 +17,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.arguments import AnyPath, PngFile
 from hulldown.base.errors import AssetError
 from hulldown.base.terminal import reading_status
-from hulldown.pictures.own_files import make_room_for_picture
+from hulldown.pictures.own_files import claim_picture
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library, with_odd_length
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
@@ -65,7 +65,7 @@ def inspect_files(
     """
     paths, output = [Path(file) for file in files], None if output is None else Path(output)
     if output:
-        make_room_for_picture(output)
+        claim_picture(output)
     limits.check_confinement()
     inspected: list[Inspected] = []
     refused = 0

@@ -29,7 +29,7 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.geotiff import Elevations
 
 NODES_ONLY = (2, 80)  # materials are nodes only since then
-GLASS = (4, 6, 7, 9)  # illumination models with transparency or refraction
+GLASS = ("4", "6", "7", "9")  # illumination models with transparency or refraction
 WEIGHT = "Transmission Weight"
 MIN_MAP_COORDINATE = 1e5  # meters; from here on a float32 has steps of a centimeter
 MAP_STEP = 1000.0  # meters; float32 holds its multiples exactly
@@ -152,16 +152,16 @@ def _clear_false_glass(path: Path) -> None:
             weight.default_value = 0.0
 
 
-def _illumination_models(library: Path) -> dict[str, int]:
+def _illumination_models(library: Path) -> dict[str, str]:
     """Illumination model of each material of an .mtl file; 2, an opaque one, by default."""
-    models: dict[str, int] = {}
+    models: dict[str, str] = {}
     name = ""
     for key, value in file_directives(library, b"newmtl", b"illum"):
         if key == "newmtl":
             name = value
-            models[name] = 2
-        elif name and value.isdigit():
-            models[name] = int(value)
+            models[name] = "2"
+        elif name:
+            models[name] = value
     return models
 
 

@@ -96,7 +96,7 @@ def mesh_compression(path: Path) -> str:
     Blender's modules decode Draco up to 5.0, not in 5.2.3, and none decodes meshopt.
     """
     required = parse_json(_gltf_json(path), dict).get("extensionsRequired", [])
-    return next((extension for extension in COMPRESSIONS if extension in required), "")
+    return next((one for one in COMPRESSIONS if isinstance(required, list) and one in required), "")
 
 
 def _gltf_json(path: Path) -> bytes:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
+from hulldown.base.outside import describe_path
 
 MAGIC = {
     b"BLENDER": "blend",
@@ -40,7 +41,7 @@ def first_bytes(path: Path) -> bytes:
         with open_regular(path) as file:
             start = file.read(64)
     except FileNotFoundError:
-        raise AssetError("does not exist", path=path) from None
+        raise AssetError("does not exist", path=path, remedy="check its name") from None
     except OSError as error:  # links that lead to each other among them
         raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
     except ValueError:
@@ -75,7 +76,7 @@ def file_format(path: Path) -> str:
     expected = SUFFIXES.get(suffix)
     if expected is None:
         raise AssetError(
-            f"is of a format that is not read; expected one of {', '.join(SUFFIXES)}",
+            f"is {describe_path(path)}, not a vehicle or scenery; expected one of {', '.join(SUFFIXES)}",
             path=path,
             remedy="save it as .blend in Blender",
         )

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+from hulldown.base.outside import parse_yaml
 from hulldown.conftest import PACKAGES
 
 ROOT = Path(__file__).parents[2]
@@ -87,3 +88,7 @@ for _ in range(30):
 
 def test_threads_meet_a_type_for_the_first_time_together():
     subprocess.run([sys.executable, "-P", "-c", MEETING], check=True)
+
+
+def test_yaml_has_no_numbers_to_the_base_of_60():
+    assert parse_yaml("ratio: 1:36") == {"ratio": "1:36"}

@@ -10,12 +10,13 @@ import os
 import pickle
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from hulldown.assets.plan_assets import Assets
+from hulldown.assets.plan_assets import Assets, GeometrySource, asset_fingerprint
 from hulldown.plan.config.schema import Config
-from hulldown.planning.planner import BLOCK_POSITIONS, Planner
+from hulldown.planning.write import write_plan
 from hulldown.tests.builders.planning_assets import bare, hills, small_assets, small_config
 
 ROOT = Path(__file__).parents[2]
@@ -63,8 +64,20 @@ def worlds(images: int) -> list[tuple[Config, Assets]]:
     ]
 
 
+def of_files(assets: Assets) -> Assets:
+    """Assets with fingerprints, as if they had been read from files."""
+    files = {
+        kind: {
+            name: GeometrySource(path=name, sha256=name, geometry=asset_fingerprint(one))
+            for name, one in of_kind.items()
+        }
+        for kind, of_kind in (("vehicles", assets.vehicles), ("sceneries", assets.sceneries))
+    }
+    return replace(assets, files=files)
+
+
 def planned_under(environment: dict[str, str], made: Path) -> list[bytes]:
-    """Rows of the pickled worlds, planned in a process with these variables."""
+    """Lines of plans of the pickled worlds, made in a process with these variables."""
     clean = {name: value for name, value in os.environ.items() if name not in NO_FMA and name not in core("")}
     command = [sys.executable, "-W", "ignore", "-m", "hulldown.tests.builders.kernels", "--child", str(made)]
     done = subprocess.run(command, env=clean | environment, cwd=ROOT, capture_output=True, check=True)
@@ -79,10 +92,9 @@ def main() -> int:
     arguments = parser.parse_args()
     if arguments.child:
         for config, assets in pickle.loads(arguments.child.read_bytes()):
-            planner = Planner(config, assets)
-            for start in range(0, planner.budget.n_positions, BLOCK_POSITIONS):
-                lines, _ = planner.lines(start, min(start + BLOCK_POSITIONS, planner.budget.n_positions))
-                sys.stdout.buffer.write(lines)
+            with TemporaryDirectory(dir=arguments.child.parent) as folder:
+                write_plan(config, of_files(assets), path := Path(folder) / "plan.jsonl")
+                sys.stdout.buffer.write(path.read_bytes())
         return 0
     with TemporaryDirectory() as folder:
         made = Path(folder) / "worlds"

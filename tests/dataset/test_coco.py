@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import hulldown.dataset.store.document as documents
-from hulldown.base.errors import DatasetError
+from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.provenance import GROWING, Failure, Provenance, add_provenance, write_failures
 from hulldown.dataset.store.document import read_coco
@@ -106,6 +106,10 @@ def test_two_plans_get_different_ids_and_names(tmp_path):
 def test_pictures_from_elsewhere_are_never_overwritten(tmp_path):
     (tmp_path / "images").mkdir()
     (tmp_path / "images" / "00000001.png").write_bytes(b"mine")
+    with pytest.raises(HulldownError, match="isn't empty: it has images and no dataset"):
+        CocoDataset.open(tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["images"]
+    (tmp_path / "annotations.json").write_text("{}")
     with CocoDataset.open(tmp_path) as dataset:
         assert (
             dataset.reserve("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
@@ -156,13 +160,15 @@ def test_a_reader_changes_nothing_and_misses_nothing_that_is_merged_while_it_rea
 
 def test_a_link_in_place_of_the_temporary_file_is_not_followed(tmp_path):
     (tmp_path / "mine").write_text("mine")
+    folder = tmp_path / "d"
+    folder.mkdir()
     for name in ("annotations.json", "provenance.json", "failures.jsonl"):
-        (tmp_path / f".{name}.{os.getpid()}.tmp").symlink_to(tmp_path / "mine")
-    CocoDataset.open(tmp_path).close()
-    add_provenance(tmp_path, {"a": Provenance(**{key: [] for key in GROWING})})
-    write_failures(tmp_path, [Failure(file_name="a.png")])
+        (folder / f".{name}.{os.getpid()}.tmp").symlink_to(tmp_path / "mine")
+    CocoDataset.open(folder).close()
+    add_provenance(folder, {"a": Provenance(**{key: [] for key in GROWING})})
+    write_failures(folder, [Failure(file_name="a.png")])
     assert (tmp_path / "mine").read_text() == "mine"
-    assert not any(path.name.endswith(".tmp") for path in tmp_path.iterdir())
+    assert not any(path.name.endswith(".tmp") for path in folder.iterdir())
 
 
 def test_abandoning_removes_nothing_of_the_next_process(tmp_path, monkeypatch):
@@ -185,7 +191,7 @@ def test_a_second_process_is_refused(tmp_path):
     with CocoDataset.open(tmp_path):
         code = f"from hulldown.dataset.coco import CocoDataset; CocoDataset.open({str(tmp_path)!r})"
         other = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-        assert "another process is writing to this dataset; wait until it has ended" in other.stderr
+        assert "another process is writing this dataset; wait until it has ended" in other.stderr
     CocoDataset.open(tmp_path).close()
 
 
@@ -269,7 +275,7 @@ def test_other_layouts_of_the_same_json_are_read(tmp_path, change):
 
 def test_a_file_in_place_of_the_folder_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(DatasetError, match="cannot be written to"):
+    with pytest.raises(HulldownError, match="is a file, not a folder"):
         CocoDataset.open(tmp_path / "file")
 
 

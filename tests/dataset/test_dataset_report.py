@@ -132,7 +132,7 @@ def test_only_a_report_is_overwritten_and_the_same_dataset_gives_the_same(folder
     report_dataset(folder, page)
     assert page.read_bytes() == before
     (tmp_path / "mine.html").write_text("<p>mine</p>")
-    with pytest.raises(HulldownError, match=r"mine\.html: exists and wasn't drawn by hulldown"):
+    with pytest.raises(HulldownError, match=r"mine\.html: exists and isn't a page by hulldown"):
         report_dataset(folder, tmp_path / "mine.html")
     with pytest.raises(HulldownError, match="cannot be written"):
         report_dataset(folder, tmp_path / "mine.html" / "report.html")

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from hulldown.base.errors import DatasetError
 from hulldown.cli import main
@@ -54,6 +55,27 @@ def test_yolo_without_names_is_refused_by_its_labels_and_windows_paths_are_read(
     (tmp_path / "annotations.json").write_text(json.dumps(content), encoding="utf-8")
     assert [image["file_name"] for image in read_coco(tmp_path)["images"]] == names
     assert any("/" in name for name in names)
+
+
+@pytest.mark.parametrize(
+    ("line", "box"),
+    [
+        *((f"{label} .5 +0.5 2e-1 1.", [38.4, 0.0, 19.2, 54.0]) for label in ("0", "0.0")),
+        *((line, None) for line in ("0 0_.5 .5 .2 .2", "0 0.1_5 .5 .2 .2", "0 nan .5 .2 .2", "inf .5 .5 .2 .2")),
+    ],
+)
+def test_numbers_of_yolo_are_those_that_other_readers_take(tmp_path, line, box):
+    for kind in ("images", "labels"):
+        (tmp_path / kind / "train").mkdir(parents=True)
+    (tmp_path / "data.yaml").write_text("names: [tank]")
+    Image.new("RGB", (96, 54)).save(tmp_path / "images" / "train" / "a.png")
+    (tmp_path / "labels" / "train" / "a.txt").write_text(line)
+    if box is None:
+        with pytest.raises(DatasetError, match="is no class and box"):
+            read_coco(tmp_path / "images" / "train")
+    else:
+        (label,) = read_coco(tmp_path / "images" / "train")["annotations"]
+        assert label["bbox"] == pytest.approx(box)
 
 
 def test_training_evaluation_and_export_accept_them(pictures, tmp_path):

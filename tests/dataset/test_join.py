@@ -264,10 +264,11 @@ def test_no_picture_is_written_outside(tmp_path):
     joined = tmp_path / "joined"
     joined.mkdir()
     (joined / "images").symlink_to(outside)
+    (joined / "annotations.json").write_text("{}")
     with pytest.raises(DatasetError, match="leads out of the dataset"):
         join_datasets([render(tmp_path / "1", [0])], joined)
     assert list(outside.iterdir()) == []
-    assert [path.name for path in joined.iterdir()] == ["images"]
+    assert sorted(path.name for path in joined.iterdir()) == ["annotations.json", "images"]
 
 
 def test_without_links_pictures_are_copied(tmp_path, monkeypatch):

@@ -5,8 +5,7 @@ import pytest
 from PIL import Image as Pictures
 
 from hulldown.annotate.records import Image, Label
-from hulldown.base.errors import DatasetError
-from hulldown.base.files import DONE_NAME, UNFINISHED_NAME
+from hulldown.base.outputs import DONE_NAME, UNFINISHED_NAME, OutputError
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLITS, assign_splits
 from hulldown.dataset.images import position_group
@@ -136,7 +135,7 @@ def test_a_folder_in_use_is_not_written_into(dataset, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / "mine.txt").write_text("")
-    with pytest.raises(DatasetError, match="isn't empty; name an empty"):
+    with pytest.raises(OutputError, match=r"isn't empty: it has mine\.txt and no export; name a new"):
         export_dataset(dataset, out)
 
 
@@ -160,11 +159,11 @@ def test_an_export_that_was_killed_late_is_done(dataset, tmp_path, capsys, left)
     assert sum(export_dataset(dataset, out).values()) > 0
     assert "is complete already" in capsys.readouterr().err
     assert sorted(out.rglob("*")) == whole
-    with pytest.raises(DatasetError, match="isn't empty"):
+    with pytest.raises(OutputError, match="isn't empty"):
         export_dataset(dataset, out, fractions=(1.0, 0.0, 0.0))
 
 
 def test_an_unwritable_target_of_an_export_is_refused(dataset, tmp_path):
     (tmp_path / "file").touch()
-    with pytest.raises(DatasetError, match=r"out: cannot be written \(Not a directory\)"):
+    with pytest.raises(OutputError, match=r"out: cannot be written \(Not a directory\)"):
         export_dataset(dataset, tmp_path / "file" / "out")

@@ -220,7 +220,7 @@ def moved(pose):
         (lambda i, a: a.update(world_from_vehicle=moved(POSE)), "error", "world_from_vehicle is"),
         (lambda i, a: a.update(articulation={"turret": 0.2}), "error", "articulation is {'turret': 0.2}"),
         (lambda i, a: a.update(visible_fraction=0.5), "error", "visible_fraction is 0.5, planned is 0.75"),
-        (lambda i, a: a.update(id=100), "warning", "tank 't72' is planned and has no annotation"),
+        (lambda i, a: a.update(id=100), "error", "tank 't72' is planned and has no annotation"),
         (
             lambda i, a: i.update(id=100),
             "warning",

@@ -9,7 +9,7 @@ from hulldown.annotate.masks import encode_mask
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
-from hulldown.pictures.own_files import refuse_foreign, save_picture
+from hulldown.pictures.own_files import claim_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.tests.builders.editing import append, write_dataset
 
@@ -126,11 +126,11 @@ def test_only_pictures_by_hulldown_are_replaced(tmp_path):
     path = tmp_path / "tank.png"
     gray().save(path)
     before = path.read_bytes()
-    with pytest.raises(HulldownError, match=r"tank\.png: exists and wasn't drawn by hulldown; name another"):
+    with pytest.raises(HulldownError, match=r"tank\.png: exists and isn't a picture by hulldown; name another"):
         save_picture(gray(), path)
     assert path.read_bytes() == before
     path.unlink()
     save_picture(gray(), path)
     save_picture(gray(), path)
-    refuse_foreign(path)
+    claim_picture(path)
     assert [found.name for found in tmp_path.iterdir()] == ["tank.png"]

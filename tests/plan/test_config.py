@@ -237,7 +237,7 @@ def test_a_file_that_is_not_a_config_is_refused(tmp_path, content, message):
         (tmp_path / "c.toml").write_bytes(content)
     with pytest.raises(ConfigError, match=rf"c.toml: {message}"):
         Config.read(tmp_path / "c.toml")
-    with pytest.raises(ConfigError, match="cannot be read"):
+    with pytest.raises(ConfigError, match="is a folder, not a config"):
         Config.read(tmp_path)
 
 

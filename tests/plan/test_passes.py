@@ -128,21 +128,21 @@ def test_panoptic_segments_have_cocos_format(made):
 
 
 def test_finished_images_are_kept_and_changed_ones_are_made_again(made, tmp_path, monkeypatch, capsys):
-    plan, folder = made
+    (plan, folder), out = made, tmp_path / "out"
     library = SimpleNamespace(assets=ASSETS)
     monkeypatch.setattr("hulldown.plan.pictures.passes.load_planned_library", lambda *_, **__: library)
-    assert main(["passes", str(plan.path), "-o", str(tmp_path), "--part", "--count", "1", "--json"]) == 0
+    assert main(["passes", str(plan.path), "-o", str(out), "--part", "--count", "1", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == {"part": 1}
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["part", "parts.json", "tables"]
-    part = tmp_path / "part" / "00000001.png"
+    assert sorted(p.name for p in out.glob("[!.]*")) == ["part", "parts.json", "tables"]
+    part = out / "part" / "00000001.png"
     part.write_bytes(b"kept")
-    write_passes(plan, tmp_path, part=True, count=1, assets=ASSETS)
+    write_passes(plan, out, part=True, count=1, assets=ASSETS)
     assert part.read_bytes() == b"kept"
-    write_passes(plan, tmp_path, count=1, assets=ASSETS)
+    write_passes(plan, out, count=1, assets=ASSETS)
     assert part.read_bytes() == (folder / "part" / "00000001.png").read_bytes()
     lines = plan.path.read_text().splitlines(keepends=True)
     lines[1] = lines[1].replace('"sample_seed":', '"sample_seed":1')
     (tmp_path / "edited.jsonl").write_text("".join(lines))
     part.write_bytes(b"old")
-    write_passes(tmp_path / "edited.jsonl", tmp_path, count=1, assets=ASSETS)
+    write_passes(tmp_path / "edited.jsonl", out, count=1, assets=ASSETS)
     assert part.read_bytes() != b"old"

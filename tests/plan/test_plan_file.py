@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.base.errors import ConfigError
+from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import stays_inside
+from hulldown.base.outputs import OutputError
 from hulldown.plan.lines import PlanWriter
 from hulldown.plan.picture_names import PICTURE_NAME
 from hulldown.plan.plan_file import read_plan
@@ -133,10 +134,10 @@ def test_only_plans_are_overwritten(path):
     written(path, rows=5)
     config = path.with_name("hulldown.toml")
     config.write_text("seed = 0\n")
-    with pytest.raises(ConfigError, match=r"hulldown.toml: exists and isn't a plan; name another file"):
+    with pytest.raises(OutputError, match=r"hulldown.toml: exists and isn't a plan by hulldown; name another file"):
         PlanWriter(config, header())
     assert config.read_text() == "seed = 0\n"
-    with pytest.raises(ConfigError, match="is a folder; name a file for the plan"):
+    with pytest.raises(OutputError, match="is a folder; name a file for a plan"):
         PlanWriter(path.parent, header())
     assert sorted(os.listdir(path.parent)) == ["hulldown.toml", "plan.jsonl"]
     assert not path.parent.with_name(path.parent.name + ".partial").exists()
@@ -152,13 +153,13 @@ HEADERS = [
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "line 1 isn't the header of a plan"),
-        (b"\x89PNG\r\n", "line 1 isn't the header of a plan"),
-        (b'{"images": [], "annotations": []}\n', "line 1 isn't the header of a plan"),
+        (b"", "is empty, not a plan"),
+        (b"\x89PNG\r\n", "is a picture, not a plan"),
+        (b'{"images": [], "annotations": []}\n', "is another file, not a plan"),
         (line({**HEADER, "hulldown_plan": 3}), "line 1 has plan format 3, this is format 4; plan again"),
         (line({**HEADER, "hulldown_plan": 5}), "line 1 has plan format 5, this is format 4; plan again"),
         (line({k: v for k, v in HEADER.items() if k != "images"}), "line 1 lacks images"),
-        (b"[" * 100_000, "line 1 isn't the header of a plan"),
+        (b"[" * 100_000, "is another file, not a plan"),
         (b'{"hulldown_plan": 4, "a": "\xff"}', "line 1 isn't the header of a plan"),
         *((line({**HEADER, key: value}), f"line 1 has {key} ") for key, value in HEADERS),
         (line({**HEADER, "images": 3_159_564_035}), "line 1 has 3159564035 images, more than the [0-9]+ bytes of the"),
@@ -198,16 +199,16 @@ def test_a_plan_is_replaced_when_its_successor_is_complete(path):
 
 def test_two_processes_cannot_write_one_plan(tmp_path):
     path = tmp_path / "plan.jsonl"
-    with PlanWriter(path, header()), pytest.raises(ConfigError, match="another process is writing this plan"):
+    with PlanWriter(path, header()), pytest.raises(OutputError, match="another process is writing this plan"):
         PlanWriter(path, header())
 
 
 def test_the_lock_of_a_plan_is_removed_before_it_is_released(tmp_path, monkeypatch):
     writer = PlanWriter(tmp_path / "plan.jsonl", header())
     there = []
-    release = writer._lock.release
+    release = writer._lock._lock.release
     monkeypatch.setattr(
-        writer._lock, "release", lambda: (there.append(Path(writer._lock.lock_file).exists()), release())
+        writer._lock._lock, "release", lambda: (there.append(Path(writer._lock.path).exists()), release())
     )
     writer.__exit__(None, None, None)
     assert there == [False]
@@ -271,7 +272,7 @@ def test_links_beside_a_plan_are_not_followed(tmp_path, name, kind):
         os.mkfifo(folder / name)
     else:
         (folder / name).symlink_to(precious if kind == "link" else tmp_path / "new")
-    with pytest.raises(ConfigError, match=r"plan\.jsonl: cannot be written"):
+    with pytest.raises(HulldownError, match=r"plan\.jsonl: cannot be written"):
         PlanWriter(folder / "plan.jsonl", header())
     assert os.listdir(folder) == [name]
     assert precious.read_text() == "content"

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from hulldown.plan.lines import PLAN_MARK
 from hulldown.tests.builders.kernels import QUICK, planned_under, worlds
 
 pytestmark = pytest.mark.thorough
@@ -21,6 +22,6 @@ def plans(tmp_path_factory):
 
 
 @pytest.mark.parametrize("kernel", QUICK)
-def test_rows_are_equal_to_the_byte(plans, kernel):
-    assert len(plans[kernel]) == IMAGES
+def test_plans_are_equal_to_the_byte(plans, kernel):
+    assert sum(line.startswith(PLAN_MARK) for line in plans[kernel]) == len(plans[kernel]) - IMAGES > 0
     assert plans[kernel] == plans["SkylakeX"]

@@ -191,7 +191,7 @@ def test_files_read_for_a_plan_are_not_read_again(project: Path) -> None:
         ("scale = 1", "hulldown.toml: assets is missing (and 2 more)"),
         (CONFIG, "hulldown.toml: assets.hdris: '*.hdr' matches no file"),
         (CONFIG.replace("*.hdr", "sky.hdr"), "tank.blend: does not exist"),
-        ("of somebody else", "all.png: exists and wasn't drawn by hulldown"),
+        ("of somebody else", "all.png: exists and isn't a picture by hulldown"),
     ],
 )
 def test_a_mistake_in_a_config_or_a_picture_of_another_program_is_a_one_line_error(

@@ -76,7 +76,7 @@ def test_a_deleted_label_is_a_warning_and_others_keep_their_masks(rendered, dele
     by_hand = {**coco["annotations"][0], "id": 99, "image_id": 2}
     path.write_text(json.dumps({**coco, "annotations": [*left, by_hand]}))
     report = verify_masks(path.parent, plan, count=2, library=CUBES)
-    expected = "warning: images/00000002.png: box 'cube' is planned and has no annotation"
+    expected = "error: images/00000002.png: box 'cube' is planned and has no annotation"
     assert [str(finding) for finding in report.findings] == [expected]
     assert [row.mask_iou for row in report.rows] == [1.0, 1.0, 1.0]
     assert expected in [str(finding) for finding in verify_dataset(path.parent, plan=plan)]

@@ -48,7 +48,7 @@ def test_a_saved_scene_renders_the_picture_of_the_dataset(written, tmp_path, cap
     words = ["blend", str(plan.path), "-o", str(tmp_path / "second.blend"), "--image"]
     assert main([*words, "2"]) == DONE
     assert main([*words, "1"]) == MISTAKE
-    assert "is there already" in capsys.readouterr().err
+    assert "exists and isn't a scene by hulldown" in capsys.readouterr().err
     worlds.rename(tmp_path / "moved")  # its textures, too
     run_python("-c", F12, tmp_path / "second.blend", tmp_path / "second.png")
     assert np.array_equal(pixels(tmp_path / "second.png"), expected[1])

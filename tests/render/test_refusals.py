@@ -27,9 +27,10 @@ printf '@hulldown {"unusable": "no denoiser", "remedy": "plan without"}\n'; cat
 def test_a_damaged_file_is_found_before_rendering(tmp_path, render, name):
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / name).write_text("x\n")
+    (tmp_path / "d" / "annotations.json").write_text("{}")
     with pytest.raises(DatasetError, match=name):
         render(write_plan(tmp_path, [make_row(0)]), tmp_path / "d")
-    assert [path.name for path in (tmp_path / "d").iterdir()] == [name]
+    assert sorted(path.name for path in (tmp_path / "d").iterdir()) == sorted([name, "annotations.json"])
 
 
 @pytest.mark.parametrize(
@@ -126,6 +127,7 @@ def test_a_hostile_file_name_writes_nothing_outside(tmp_path, render, name, erro
     dataset = tmp_path / "d"
     (dataset / "images").mkdir(parents=True)
     (dataset / "images" / "link").symlink_to(outside)
+    (dataset / "annotations.json").write_text("{}")
     before = {p for p in tmp_path.rglob("*") if dataset not in p.parents}
     with pytest.raises(error):
         render(plan, dataset)
@@ -139,6 +141,7 @@ def test_a_link_in_place_of_our_folder_is_refused(tmp_path, render, name):
     outside.mkdir()
     (tmp_path / "d").mkdir()
     (tmp_path / "d" / name).symlink_to(outside)
+    (tmp_path / "d" / "annotations.json").write_text("{}")
     with pytest.raises(DatasetError, match="leads out of the dataset"):
         render(write_plan(tmp_path, [make_row(0)]), tmp_path / "d")
     assert list(outside.iterdir()) == []
@@ -208,5 +211,5 @@ def test_replacing_the_plan_during_a_run_ends_it(tmp_path, render, change):
 
 def test_a_dataset_in_use_is_refused(tmp_path, render):
     plan = write_plan(tmp_path, [make_row(0)])
-    with CocoDataset.open(tmp_path / "d"), pytest.raises(DatasetError, match="another process"):
+    with CocoDataset.open(tmp_path / "d"), pytest.raises(HulldownError, match="another process"):
         render(plan, tmp_path / "d")

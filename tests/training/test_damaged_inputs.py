@@ -16,6 +16,7 @@ from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.tests.training.test_augment import augmentation
 from hulldown.tests.training.test_study import config_of
 from hulldown.tests.training.test_train import in_child, nano, small, train_and_die
+from hulldown.training.fitting import Recorder
 from hulldown.training.inputs.data import DrawnExamples, make_draws
 from hulldown.training.inputs.sources import follow_masks, read_sources
 from hulldown.training.predict import load_detector
@@ -56,6 +57,14 @@ def stopped(pictures, tmp_path_factory):
     return run
 
 
+# Negative steps were accepted, and the others were tracebacks.
+ODD_VALUES = [("global_step", -5), ("callbacks", {Recorder.__qualname__: 5}), ("optimizer_states", [5]), ("loops", 5)]
+
+
+def changed(**values):
+    return lambda path: torch.save(torch.load(path, weights_only=True) | values, path)
+
+
 def of_another_network(path):
     held = torch.load(path, weights_only=True)
     state = {key: value.reshape(-1)[:0] for key, value in held["state_dict"].items()}
@@ -66,11 +75,11 @@ def of_another_network(path):
     "spoil",
     [
         lambda path: path.write_bytes(path.read_bytes()[: path.stat().st_size // 2]),
-        lambda path: path.write_bytes(b""),
         lambda path: torch.save({"model": {}}, path),
         of_another_network,
+        *(changed(**{key: value}) for key, value in ODD_VALUES),
     ],
-    ids=["truncated", "empty", "of weights", "of another network"],
+    ids=["truncated", "of weights", "of another network", *(f"{key} {value}" for key, value in ODD_VALUES)],
 )
 def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, tmp_path, spoil):
     path = stopped / "checkpoint.ckpt"

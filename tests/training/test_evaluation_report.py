@@ -111,15 +111,15 @@ def test_the_page_has_figures_bins_and_sheets(weak, browser):
 
 def test_detectors_are_compared_with_the_first(scene, tmp_path, browser):
     shutil.copy(scene / "weak.json", tmp_path / "twin #2.json")
-    found = evaluated(scene, [scene / "weak.json", scene / "better.json", tmp_path / "twin #2.json"], tmp_path)
+    found = evaluated(scene, [scene / "weak.json", scene / "better.json", tmp_path / "twin #2.json"], tmp_path / "r")
     better, twin = found["comparisons"]
     assert (better["first"], better["second"]) == ("weak", "better")
     assert better["difference"]["recall"] == pytest.approx(3 / 18, abs=1e-5)
     assert better["intervals"]["recall"] == [None, None]
     assert {value for value in twin["difference"].values() if value is not None} == {0.0}
-    with (tmp_path / "metrics.csv").open(newline="") as file:
+    with (tmp_path / "r" / "metrics.csv").open(newline="") as file:
         assert [row["predictions"] for row in csv.DictReader(file)] == ["weak"] * 3 + ["better"] * 3 + ["twin #2"] * 3
-    browser.get((tmp_path / "report.html").as_uri())
+    browser.get((tmp_path / "r" / "report.html").as_uri())
     browser.find_element(By.LINK_TEXT, "twin #2").click()
     assert browser.title.startswith("twin #2 on")
 
@@ -161,8 +161,9 @@ def test_a_perfect_detector_has_1_and_0_everywhere(tmp_path):
 
 
 def test_missing_pictures_do_not_change_figures(scene, weak, tmp_path):
-    shutil.copy(scene / "annotations.json", tmp_path)
-    found = evaluated(tmp_path, [scene / "weak.json"], tmp_path / "r")
+    (tmp_path / "d").mkdir()
+    shutil.copy(scene / "annotations.json", tmp_path / "d")
+    found = evaluated(tmp_path / "d", [scene / "weak.json"], tmp_path / "r")
     assert found["overall"] == weak[0]["overall"]
     assert labels_shown(weak[1] / "misses.png") > 500
     assert labels_shown(tmp_path / "r" / "misses.png") == 0  # captions name the missing ones

@@ -147,7 +147,9 @@ def test_a_wrong_picture_or_setting_is_named_before_anything_is_written(tmp_path
 
 def test_a_folder_with_other_content_is_not_trained_in(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
-    with pytest.raises(HulldownError, match=r"holds .* and no run; name a new or empty folder"):
+    with pytest.raises(
+        HulldownError, match=r"set: is inside .*set, which this command reads; name a new or an empty folder"
+    ):
         train_detector(
             {"real": dataset}, dataset, settings={"model": "small", "weights": "none", "budget": 4}, device="cpu"
         )

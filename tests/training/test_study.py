@@ -11,13 +11,13 @@ from filelock import FileLock
 from PIL import Image
 
 from hulldown.base.errors import HulldownError
+from hulldown.base.outputs import LOCK_NAME
 from hulldown.cli import main
 from hulldown.tests.builders.editing import edit
 from hulldown.tests.builders.networks import RUN, tiny_weights
 from hulldown.tests.builders.training_pictures import make_dataset, make_datasets
 from hulldown.tests.training.test_train import CONFIG, in_child, weights
 from hulldown.training.inputs.sources import read_sources
-from hulldown.training.run_folder import LOCK_NAME
 from hulldown.training.study.config import load_study
 from hulldown.training.study.study_folder import prepare_study, read_study, study_runs, study_warnings
 from hulldown.training.study.train_study import train_study
@@ -196,7 +196,7 @@ def test_a_test_picture_in_the_training_data_is_refused(pictures, tmp_path, how)
 def test_a_folder_with_other_content_is_refused(pictures, tmp_path):
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "notes.txt").write_text("mine")
-    with pytest.raises(HulldownError, match=r"out: holds notes\.txt and no study"):
+    with pytest.raises(HulldownError, match=r"out: isn't empty: it has notes\.txt and no study"):
         train_study(written(pictures, tmp_path / "s.toml"), tmp_path / "out", device="cpu", progress=quiet)
 
 
@@ -208,7 +208,7 @@ def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
     assert config.real.samefile(pictures / "real")
     capsys.readouterr()
     assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 2
-    assert "study.toml: is there already" in capsys.readouterr().err
+    assert "study.toml: exists and isn't" in capsys.readouterr().err
     assert main(["study", "init", *words, f"--valid={pictures / 'valid'}", "-o", str(tmp_path / "with.toml")]) == 0
     assert load_study(tmp_path / "with.toml").valid.samefile(pictures / "valid")
 

@@ -201,7 +201,7 @@ def test_a_closed_pipe_and_a_full_disk_for_the_result(tmp_path):
     with open("/dev/full", "w") as full:
         crowded = run_apart(*words, "--json", cwd=tmp_path, stdout=full)
     assert crowded.returncode == 2
-    assert crowded.stderr == "hulldown: stdout: No space left on device\n"
+    assert crowded.stderr == "hulldown: stdout: No space left on device; make room and run the same command again\n"
 
 
 @pytest.mark.parametrize("console", [STDOUT, STDERR])

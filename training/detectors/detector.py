@@ -20,7 +20,7 @@ from msgspec import Struct
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular
-from hulldown.base.outside import file_sha256, read_json
+from hulldown.base.outside import describe_path, file_sha256, read_json
 
 if TYPE_CHECKING:
     import torch
@@ -115,6 +115,9 @@ def find_weights(path: Path) -> Path:
     """Return the weights of a finished run, a file or a folder; other paths are returned unchanged."""
     if not path.is_dir() or (path / TRANSFORMERS_FILES[-1]).exists():
         return path
+    if not (path / RUN_NAME).exists():
+        remedy = "name a folder of `hulldown train`"
+        raise HulldownError(f"is {describe_path(path)}, not a run", path=path, remedy=remedy)
     if read_run(path).status != "finished":
         problem, remedy = "training is running, not finished", "run the same `hulldown train` again"
         raise HulldownError(problem, path=path, remedy=remedy)

@@ -10,6 +10,7 @@ Robinson et al., RF-DETR, 2026: the model of the paper, section 2.2. Its package
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -73,6 +74,9 @@ def starting_module(
         if weights is None:
             raise
         if not weights.is_file():  # no network, no room, a proxy's page
+            for folder in (own.parent, own.parent.parent):
+                with suppress(OSError):  # it isn't empty
+                    folder.rmdir()
             raise HulldownError(
                 f"the pre-trained weights of {settings.model} cannot be downloaded ({first_line(error)})",
                 remedy=f"put {own.name} into {own.parent}, or give --weights FILE or --weights none",

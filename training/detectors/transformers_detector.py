@@ -33,7 +33,8 @@ from transformers import (
 from transformers.utils import logging
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import all_or_nothing, open_regular
+from hulldown.base.files import open_regular
+from hulldown.base.outputs import DONE_NAME, OutputFolder
 from hulldown.training.detectors.detector import (
     DAMAGED,
     TRANSFORMERS_FILES,
@@ -184,7 +185,7 @@ def save_transformers(network: Any, processor: Any, path: Path) -> None:
     """Write a folder of weights, which `transformers` opens too."""
     shutil.rmtree(path, ignore_errors=True)
     try:
-        with all_or_nothing(path) as folder:
+        with OutputFolder(path, "weights", [DONE_NAME]) as output, output.all_or_nothing() as folder:
             network.save_pretrained(folder)
             processor.save_pretrained(folder)
     except SafetensorError as error:  # of a full disk, for example

@@ -7,6 +7,7 @@ import io
 import os
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,8 @@ from msgspec.structs import asdict
 
 from hulldown.base.arguments import AnyPath, Overlap, Share
 from hulldown.base.errors import DatasetError, HulldownError
-from hulldown.base.files import prepare_output_file, replace_file
+from hulldown.base.files import replace_file
+from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import progress_bar
 from hulldown.training.evaluation.average_precision import AVERAGES
 from hulldown.training.evaluation.detector_report import (
@@ -87,7 +89,7 @@ def evaluate_detections(
     ...     _ = dataset.append({"file_name": "1.jpg", "width": 640, "height": 480}, [label])
     >>> result = {"image_id": 1, "category_id": 1, "bbox": [10, 10, 80, 40], "score": 0.9}
     >>> _ = (folder / "found.json").write_bytes(orjson.dumps([result]))
-    >>> evaluate_detections(folder, folder / "found.json", folder / "report").overall.recall
+    >>> evaluate_detections(folder, folder / "found.json", mkdtemp()).overall.recall
     1.0
     """
     if not (isinstance(threshold, int | float) and 0 <= threshold <= 1):
@@ -102,7 +104,7 @@ def evaluate_detections(
             f"--validation names {len(validation) - 1} files of detections where {len(paths)} are evaluated",
             remedy="name a dataset and then the detections of each detector in it",
         )
-    with progress_bar("evaluating", progress) as advance:
+    with progress_bar("evaluating", progress) as advance, ExitStack() as stack:
         labels = read_labels(Path(dataset))
         read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _file_names(paths), strict=True)]
         if validation:
@@ -112,24 +114,24 @@ def evaluate_detections(
         else:
             thresholds = [Threshold(float(threshold), "given")] * len(read)
         reports, evaluations = {}, []
-        prepare_output_file(output / "report.html")
+        stack.enter_context(OutputFolder(output, "evaluation", inputs=[Path(dataset), *paths]))
         for k, (detections, at) in enumerate(zip(read, thresholds, strict=True), start=1):
             one = Evaluation(labels, detections, threshold=at, iou=iou)
             found = detector_report(one)
             evaluations.append(one)
             reports[detections.name] = found
             folder = output / detections.name if len(paths) > 1 else output
-            prepare_output_file(folder / "report.html")
+            folder.mkdir(exist_ok=True)
             _write_reports(
                 folder, {detections.name: found}, found, evaluation_page(one, found, write_sheets(folder, one))
             )
             advance(k, len(paths))
-    if len(evaluations) == 1:
-        return found
-    compared = [compare_detectors(evaluations[0], other) for other in evaluations[1:]]
-    written = DetectorReports(reports, [reported_comparison(one) for one in compared])
-    _write_reports(output, reports, written, comparison_page(evaluations, reports, compared))
-    return written
+        if len(evaluations) == 1:
+            return found
+        compared = [compare_detectors(evaluations[0], other) for other in evaluations[1:]]
+        written = DetectorReports(reports, [reported_comparison(one) for one in compared])
+        _write_reports(output, reports, written, comparison_page(evaluations, reports, compared))
+        return written
 
 
 def _best_threshold(labels: Labels, predictions: Predictions, iou: float) -> Threshold:

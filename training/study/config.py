@@ -11,7 +11,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError, HulldownError
-from hulldown.base.files import atomic_writer, prepare_output_file
+from hulldown.base.files import replace_file
+from hulldown.base.outputs import claim_file
 from hulldown.base.toml_files import read_toml, validate_model
 from hulldown.training.inputs.settings import Settings, resolved_augmentation
 from hulldown.training.study.arms import ARM_KINDS, Arm
@@ -138,9 +139,7 @@ def write_study(
         Photographs to choose confidence thresholds on.
     """
     path = Path(output)
-    if path.exists():
-        raise HulldownError("is there already", path=path, remedy="delete it or name another file")
-    prepare_output_file(path)
+    claim_file(path, "a study")
     given = {"real": real, "synthetic": synthetic, "test": test, "valid": valid}
     folders = {key: Path(folder) for key, folder in given.items() if folder is not None}
     for folder in folders.values():
@@ -152,8 +151,7 @@ def write_study(
         named |= {"valid": f"valid = {named['valid']}"}
     else:
         named |= {"valid": '# valid = "photographs/valid"'}
-    with atomic_writer(path) as file:
-        file.write(_TEXT.format(**named).encode())
+    replace_file(path, _TEXT.format(**named).encode())
     return path
 
 

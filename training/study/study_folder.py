@@ -151,9 +151,9 @@ def prepare_study(config: StudyConfig, folder: Path) -> Study:
         _check_unchanged(read_study(folder), study, folder)
     for seed in config.seeds:
         for fraction in config.fractions:
-            subset = subset_folder(folder, seed, fraction).parent
+            subset = subset_folder(folder, seed, fraction)
             if not subset.exists():
-                write_subsets(config.real, subset, fractions=[fraction], seed=seed, stratified=config.stratified)
+                write_subsets(config.real, subset.parent, fractions=[fraction], seed=seed, stratified=config.stratified)
     replace_file(folder / STUDY_NAME, orjson.dumps(study.model_dump(mode="json"), option=orjson.OPT_INDENT_2) + b"\n")
     return study
 

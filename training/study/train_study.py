@@ -15,12 +15,12 @@ from typing import TypeAlias
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import HulldownError
+from hulldown.base.outputs import OutputBusy, OutputFolder
 from hulldown.base.terminal import print_message as show_line
 from hulldown.base.terminal import progress_bars
 from hulldown.training.detectors.detector import chosen_device
 from hulldown.training.inputs.extra import require_extra
 from hulldown.training.predict import predict_detections
-from hulldown.training.run_folder import FolderBusy, lock_folder
 from hulldown.training.study.config import load_study
 from hulldown.training.study.study_folder import (
     RUNS_NAME,
@@ -85,7 +85,7 @@ def train_study(
         with progress_bars() as bars:
             return train_study(config, output, device=device, workers=workers, progress=bars, say=say)
     Augmenter(asked.train.augmentation)  # refuses a wrong one
-    with lock_folder(out, marker=STUDY_NAME, what="study"):
+    with OutputFolder(out, "study", [STUDY_NAME]):
         study = prepare_study(asked, out)
     # Downloads the weights once, or refuses them, before a run begins.
     prepare_trainee(asked.train, study.classes, chosen_device(device), out)
@@ -101,7 +101,7 @@ def train_study(
         told = partial(_report_progress, progress, f"{run.name} ({number} of {len(runs)})")
         try:
             _train_and_predict(run, study, out, device=device, workers=workers, progress=told)
-        except FolderBusy:
+        except OutputBusy:
             elsewhere.append(run.name)
         except HulldownError as error:
             failed[run.name] = str(error)

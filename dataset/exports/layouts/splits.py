@@ -28,6 +28,7 @@ class Item:
     image: Image  # the image in the dataset, with the labels that are kept
     name: str  # name of its picture in the export: without folders, with a unique stem
     picture: Path  # the picture's file, links resolved
+    sha256: str  # of the picture's file
 
     @property
     def stem(self) -> str:
@@ -66,28 +67,28 @@ class Splits:
             self.progress(next(done), sum(map(len, self.items.values())))
 
 
-def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[Path]:
-    """Return the picture's file of each image, links resolved; a picture with the hash in its record isn't decoded."""
+def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[tuple[Path, str]]:
+    """Return the file of each picture, links resolved, and its hash; one with the hash in its record isn't decoded."""
 
-    def checked(image: Image) -> Path | str:
+    def checked(image: Image) -> tuple[Path, str] | str:
         name = image.file_name
         try:
-            path, recorded = resolve_own_picture(folder, name, allowed), image.record.get(PICTURE_KEY)
-            known = recorded is not None and file_sha256(path) == recorded
-            read_picture(path, image.size, largest=0 if known else None)
+            path = resolve_own_picture(folder, name, allowed)
+            digest = file_sha256(path)
+            read_picture(path, image.size, largest=0 if digest == image.record.get(PICTURE_KEY) else None)
         except LinkError:
             raise
         except DatasetError as error:
             return f"{name} {error.problem}"
         except OSError as error:
             return f"{name} cannot be read ({error.strerror})"
-        return path
+        return path, digest
 
     with ThreadPoolExecutor(DECODER_THREADS) as pool:
         found = list(pool.map(checked, images))
     wrong = [problem for problem in found if isinstance(problem, str)]
     refuse_all(wrong, "picture", folder, remedy="replace them or delete their records")
-    return [path for path in found if isinstance(path, Path)]
+    return [each for each in found if not isinstance(each, str)]
 
 
 def flat_names(images: Sequence[Image]) -> list[str]:
