@@ -79,5 +79,4 @@ def group_output(tree: Any) -> Any:
 
 
 def _matching_socket(sockets: Any, socket: Any) -> Any:
-    """Return the socket of the same interface item."""
     return next((other for other in sockets if other.identifier == socket.identifier), None)

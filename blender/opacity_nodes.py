@@ -25,7 +25,6 @@ def opacity_socket(material: Any) -> Any:
 
 
 def _shader_opacity(tree: Any, socket: Any, made: dict[Any, Any]) -> Any:
-    """Opacity of the shader linked to an input socket."""
     given = linked_output(socket)
     if given is None:
         return 1.0
@@ -85,7 +84,6 @@ def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
 
 
 def _interface_socket(tree: Any, name: str, way: str, node: Any) -> Any:
-    """Return the socket of a group's own input or output node of this name, made if it is not there."""
     if name not in [item.name for item in tree.interface.items_tree]:
         tree.interface.new_socket(name, in_out=way, socket_type="NodeSocketFloat")
     return (node.outputs if way == "INPUT" else node.inputs)[name]

@@ -147,7 +147,6 @@ def _name_what_cannot_be_read() -> None:
 
 
 def _named_collections() -> Iterator[Any]:
-    """Yield all collections of named data."""
     yield from (getattr(bpy.data, p.identifier) for p in bpy.data.bl_rna.properties if p.type == "COLLECTION")
     for obj in bpy.data.objects:
         yield from (obj.modifiers, obj.particle_systems, obj.material_slots, obj.vertex_groups, obj.constraints)

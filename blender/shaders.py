@@ -56,7 +56,6 @@ def _transmits_light(shader: Any) -> bool:
 
 
 def _shader_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
-    """Yield the shader nodes behind a socket."""
     found = socket_source(socket, stack)
     if found is None or not found[0].is_output:
         return

@@ -143,12 +143,10 @@ def along_sides(parts: int) -> np.ndarray:
 
 
 def _clamp_radius(points: np.ndarray, radius: float) -> np.ndarray:
-    """Return the points, or the nearest on the circle where they are beyond it."""
     length = _axis_distance(points)
     with np.errstate(invalid="ignore"):
         return np.where((length > radius)[:, None], points * (radius / np.maximum(length, 1e-300))[:, None], points)
 
 
 def _axis_distance(points: np.ndarray) -> np.ndarray:
-    """Return the distance of points from the axis."""
     return np.sqrt(points[:, 0] * points[:, 0] + points[:, 1] * points[:, 1])

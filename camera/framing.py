@@ -40,7 +40,6 @@ def pan_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> C
 def _pan_cameras(
     cameras: Cameras, through: Float[np.ndarray, "... 3"], roll: ArrayLike, *, keep_level: bool = True
 ) -> Float[np.ndarray, "... 4 4"]:
-    """Return poses of cameras turned as `turned` does, by the camera's direction through the pixel."""
     pose = cameras.world_from_camera
     seen = through / np.linalg.norm(through, axis=-1, keepdims=True)
     about_axis = None
@@ -87,7 +86,6 @@ def _panned_axes(
 
 
 def _unit_vector(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    """Cosine and sine of the angle of (x, y)."""
     x, y = np.asarray(x), np.asarray(y)  # one camera's are numbers
     length = hypot(x, y)
     length = np.where(length > 0.0, length, 1.0)
@@ -200,7 +198,6 @@ class _Search:
         return cameras.world_from_camera, step
 
     def by_iteration(self, first: Cameras, box: Float[np.ndarray, "n 2 2"]) -> Cameras:
-        """Turn cameras by as much as their boxes are off, again and again."""
         n = len(self.cameras)
         best, best_pixel = first.world_from_camera.copy(), np.tile(self.cameras.lenses.center, (n, 1))
         best_miss = np.full(n, np.inf)
@@ -260,7 +257,6 @@ class _Search:
 
 
 def _multiply_rows(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
-    """Matrices times vectors, row by row."""
     return (matrix * vector[:, None]).sum(axis=2)
 
 

@@ -66,7 +66,6 @@ def _daylight_xyz(kelvin: float) -> np.ndarray:
 
 
 def _chromaticity_xyz(x: float, y: float) -> np.ndarray:
-    """XYZ of luminance 1 of a CIE 1931 chromaticity."""
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 

@@ -62,7 +62,6 @@ def car_wheels(m: BlendModel, p: Paints, axles: Sequence[float], *, y: float, ra
 
 
 def _door_seams(lines: Sequence[Sequence[tuple[float, float]]], y: float) -> Shape:
-    """Return the gaps between doors and wings, as thin dark strips on the left side."""
     return join_shapes(path_tube([(x, y, z) for x, z in line], 0.007, sides=4) for line in lines)
 
 

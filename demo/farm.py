@@ -77,7 +77,6 @@ def bale_stack(m: BlendModel, p: Paints) -> None:
 
 
 def _add_wheel(m: BlendModel, p: Paints, name: str, at: tuple[float, float], radius: float, width: float) -> None:
-    """Add a farm wheel with slanting lugs; its tire stands on z = 0."""
     x, y = at
     w = width / 2
     tire = turn_profile(

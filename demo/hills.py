@@ -57,7 +57,6 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
 
 
 def _add_plants(planting: Planting, noise: Noise, course: Course, wooded: object) -> None:
-    """Woods with bushes at their borders, single trees in the open, stones, grass."""
     rng = planting.rng
     trunk, dark = earth.bark_material("Bark", "#5a4a3a"), earth.bark_material("Dark_Bark", "#41352b")
     foliage = earth.leaf_material("Leaves", ("#2f4016", "#65772c"))

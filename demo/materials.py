@@ -195,7 +195,6 @@ def _position_in_units(g: Graph, unit: float) -> Any:
 
 
 def _add_wear(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Material:
-    """Wear in two scales and streaks of rain over a coat of paint; dust thins out upwards to 1.5 m, mud to 0.9 m."""
     worn = g.noise(where, 2.2, detail=5.0, rough=0.65)
     fine = g.noise(where, 18.0, detail=3.0)
     tall = g.add("VectorMath", {0: where, 1: (5.0, 5.0, 0.5)}, operation="MULTIPLY").outputs[0]

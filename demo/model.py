@@ -124,7 +124,6 @@ class BlendModel:
         return thing
 
     def _hang(self, thing: Any, part: str, at: Point, on: str) -> None:
-        """Make `thing` the pivot of a part that rides on the part `on`."""
         self.home.setdefault(part, self.home[on])
         self.home[part].objects.link(thing)
         self.origin[part] = np.asarray(at, float)

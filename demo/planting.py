@@ -152,7 +152,6 @@ class Planting:
 
 
 def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tuple[float, float]) -> None:
-    """Scatter an object over a ground mesh with a geometry nodes modifier, only where it is level enough."""
     tree = bpy.data.node_groups.new(f"Scatter_{ground.name}", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")

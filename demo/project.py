@@ -145,7 +145,6 @@ def create_project(
 
 
 def _write_project(source: Path, folder: Path, values: Mapping[str, object], limits: ReadLimits) -> Path:
-    """Write a config of the files in `source` into `folder`, and return its path."""
     refuse_config(folder / CONFIG)
     files = asset_files(source)
     cache, new = folder / CACHE_NAME, not folder.exists()

@@ -181,7 +181,6 @@ def make_track(
 
 
 def _orient_outward(shape: Shape) -> Shape:
-    """Return the shape with its faces turned outward, judged by its signed volume."""
     points = shape.vertices - shape.vertices.mean(axis=0)
     volume = 0.0
     for face in shape.faces:

@@ -82,7 +82,6 @@ def write_sky(name: str, folder: Path) -> Path:
 
 
 def _build_sky(tree: Any, sky: Sky) -> None:
-    """Blue sky and sun, clouds on a plane overhead, hazy earth below the horizon."""
     tree.nodes.clear()
 
     def node(kind: str, *inputs: Any, **settings: Any) -> Any:

@@ -89,7 +89,6 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
 
 
 def _add_plants(planting: Planting, dry: Height, wadi: Course, plain_mesh: object) -> None:
-    """Shrubs, thorn trees along the wadi, stones down to gravel, straw."""
     rng = planting.rng
     wood = earth.bark_material("Dry_Bark", "#6e5a44")
     scrub = earth.leaf_material("Scrub_Leaves", ("#5b5a34", "#8b8152"))

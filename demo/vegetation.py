@@ -71,7 +71,6 @@ def _random_directions(n: int, rng: np.random.Generator) -> Points:
 def _add_foliage(
     plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator
 ) -> None:
-    """Add a clump of sprays, denser toward its surface, leaning outward."""
     out = _random_directions(n, rng)
     at = center + out * size * (rng.random((n, 1)) ** 0.4)
     along = out + _random_directions(n, rng) * 0.9

@@ -98,7 +98,6 @@ def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
 
 
 def _vehicle_paints(body: Any) -> Paints:
-    """Return a vehicle's paints: its own for the body, and those that most vehicles share."""
     return Paints(
         body=body,
         rubber=materials.plain_material("Rubber", "#2b2a28", rough=0.85, mottle=0.3),
@@ -113,7 +112,6 @@ def _vehicle_paints(body: Any) -> Paints:
 
 
 def _save_model(model: BlendModel, name: str, folder: Path) -> Path:
-    """Remove unused materials, and write the file."""
     for material in list(bpy.data.materials):
         if material.users == 0:
             bpy.data.materials.remove(material)

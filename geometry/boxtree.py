@@ -149,7 +149,6 @@ def _entry_distances(
     along: Float[np.ndarray, "p 3"],
     reach: Float[np.ndarray, " p"],
 ) -> tuple[Int[np.ndarray, " q"], Float[np.ndarray, " q"]]:
-    """Return which rays cross their boxes within their reach, and the distance to the box."""
     entry, leave = np.zeros(len(start)), reach
     for axis in range(3):
         speed = along[:, axis]

@@ -154,7 +154,6 @@ def _lattice_edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, "
 def _line_ends(
     face: Int[np.ndarray, " n"], line: Int[np.ndarray, " n"]
 ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """Return which points, by face and line, are the first and the last of theirs."""
     changes = (np.diff(face) != 0) | (np.diff(line) != 0)
     return np.append(True, changes)[: len(face)], np.append(changes, True)[: len(face)]
 

@@ -229,12 +229,10 @@ def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "
 
 
 def _water_faces(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
-    """Return the faces of a mesh with a material named like water, or the others."""
     return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number] == wet))
 
 
 def _similar_names(wanted: str, pieces: Sequence[Piece]) -> str:
-    """Return names in the file, most similar to the wanted one first."""
     names = sorted({piece.name for piece in pieces})
     alike = get_close_matches(wanted, names, n=8, cutoff=0.4)
     return ", ".join(repr(name) for name in (alike or names[:8])) or "nothing that is rendered"

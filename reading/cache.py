@@ -105,7 +105,6 @@ def cached_export(
 
 
 def _valid_entry(entry: Path, path: Path) -> Exported | None:
-    """Return the entry, if it's complete and its sources are unchanged."""
     note = unseal_entry(entry, _Note)
     # Relative paths of textures change their meaning in another folder.
     if note is None or ((note.files or note.report.missing) and note.path != str(path.resolve())):
@@ -133,7 +132,6 @@ def make_cache(cache: Path) -> None:
 
 
 def _entry_lock(entry: Path) -> AbstractContextManager[object]:
-    """Return the lock of an entry, held to the end of a block."""
     lock = FileLock(f"{entry}.lock")
     try:
         return lock.acquire()
@@ -186,7 +184,6 @@ def _entry_seal(body: bytes) -> bytes:
 
 
 def _secret_key() -> bytes:
-    """Return the user's secret key, created on first use."""
     state = Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state")
     path = state / "hulldown" / "cache.key"
     try:

@@ -80,7 +80,6 @@ def scenery_doubts(
 def _role_doubts(
     used: Used, options: Options, wet: Sequence[str], parked: Mapping[str, Sequence[str]]
 ) -> Iterator[Doubt]:
-    """Yield doubts about what is ground, water, or a vehicle."""
     if not any(role.use == "ground" for _, role in used):
         text = "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
         proposed = _proposed_ground([piece for piece, role in used if role.use == "obstacle"])
@@ -110,7 +109,6 @@ def _role_doubts(
 
 
 def _shape_doubts(used: Used) -> Iterator[Doubt]:
-    """Yield doubts about steep ground, sheets above it, and what is around everything."""
     grounds = [piece for piece, role in used if role.use == "ground"]
     if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < MIN_LEVEL_SHARE:
         steep = f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep"
@@ -132,7 +130,6 @@ def _shape_doubts(used: Used) -> Iterator[Doubt]:
 
 
 def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
-    """Yield doubts about a scenery's size and its up axis."""
     *sides, height = report.size
     across, other = max(sides), "z" if report.up == "y" else "y"
     if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
@@ -152,7 +149,6 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
 
 
 def _proposed_ground(among: Sequence[Piece]) -> str:
-    """Return the config line that makes the widest of these pieces ground."""
     able = [piece for piece in among if not (piece.hair or piece.scattered)]
     if not able:
         return "name what is to be ground in this scenery's `ground`"
@@ -167,7 +163,6 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
 
 
 def _level_area(pieces: Sequence[Piece]) -> float:
-    """Return square meters of pieces seen from above that are nearly level."""
     return sum(piece.level * piece.area for piece in pieces)
 
 

@@ -163,7 +163,6 @@ class _View:
         return hits, 0.35 + 0.65 * np.clip(np.nan_to_num(hits.normal) @ light / np.linalg.norm(light), 0.0, 1.0)
 
     def pixel(self, point: Float[np.ndarray, "3"]) -> tuple[float, float]:
-        """Pixel of a world point."""
         x, y = (point - self.middle) @ self.right, (point - self.middle) @ self.up
         return self.size / 2 + x * self.scale, self.size / 2 - y * self.scale
 
@@ -183,7 +182,6 @@ def _name_tile(tile: Image.Image, title: str) -> None:
 
 
 def _draw_bar(tile: Image.Image, view: _View) -> None:
-    """Draw a bar of a round number of meters."""
     pen, font = ImageDraw.Draw(tile), label_font(14)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))

@@ -145,7 +145,6 @@ def found_answer(job: Job, kind: type[Found]) -> Found:
 
 
 def _raise_reason(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:
-    """Raise the reason why a process that ended like this, as `watched` returns it, has no answer."""
     if exceeded:
         remedy = "make it smaller, leave it out, or raise --read-timeout or --read-memory"
         raise AssetError(exceeded, path=path, remedy=remedy)

@@ -84,7 +84,6 @@ def _vehicle_reason(pieces: Sequence[Piece]) -> list[Piece]:
 
 
 def _pieces_extent(pieces: Sequence[Piece]) -> tuple[float, float, float]:
-    """Length, width, and height of all pieces."""
     bounds = np.array([p.bounds for p in pieces])
     length, width, height = (bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)).tolist()
     return length, width, height

@@ -121,7 +121,6 @@ def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
 
 @cache
 def _open_blender() -> OpenBlender:
-    """Return the process's Blender."""
     return OpenBlender(Path(get_worker().local_directory) / "hulldown")
 
 

@@ -141,7 +141,6 @@ def compare_masks(
 
 
 def _mask_finding(row: MaskRow, annotated: float) -> Finding | None:
-    """Return a finding if a label differs from Cycles' masks; `annotated` is its area in pixels."""
     where = f"{row.file_name}, {row.vehicle}"
     if row.outside > ONE_PIXEL:
         return Finding("error", where, f"reaches {row.outside:.1f} px out of its box in Cycles' mask")

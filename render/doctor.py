@@ -99,7 +99,6 @@ def _diagnose_blender() -> Diagnosis:
 
 
 def _probe_blender() -> dict | str:
-    """Blender's version and devices, or the reason why it didn't start."""
     # -P: modules in the working directory must not be imported.
     command = [sys.executable, "-P", "-c", PROBE]
     try:

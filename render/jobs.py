@@ -95,7 +95,6 @@ def _vehicle_input(vehicle: PlannedVehicle, library: Library, row: Row) -> Vehic
 
 
 def _material_paints(coats: Sequence[Coat], materials: Sequence[MaterialRow]) -> dict[str, tuple[float, float, float]]:
-    """Return the linear color of each painted material, by its name."""
     colors = {row.name: color_of_material(row.name, coats) for row in materials}
     return {name: linear_color(color) for name, color in colors.items() if color is not None}
 

@@ -260,7 +260,6 @@ class Blender:
         return self._next_reply(seconds)
 
     def _next_reply(self, seconds: float) -> Reply:
-        """Return the next reply, within the limits of time and memory."""
         assert self._child is not None
         end = time.monotonic() + seconds
         while True:

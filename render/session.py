@@ -140,13 +140,11 @@ class Session:
             )
 
     def _retry_failures(self) -> None:
-        """After the first image: retry the failures of earlier runs."""
         if not self.begun:
             self.begun = True
             write_failures(self._folder, self._failures)
 
     def _record_provenance(self) -> None:
-        """Update the plan's provenance whenever there is news."""
         if self.made_by == self._recorded:
             return
         made = Provenance(

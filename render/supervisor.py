@@ -114,7 +114,6 @@ def render_plan(
 def _make_pool(
     engine: Engine, logs: Path, library: Library, session: Session, stopping: Callable[[], bool]
 ) -> Pool | ClusterPool:
-    """Return the pool for a session."""
     if engine.scheduler is None:
         confinement = Confinement(session.unfinished, readable_paths(library))
         return Pool(logs, engine, say=session.report_line, stopping=stopping, confinement=confinement)

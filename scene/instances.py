@@ -134,7 +134,6 @@ class InstancedScene:
 def _instance_bounds(
     meshes: Sequence[Mesh], instance_mesh: Int[np.ndarray, " k"], poses: Float[np.ndarray, "k 4 4"]
 ) -> Float[np.ndarray, "k 2 3"]:
-    """Tight world boxes of all instances, from the few points of each mesh that can be extreme."""
     bounds = np.empty((len(poses), 2, 3))
     for mesh in np.unique(instance_mesh):
         x, y, z = meshes[mesh].vertices[meshes[mesh].extreme_vertices()].T.copy()

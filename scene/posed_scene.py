@@ -105,7 +105,6 @@ class Scene:
         return hits.normal
 
     def _batch_hits(self, rays: RayBatch, reach: Float[np.ndarray, " n"]) -> Hits:
-        """Return the nearest hits of all targets, each within the distance of the hits before."""
         hits = Hits.missed(len(rays))
         for number, target in self._targets():
             found = target.first_hits(rays, max_distance=reach)
@@ -120,7 +119,6 @@ class Scene:
         return hits
 
     def _targets(self) -> Iterator[tuple[int | None, RayTarget]]:
-        """Yield what rays can hit, and the numbers of vehicles."""
         if self.ground is not None:
             yield None, Ground(self.ground)
         yield None, self.obstacles

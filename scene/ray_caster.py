@@ -71,7 +71,6 @@ class RayCaster:
 
     @property
     def _embree_scene(self) -> EmbreeScene:
-        """The hierarchy, built when the first ray asks for it."""
         if self._built is None:
             with self._building:
                 if self._built is None:

@@ -125,7 +125,6 @@ def _pyramid_volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
 
 
 def _class_reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
-    """Return the distance up to which drops of each class are drawn, (k,)."""
     distances = np.geomspace(NEAREST, FARTHEST, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
     wide = np.maximum(radius, MIN_DISC_RADIUS_PX * view.pixel * distances)

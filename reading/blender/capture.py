@@ -15,8 +15,6 @@ OUR_CAMERA = "hulldown camera"
 
 
 class _Capture(bpy.types.RenderEngine):
-    """A render engine that passes its depsgraph on instead of rendering."""
-
     bl_idname = "HULLDOWN_CAPTURE"
     bl_label = "hulldown capture"
     bl_use_preview = False

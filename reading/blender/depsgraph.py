@@ -89,7 +89,6 @@ class _Reader:
     looks: dict[tuple[Any, ...], tuple[Any, ...]] = field(default_factory=dict)  # so that equal ones are one in memory
 
     def read(self, depsgraph: Any) -> None:
-        """Read every object that the depsgraph draws."""
         self.depsgraph, self.poses = depsgraph, Poses(depsgraph)
         spoken = time.monotonic()
         for instance in depsgraph.object_instances:
@@ -153,7 +152,6 @@ class _Reader:
         self._add_piece(instance, key, drawn.data.name, hair=drawn.type == "CURVES")
 
     def _hiding_mesh(self, drawn: Any) -> Mesh | None:
-        """Return a mesh that hides what an object's data hides; None if that's nothing."""
         if drawn.type == "CURVES":
             return curves_mesh(drawn.data, drawn.name)
         return points_mesh(drawn.data, drawn.name) if drawn.type == "POINTCLOUD" else _cutout_faces(drawn, self.cutouts)
@@ -216,7 +214,6 @@ class _Reader:
             self._add_twin(duplicate, self.result.pieces[-1])
 
     def _add_twin(self, duplicate: Duplicate, piece: Piece) -> None:
-        """Add a duplicate of the object of `piece`, with its own name and pose."""
         bounds = self._world_bounds(duplicate.name, duplicate.pose, self.used[piece.mesh])
         link = replace(piece.chain[0], name=duplicate.name, pose=duplicate.pose)
         level, filled = self._level_share(piece.mesh, duplicate.pose, bounds)
@@ -292,7 +289,6 @@ class _Reader:
 
 
 def _is_scattered(instance: Any) -> bool:
-    """Instanced by particles, geometry nodes, vertices or faces."""
     if not instance.is_instance or _is_own_surface(instance):
         return False
     return bool(instance.parent.instance_type != "COLLECTION")
@@ -305,7 +301,6 @@ def _carries_itself(instance: Any) -> bool:
 
 
 def _is_own_surface(instance: Any) -> bool:
-    """Return whether this is the mesh that a curve, text or metaball is drawn as."""
     if not _carries_itself(instance) or instance.parent.type == "MESH":
         return False
     return bool(np.array_equal(np.array(instance.matrix_world), np.array(instance.parent.matrix_world)))
@@ -318,7 +313,6 @@ def _refuse_endless(name: str, pose: Float[np.ndarray, "4 4"]) -> None:
 
 @contextmanager
 def _name_object(drawn: Any) -> Iterator[None]:
-    """Add the object's name to errors about its mesh or hair."""
     try:
         yield
     except ValueError as error:
@@ -326,7 +320,6 @@ def _name_object(drawn: Any) -> Iterator[None]:
 
 
 def _is_clear(drawn: Any) -> bool:
-    """Return whether all materials of its faces are transparent."""
     dressed = [slot.material for slot in drawn.material_slots]
     if drawn.type == "MESH" and len(dressed) > 1:
         worn = read_property(drawn.data.polygons, "material_index", np.int32)
@@ -346,5 +339,4 @@ def _cutout_faces(drawn: Any, cutouts: CutoutReader) -> Mesh | None:
 
 
 def _slot_triangles(data: Any, slots: Sequence[int], count: int) -> Bool[np.ndarray, " f"]:
-    """Triangles of a mesh of `count` materials that use these slots."""
     return np.isin(np.minimum(read_property(data.loop_triangles, "material_index", np.int32), count - 1), slots)

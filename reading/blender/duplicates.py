@@ -54,7 +54,6 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
 
 
 def _equal_groups() -> dict[tuple[object, ...], list[Any]]:
-    """Return groups of the file's plain objects that differ in name and pose alone."""
     users = bpy.data.user_map()
     plain = [obj for obj in bpy.data.objects if _is_plain(obj) and _is_unused(users.get(obj, set()))]
     within: dict[Any, list[Any]] = defaultdict(list)
@@ -74,7 +73,6 @@ def _equal_groups() -> dict[tuple[object, ...], list[Any]]:
 
 
 def _mesh_contents(meshes: set[Any]) -> dict[Any, object]:
-    """Everything that determines how each is drawn, for those that may have a duplicate."""
     sizes: dict[tuple[int, int, int], list[Any]] = defaultdict(list)
     for mesh in meshes:
         sizes[len(mesh.vertices), len(mesh.loops), len(mesh.polygons)].append(mesh)
@@ -126,7 +124,6 @@ def _is_unused(users: set[Any]) -> bool:
 
 
 def _collection_users(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
-    """Return all that uses a collection, or a collection that it is in."""
     found: set[Any] = set()
     ring = [collection]
     while ring:
@@ -137,6 +134,5 @@ def _collection_users(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
 
 
 def _object_look(obj: Any) -> tuple[object, ...]:
-    """Return what an object adds to its mesh."""
     slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
     return (*piece_look(obj), obj.is_holdout, obj.is_shadow_catcher, slots)

@@ -128,8 +128,6 @@ def _agreed_pose(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.
 
 
 def _own_poses(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
-    """Return the poses that objects have of themselves."""
-
     def read(name: str) -> np.ndarray:
         return np.array([getattr(obj, name)[:] for obj in objects], np.float64).reshape(len(objects), -1)
 
@@ -142,7 +140,6 @@ def _own_poses(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
 
 
 def _own_rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"]:
-    """Their rotations, or with the prefix "delta_" those."""
     result = np.tile(np.eye(3), (len(objects), 1, 1))
     modes: dict[str, list[int]] = {}
     for i, obj in enumerate(objects):

@@ -122,7 +122,6 @@ def lost_geometry(
 
 
 def _scene_views(read: InstancedScene, up: Float[np.ndarray, "3"], kind: str) -> Iterator[_View]:
-    """Yield views of a vehicle from two sides and above, of a scenery from above and from a person's height."""
     low, high = read.bounds[:, 0].min(axis=0), read.bounds[:, 1].max(axis=0)
     middle, diagonal = (low + high) / 2, float(np.linalg.norm(high - low))
     upright = Rotation.align_vectors([up], [[0.0, 0.0, 1.0]])[0]
@@ -146,7 +145,6 @@ def _camera_pose(
 
 
 def _prepare_scene(scene: Any) -> None:
-    """Give the open file's scene one material for everything, and cheap settings; number its objects."""
     bpy.data.objects.foreach_set("pass_index", np.minimum(np.arange(len(bpy.data.objects)), MOST_NUMBERS))
     material = bpy.data.materials.new("hulldown numbers")
     material.cycles.emission_sampling = "NONE"

@@ -57,7 +57,6 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
 
 
 def _neighbor_file(path: Path, name: str) -> Path:
-    """Return a file next to the elevations in `path`."""
     file = Path(os.path.normpath(path.parent / name))
     if not is_inside(file, asset_folders(path)):
         raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")
@@ -65,7 +64,6 @@ def _neighbor_file(path: Path, name: str) -> Path:
 
 
 def _by_slope(tree: Any) -> Any:
-    """Return a color: rock where it's steep, grass where it's level, in patches."""
     normal, place = (add_node(tree, kind).outputs for kind in ("NewGeometry", "TexCoord"))
     brightness, uneven = 1.0, add_node(tree, "SeparateXYZ", {0: normal["Normal"]}).outputs["Z"]
     for scale, depth in PATCHES:
@@ -89,7 +87,6 @@ def _drape_picture(
     low: Float[np.ndarray, "2"],
     high: Float[np.ndarray, "2"],
 ) -> Any:
-    """Return a color: the picture over the rectangle from `low` to `high`, and `below` where it's transparent."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "orthophoto.png")
         Image.fromarray(picture).save(file, compress_level=1)

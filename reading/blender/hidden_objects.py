@@ -33,7 +33,6 @@ def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence
 
 
 def _hidden_collections(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
-    """Yield whether a collection, or one around it, is hidden from render or left out of the view layer."""
     off = already or layer.exclude or layer.collection.hide_render
     yield layer.collection.name, off
     for inner in layer.children:

@@ -153,7 +153,6 @@ def _clear_false_glass(path: Path) -> None:
 
 
 def _illumination_models(library: Path) -> dict[str, str]:
-    """Illumination model of each material of an .mtl file; 2, an opaque one, by default."""
     models: dict[str, str] = {}
     name = ""
     for key, value in file_directives(library, b"newmtl", b"illum"):
@@ -211,7 +210,6 @@ def _lost_pictures() -> list[str]:
 
 
 def _one_line(error: Exception) -> str:
-    """Blender's message without prefixes and paths."""
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     # The last line of an importer in Python names a place in its code; the line before has the error.
     lines = [line for line in lines if not line.startswith("Location:")]

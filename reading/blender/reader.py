@@ -104,7 +104,6 @@ def read_file(job: Job) -> FoundAsset:
 
 
 def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
-    """Write bundle and tidy twin of a vehicle."""
     vehicle = build_vehicle(Path(job.path).stem, upright, job.options)
     drawn, shape = upright.drawn, vehicle.shape
     save_asset(job.file("bundle.npz"), shape)
@@ -134,7 +133,6 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
 
 
 def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
-    """Write bundle and tidy twin of a scenery."""
     roles = scenery_roles(drawn.pieces, job.options)
     scenery, wet = build_scenery(
         Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
@@ -182,18 +180,15 @@ def _used_objects(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[Piece]:
 
 
 def _used_materials(drawn: Evaluated, roles: Sequence[PieceRole]) -> list[bpy.types.Material]:
-    """Materials of the used objects."""
     blocks = [drawn.blocks[number] for number in dict.fromkeys(piece.mesh for piece in _used_objects(drawn, roles))]
     return list(dict.fromkeys(material for block in blocks for material in block.materials if material is not None))
 
 
 def _missing_files(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[Missing, ...]:
-    """Missing files of the used objects."""
     return missing_files({link.name for piece in _used_objects(drawn, roles) for link in piece.chain})
 
 
 def _object_rows(drawn: Evaluated, roles: Sequence[PieceRole]) -> tuple[ObjectRow, ...]:
-    """Return one row for all pieces of an object with the same role, then objects that aren't pieces."""
     groups: dict[tuple[str, PieceRole], list[Piece]] = defaultdict(list)
     for piece, role in zip(drawn.pieces, roles, strict=True):
         groups[piece.name, role].append(piece)

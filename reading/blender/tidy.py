@@ -51,7 +51,6 @@ def piece_look(drawn: Any) -> tuple[object, ...]:
 
 
 def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
-    """Return whether a mesh is drawn unchanged, so that no copy is needed."""
     obj, file = drawn.original, drawn.original.data
     if not isinstance(file, bpy.types.Mesh) or not isinstance(data, bpy.types.Mesh):
         return False
@@ -86,7 +85,6 @@ def write_vehicle(
 
 
 def _make_object(piece: Piece, block: Any) -> Any:
-    """Make an object with the name and the look of a piece."""
     obj = bpy.data.objects.new(piece.name, block)
     for name, value in zip(LOOK, piece.look, strict=True):
         setattr(obj, name, value)

@@ -51,7 +51,6 @@ def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
 
 
 def _damage_errors() -> tuple[type[Exception], ...]:
-    """Return errors of a file that is damaged or ends early."""
     common = (OSError, EOFError, ValueError, struct.error, zlib.error)
     try:
         import zstandard
@@ -61,7 +60,6 @@ def _damage_errors() -> tuple[type[Exception], ...]:
 
 
 def _decompress_blend(raw: BinaryIO) -> BinaryIO:
-    """Decompress a .blend."""
     start = raw.read(4)
     raw.seek(0)
     if start == b"\x28\xb5\x2f\xfd":
@@ -74,7 +72,6 @@ def _decompress_blend(raw: BinaryIO) -> BinaryIO:
 
 
 def _file_blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
-    """Code and data of each block of the kinds in `OPENED`, of an uncompressed file."""
     header = _read_exactly(file, 12)
     if not header.startswith(b"BLENDER"):
         return

@@ -92,7 +92,6 @@ def _python_folders() -> list[str]:
 
 
 def _searched_folders() -> list[str]:
-    """Folders of `sys.path` outside of this Python's own that have installed packages, or hulldown."""
     own = (sys.prefix, sys.base_prefix)
     entries = [entry for entry in sys.path if entry and not any(Path(entry).is_relative_to(prefix) for prefix in own)]
     return [entry for entry in entries if HERE.parent == Path(entry) or _installed_files(entry)]
@@ -100,7 +99,6 @@ def _searched_folders() -> list[str]:
 
 @cache
 def _installed_files(entry: str) -> tuple[Path, ...]:
-    """Files and folders of the packages that an installer put into a folder of `sys.path`."""
     from importlib.metadata import distributions
 
     files = (file for found in distributions(path=[entry]) for file in found.files or ())
@@ -161,7 +159,6 @@ def _allow_path(ruleset: int, path: str, rights: int) -> None:
 
 
 def _system_call(number: int, *arguments: object) -> int:
-    """Return a system call; its result."""
     result = int(ctypes.CDLL(None, use_errno=True).syscall(number, *arguments))
     if result < 0:
         raise OSError(ctypes.get_errno(), f"Landlock: {os.strerror(ctypes.get_errno())}")

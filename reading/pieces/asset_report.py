@@ -61,13 +61,11 @@ def gather_copies(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
 
 
 def _unnumbered_name(name: str) -> str:
-    """Return a name without its number."""
     stem = name.rstrip("0123456789")
     return stem.rstrip(" ._-") if stem != name else name
 
 
 def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
-    """Return rows of used objects, then of dropped ones, with one row per reason if they're many."""
     families: dict[str, list[ObjectRow]] = {}
     for row in rows:
         if row.use == "dropped":
@@ -81,7 +79,6 @@ def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
 
 
 def _shared_row(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
-    """Return one row for all, as large as the largest."""
     x, y, z = (max(lengths) for lengths in zip(*(row.size for row in family), strict=True))
     count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
     return replace(family[0], name=name, why=why, count=count, triangles=triangles, size=(x, y, z))

@@ -151,14 +151,12 @@ def is_named(name: str, pattern: str) -> bool:
 
 @lru_cache(maxsize=4096)  # a name is held against many patterns, one after the other
 def _joined_words(name: str) -> tuple[str, ...]:
-    """Return the words of a name, and all that are neighbors written as one."""
     parts = name_words(name)
     return tuple("".join(parts[i:k]) for i in range(len(parts)) for k in range(i + 1, len(parts) + 1))
 
 
 @lru_cache(maxsize=256)
 def _compile_patterns(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int, str]]]:
-    """Return the number of the first pattern with each word, written as one, and the globs with their numbers."""
     globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
     numbers: dict[str, int] = {}
     for i, pattern in enumerate(patterns):
@@ -193,7 +191,6 @@ def _fold_text(text: str) -> str:
 
 
 def _one_apart(a: str, b: str) -> bool:
-    """Return whether one letter put in, left out or exchanged makes one word of the other."""
     if len(a) > len(b):
         a, b = b, a
     same = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))

@@ -182,7 +182,6 @@ def _is_sheet(piece: Piece) -> bool:
 
 
 def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> PieceRole | None:
-    """Return the reason to drop a piece next to the rest, which is between `low` and `high`; None to keep it."""
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + MAX_SUNK_SHARE * height)
     if named := _stage_name(piece):

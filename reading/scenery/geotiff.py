@@ -242,7 +242,6 @@ def _in_meters(
 
 
 def _meters_per_unit(unit: str | None, wkt: str, path: Path) -> float:
-    """Return meters per unit of elevation: of the band, or of the vertical datum, or 1."""
     import pyproj
     from pyproj.database import get_units_map
 

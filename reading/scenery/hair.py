@@ -74,7 +74,6 @@ def _piece_count(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " 
 
 
 def _cut_stretches(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:
-    """Return both ends, and the radius there, of n pieces of each stretch."""
     at = (np.arange(n + 1)[:, None] / n) ** np.arange(4) @ cubic
     return np.stack([at[:, :-1], at[:, 1:]], axis=2).reshape(-1, 2, 4)
 

@@ -152,7 +152,6 @@ def is_water_name(name: str) -> bool:
 
 
 def _water_role(piece: Piece) -> PieceRole | None:
-    """Return the role of water by name or material: wide, level, and not named like ground, a house, or a rock."""
     if not is_wide_and_level(piece, least=MIN_WATER_WIDTH_M):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]

@@ -105,7 +105,6 @@ def sheets_in_heights(
 
 
 def _is_sheet(piece: Piece) -> bool:
-    """Return whether a piece is a single wide flat sheet, not one of many scattered ones."""
     flat = piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2]) and piece.filled >= MIN_FILLED_SHARE
     return bool(flat and is_wide_and_level(piece, least=MIN_SHEET_WIDTH_M) and not piece.scattered)
 
@@ -166,7 +165,6 @@ def carpet_meshes(
 
 
 def _is_below_wide(piece: Piece, wide: Piece) -> bool:
-    """Return whether a piece is under most of a wide one, as walls are under a roof."""
     return bool(
         piece.bounds[0, 2] < wide.bounds[0, 2] - MIN_WATER_DEPTH_M
         and _shared_area(piece.bounds, wide.bounds) > MIN_COVERED_SHARE * wide.area
@@ -174,7 +172,6 @@ def _is_below_wide(piece: Piece, wide: Piece) -> bool:
 
 
 def _is_on_wide(piece: Piece, wide: Piece) -> bool:
-    """Return whether a piece is smaller than a wide one, larger than what is on roofs, and on it."""
     size, (low, high) = piece.size, wide.bounds
     on_it = _shared_area(piece.bounds, wide.bounds) > 0.9 * piece.area
     bottom = low[2] - MIN_WATER_DEPTH_M <= piece.bounds[0, 2] <= high[2] + MIN_WATER_DEPTH_M
@@ -195,5 +192,4 @@ def enclosing_piece(pieces: Sequence[Piece]) -> Piece | None:
 
 
 def _shared_area(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> float:
-    """Area that two bounds share, seen from above."""
     return float(np.prod(np.clip(np.minimum(a[1], b[1]) - np.maximum(a[0], b[0]), 0.0, None)[:2]))

@@ -309,7 +309,6 @@ def _shape_votes(
     middle: Float[np.ndarray, "3"],
     length: float,
 ) -> list[float]:
-    """Signs of the nose of a vehicle on wheels by shape: a lone axle, mirrors."""
     if wheels is None:
         return []
     votes = []

@@ -30,7 +30,6 @@ Marked = Mapping[Key, tuple[str, str]]  # the part that an object is regardless 
 
 
 def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
-    """Return whether a word is or begins with "turret", as in "turretgunbase"."""
     return bool(first_match(name, stems)) or any(word.startswith(stems) for word in name_words(name))
 
 
@@ -110,7 +109,6 @@ def _chain_names(chain: Sequence[Link]) -> set[str]:
 
 
 def _part_names(part: str, pattern: str | None, known: set[str], drawn: set[str]) -> set[str]:
-    """Those of the known names that name a part, by the first words that a drawn object has."""
     if pattern is not None:
         return {name for name in known if pattern and first_match(name, (pattern,))}
     helped = {name: pivot_named(name) for name in known}

@@ -97,7 +97,6 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
 
 
 def _named_parts(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
-    """Return what names each piece's part, and doubts."""
     naming, doubts = names_without_drums(whole, options), list[Doubt]()
     for find in (pieces_on_turret, by_shape):
         marked, more = find(whole, [naming.chain_part(piece.chain) for piece in whole.pieces], options)
@@ -107,7 +106,6 @@ def _named_parts(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Do
 
 
 def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
-    """Return doubts about a turret without a gun, or a gun without a turret, unless the config confirms it."""
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
         drums = f" ({quote_names(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
         return [
@@ -146,7 +144,6 @@ def names_without_drums(whole: PlacedPieces, options: Options) -> Naming:
 
 
 def _close_clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
-    """Clusters of pieces whose boxes come close to each other."""
     own = bounds[among]
     longest = np.ptp(own, axis=1).max(axis=1)
     label = touching_clusters(own, MAX_PIECE_GAP_SHARE * np.maximum.outer(longest, longest))
@@ -154,7 +151,6 @@ def _close_clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, "
 
 
 def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> bool:
-    """Return whether a piece is small, stubby or crosswise, and low or behind the middle."""
     low, high = body.min(axis=0), body.max(axis=0)
     off = own - own.mean(axis=0)
     axes = np.linalg.eigh(off.T @ off)[1].T[::-1]
@@ -214,7 +210,6 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
 
 
 def _carried_pieces(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
-    """Return the pieces that each object carries, itself included."""
     carried: dict[Key, list[int]] = {}
     for i, piece in enumerate(pieces):
         for link in piece.chain:
@@ -289,7 +284,6 @@ def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
 
 
 def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
-    """Return whether there are rising tubes, or a level ring in the upper part, as under turrets."""
     size = high - low
     ring = (
         (solids.round_about >= 0)

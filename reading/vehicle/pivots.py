@@ -133,7 +133,6 @@ def find_pivot(
 
 
 def _configured_pivot(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
-    """Return the pivot that the config names, as a point of the file or as an object."""
     key = PIVOT_KEYS[part]
     wanted = getattr(options, key)
     if wanted is None:
@@ -148,7 +147,6 @@ def _configured_pivot(whole: PlacedPieces, part: str, options: Options) -> Pivot
 
 
 def _part_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
-    """Return the objects of a part and their parents."""
     links: dict[Key, tuple[Link, bool]] = {}
     faces: dict[Key, int] = {}
     carried = [(piece.chain, piece.faces) for piece in own.pieces]
@@ -165,7 +163,6 @@ def _part_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
 
 
 def _shape_pivot(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
-    """Estimate a part's axis from shape."""
     turret, gun, hull = by_part[TURRET_PART], by_part[GUN_PART], by_part[None]
     if not gun.pieces:
         return turret_guess(turret, hull)

@@ -121,7 +121,6 @@ def find_nose(
 
 
 def _piece_triangles(upright: Upright, kept: Sequence[int]) -> Float[np.ndarray, "f 3 3"]:
-    """Return the triangles of pieces."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     placed = [transform_points(upright.meters @ p.pose, meshes[p.mesh].vertices)[meshes[p.mesh].faces] for p in pieces]
     return np.concatenate(placed)

@@ -137,7 +137,6 @@ def find_strays(
 
 
 def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
-    """Return whether it's named like a new cube or sphere, and as wide as high."""
     named = [word for word in name_words(piece.name) if not word.isdigit()]
     off = points - points.mean(axis=0)
     moments = np.linalg.eigvalsh(off.T @ off)

@@ -111,7 +111,6 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
 
 
 def _vehicle_library(whole: PlacedPieces) -> list[list[int]]:
-    """Return pieces in one place that are all called vehicles, of several kinds, and are all as large as one."""
     size = np.ptp(whole.bounds, axis=1)
     large = (size >= MIN_THING_DIAGONAL_SHARE * size.max(axis=0)).all(axis=1)
     kinds = [first_match(piece.name, VEHICLES) for piece in whole.pieces]
@@ -216,7 +215,6 @@ def _surface_samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "
 
 
 def _surfaces_agree(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
-    """Return whether two surfaces are close to each other nearly everywhere."""
     close = COPY_SURFACE_TOLERANCE * float(np.linalg.norm(np.ptp(a, axis=0)))
     return all(
         (cKDTree(to).query(of[:SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a))
@@ -224,7 +222,6 @@ def _surfaces_agree(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) ->
 
 
 def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
-    """Return whether a mesh of this area is convex and around nearly all of the cloud."""
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -260,7 +257,6 @@ def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str
 
 
 def _candidate_patterns(pieces: Sequence[Piece]) -> list[str]:
-    """Return patterns that may match the first of these pieces and others: names around them, words, and globs."""
     first, names = pieces[0], [piece.name for piece in pieces]
     own = name_words(first.name)
     around = [name for link in first.chain[::-1] for name in (*link.collections[::-1], link.name)]
@@ -273,6 +269,5 @@ def _candidate_patterns(pieces: Sequence[Piece]) -> list[str]:
 
 
 def _common_beginning(names: Sequence[str]) -> str:
-    """Return the longest common beginning."""
     low, high = min(names), max(names)
     return low[: next((i for i, (x, y) in enumerate(zip(low, high, strict=False)) if x != y), len(low))]

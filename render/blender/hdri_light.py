@@ -86,14 +86,12 @@ class HdriWorld:
             self._tree.links.new(output, socket)
 
     def _color_space(self, path: str) -> str:
-        """Return the file's color space, or Blender's default for such a file."""
         if path not in self._colors:
             # It holds no pixels, and to remove it would cost what a new image in the graph does.
             self._colors[path] = bpy.data.images.load(path).colorspace_settings.name
         return self._colors[path]
 
     def _set_map_columns(self, columns: int) -> None:
-        """Set the size of Cycles' importance map of the sky."""
         if self._world.cycles.sample_map_resolution != columns:
             self._world.cycles.sample_map_resolution = columns
             self._world.update_tag()  # or the first map's width stays, and a picture depends on those before it
@@ -161,7 +159,6 @@ class _Lifted:
         self._lifted = add_node(tree, "CombineXYZ", {0: x, 1: y, 2: seen})
 
     def lifted_directions(self, horizon: float) -> Any:
-        """Return the directions, lifted to an elevation in radians."""
         self._slope.inputs[1].default_value = math.tan(min(horizon, HIGHEST))
         return self._lifted.outputs[0]
 
@@ -186,7 +183,6 @@ class _Dimmed:
         self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
 
     def dimmed_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
-        """Return the dimmed light; see `HdriWorld.dim_light`."""
         whole = sum(layer.extinction for layer in air)
         for number, (more, overhead, steepness) in enumerate(self._layers):
             layer = air[number] if number < len(air) else AirLayer(0.0, 0.0, 1.0)

@@ -70,7 +70,6 @@ def set_lens(camera: Any, intrinsics: Intrinsics, near: float) -> None:
 
 @lru_cache(maxsize=8)
 def _compile_shader(source: str) -> str:
-    """Return a shader's source, compiled by Cycles."""
     with tempfile.TemporaryDirectory() as name:
         path = Path(name) / "lens.osl"
         path.write_text(source, encoding="ascii")

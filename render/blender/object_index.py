@@ -64,7 +64,6 @@ class IndexPictures:
         return np.where(numbers >= FIRST_OBJECT_NUMBER, numbers - FIRST_OBJECT_NUMBER + 1, 0).astype(np.uint8)
 
     def _emit_numbers(self) -> None:
-        """Make all materials emit their objects' numbers, those of newly placed vehicles too."""
         for material in bpy.data.materials:
             if DRESSED not in material and not material.is_grease_pencil:
                 if material.node_tree is None:  # before Blender 5.0 it may have none

@@ -53,7 +53,6 @@ class PaintedMaterials:
             obj.update_tag()
 
     def _property(self, material: str) -> str:
-        """Return the name of the property with a material's color, which the material's nodes read."""
         if material not in self._properties:
             self._properties[material] = f"{PREFIX}{len(self._properties)}"
             _insert_paint(self._own(material).node_tree, self._properties[material])
@@ -73,7 +72,6 @@ class PaintedMaterials:
 
 
 def _insert_paint(tree: Any, name: str) -> None:
-    """Insert a tint before all base colors of a tree and of copies of its groups."""
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree is not None:
             if any(inner.type in BASE_COLORS for below in nested_trees(node.node_tree) for inner in below.nodes):

@@ -54,7 +54,6 @@ class Renderer:
         return Reply(device=self._device, devices=count)
 
     def _prepare_stage(self, job: RenderJob | MaskJob) -> Stage:
-        """Return the stage for a job, loaded if it isn't the last job's."""
         wanted = type(job), job.scenery
         if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
             problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
@@ -68,7 +67,6 @@ class Renderer:
         return self._stage
 
     def _prepare_scene(self, job: RenderJob) -> Stage:
-        """Return the stage, set up for a picture."""
         stage = self._prepare_stage(job)
         self._set_part("settings", self._configure_scene, job.settings)
         self._set_part("vehicles", stage.place_vehicles, job.vehicles)
@@ -128,8 +126,6 @@ class Renderer:
 
 
 class _Stopwatch:
-    """Times at which Cycles began and finished sampling, from its status messages."""
-
     def __enter__(self) -> _Stopwatch:
         self.sampling = self.finished = 0.0
         bpy.app.handlers.render_stats.append(self._note_stats)

@@ -160,7 +160,6 @@ class _LoadedVehicle:
         scene.collection.children.link(collection)
 
     def copy(self, number: int) -> list[Any]:
-        """Return the objects of a copy, made when first needed."""
         while len(self._collections) <= number:
             twin = bpy.data.collections.new(self._collections[0].name)
             for obj in self._collections[0].objects:
@@ -170,7 +169,6 @@ class _LoadedVehicle:
         return list(self._collections[number].objects)
 
     def show(self, copies: int) -> None:
-        """Show the first copies, and hide the others."""
         for number, collection in enumerate(self._collections):
             for obj, look in zip(collection.objects, self._looks, strict=True):
                 for ray, seen in zip(VISIBILITY, look, strict=True):
@@ -178,12 +176,10 @@ class _LoadedVehicle:
                         setattr(obj, ray, shown)
 
     def objects(self) -> Iterator[Any]:
-        """Yield those of all copies."""
         for collection in self._collections:
             yield from collection.objects
 
     def remove(self) -> None:
-        """Remove them, and the data that nothing else uses."""
         bpy.data.batch_remove([*self.objects(), *self._collections])
         bpy.data.orphans_purge(do_recursive=True)
 

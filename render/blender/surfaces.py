@@ -69,7 +69,6 @@ class Surfaces:
         self.left.clear()
 
     def _dress_new(self, worn: Set[Any]) -> None:
-        """Insert groups into materials without them; those in `worn` are vehicles'."""
         known = len(self.left)
         if new := [material for material, _ in _scene_materials() if material.session_uid not in self._dressed]:
             for material in new:
@@ -96,20 +95,17 @@ class Surfaces:
 
 
 def _scene_materials() -> Iterator[tuple[Any, Shape]]:
-    """Yield the materials of scenery and vehicles, and the shape of their trees, which changes with new nodes."""
     for material in list(bpy.data.materials):
         if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
             yield material, tuple((tree.name, len(tree.nodes)) for tree in nested_trees(material.node_tree))
 
 
 def _is_water(material: Any) -> bool:
-    """Return whether a material is water, where snow melts: transparent, or named so."""
     wet = first_match(material.name, (*WATER, *WATERS)) and not first_match(material.name, NOT_WATER)
     return bool(wet) or is_clear(material)
 
 
 def _wet_shaders(tree: Any, principled: Any, matt: Any) -> int:
-    """Wet the dry shaders of one tree; return the number of supported ones."""
     understood = 0
     for node in list(tree.nodes):
         if node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE"):
@@ -122,7 +118,6 @@ def _wet_shaders(tree: Any, principled: Any, matt: Any) -> int:
 
 
 def _insert_group(tree: Any, shader: Any, group: Any, outputs: Sequence[str]) -> None:
-    """Insert a group before the shader's inputs of the same names."""
     node = _group_node(tree, group)
     for socket in node.inputs:
         shader_input = shader.inputs[socket.name]
@@ -160,7 +155,6 @@ def _group_node(tree: Any, group: Any) -> Any:
 
 
 def _remove_nodes(tree: Any) -> None:
-    """Remove the marked nodes, and restore the links."""
     marked = [node for node in tree.nodes if node.label == MARK]
     for node in marked:
         for socket in node.outputs if node.bl_idname == "ShaderNodeGroup" else ():

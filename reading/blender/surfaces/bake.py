@@ -56,7 +56,6 @@ def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
 
 @contextmanager
 def _emit_opacity(materials: Sequence[Any]) -> Iterator[list[Any]]:
-    """Provide copies of materials that emit their opacity."""
     copies = [material.copy() for material in materials]
     groups = [group for copy in copies for group in _own_groups(copy.node_tree)]
     try:
@@ -69,7 +68,6 @@ def _emit_opacity(materials: Sequence[Any]) -> Iterator[list[Any]]:
 
 @contextmanager
 def _grade_image(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
-    """Provide an image of one row with these values in all channels."""
     image = bpy.data.images.new("hulldown grades", len(values), 1, alpha=True, float_buffer=True, is_data=True)
     image.alpha_mode = "CHANNEL_PACKED"
     image.pixels.foreach_set(np.repeat(values.astype(np.float32), 4))
@@ -80,7 +78,6 @@ def _grade_image(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
 
 
 def _replace_lookups(material: Any, image: Any) -> None:
-    """Make all lookups of a material those of an image, from one end to the other."""
     for tree in nested_trees(material.node_tree):
         for node in tree.nodes:
             if node.bl_idname == "ShaderNodeTexImage":
@@ -104,7 +101,6 @@ def bake_opacity(material: Any, size: int) -> Cutter:
 
 
 def _own_groups(tree: Any) -> Iterator[Any]:
-    """Give a tree copies of its groups."""
     for node in tree.nodes:
         if node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
             node.node_tree = node.node_tree.copy()
@@ -123,7 +119,6 @@ def _opacity_layer(material: Any) -> str:
 
 
 def _node_layer(node: Any, socket: Any) -> str | None:
-    """Return the layer of coordinates that a node reads; None if it reads none."""
     kind = node.bl_idname.removeprefix("ShaderNode")
     if kind == "UVMap" and not node.from_instancer:
         return str(node.uv_map)
@@ -138,7 +133,6 @@ def _node_layer(node: Any, socket: Any) -> str | None:
 
 
 def _coordinate_range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
-    """Return lowest and highest coordinates of meshes with the material, and of 0 and 1."""
     low, high = np.zeros(2), np.ones(2)
     for mesh in bpy.data.meshes:
         if material.name not in mesh.materials:

@@ -50,6 +50,5 @@ def _material_areas(mesh: Any) -> dict[Any, float]:
 
 
 def _least_alpha(material: Any) -> float:
-    """Return the least alpha of a material's shaders that isn't linked to anything."""
     sockets = [shader.inputs["Alpha"] for shader, _ in surface_shaders(material) if "Alpha" in shader.inputs]
     return min((float(socket.default_value) for socket in sockets if not socket.is_linked), default=1.0)

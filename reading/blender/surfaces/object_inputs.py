@@ -70,7 +70,6 @@ def lost_inputs(materials: Iterable[Any], *, moved: bool) -> list[Doubt]:
 
 
 def _is_lost(node: Any, *, moved: bool) -> bool:
-    """Return whether a node reads an attribute, a particle, a strand, an instancer, or a position in the file."""
     kind, read = node.type, {socket.name for socket in node.outputs if socket.is_linked}
     if kind == "ATTRIBUTE":
         return bool(read) and node.attribute_type != "GEOMETRY" and node.attribute_name != RANDOM
@@ -83,6 +82,5 @@ def _is_lost(node: Any, *, moved: bool) -> bool:
 
 
 def _material_nodes(material: Any) -> Iterator[tuple[Any, Any]]:
-    """Yield every node of a material and of the groups in it, after its tree."""
     if material.node_tree is not None and not material.is_grease_pencil:
         yield from ((tree, node) for tree in nested_trees(material.node_tree) for node in tree.nodes)

@@ -87,7 +87,6 @@ def material_lookup(material: Any) -> Lookup | None:
 
 
 def _socket_lookups(socket: Any, stack: Stack) -> set[Lookup]:
-    """Return all that the value of a socket depends on."""
     found = socket_source(socket, stack)
     if found is None or not found[0].is_output:
         return set()
@@ -122,7 +121,6 @@ def _node_lookup(node: Any, channel: str, stack: Stack) -> Lookup:
 
 
 def _coordinate_layer(socket: Any, stack: Stack) -> tuple[str, Affine]:
-    """Return the layer of texture coordinates, and their transform."""
     found = socket_source(socket, stack)
     if found is None or not found[0].is_output:
         return "", IDENTITY

@@ -99,7 +99,6 @@ def _is_unreadable(block: Any) -> bool:
 
 
 def _lacks_picture(material: Any) -> bool:
-    """Return whether a base color comes from an image node without an image."""
     for shader, around in surface_shaders(material):
         socket = shader.inputs.get(BASE_COLORS.get(shader.type, ""))
         found = socket_source(socket, around) if socket is not None else None
@@ -109,7 +108,6 @@ def _lacks_picture(material: Any) -> bool:
 
 
 def _referring_blocks() -> Iterator[Any]:
-    """Blocks that refer to files for the look or the shape of objects."""
     for image in bpy.data.images:
         if image.source in ("FILE", "SEQUENCE", "MOVIE", "TILED") and not image.packed_file:
             yield image
@@ -120,7 +118,6 @@ def _referring_blocks() -> Iterator[Any]:
 
 
 def _block_path(block: Any) -> str:
-    """Return the absolute path of a block's file; "" if it has none."""
     return bpy.path.abspath(block.filepath, library=getattr(block, "library", None)) if block.filepath else ""
 
 
@@ -137,7 +134,6 @@ def _is_there(path: str) -> bool:
 
 
 def _objects_using(block: Any, users: dict[Any, set[Any]]) -> set[str]:
-    """Return names of objects that use `block` through materials, node groups, modifiers, and so on."""
     seen, ring, names = {block}, [block], set()
     while ring:
         for user in users.get(ring.pop(), ()):
