@@ -19,7 +19,7 @@ from hulldown.geometry.meshes import first_equal
 from hulldown.geometry.predicates import exact_heights as exact_heights
 from hulldown.geometry.predicates import exact_normals as exact_normals
 from hulldown.geometry.predicates import orientation_sign
-from hulldown.placement.ground import Ground, Hits, upward_normals
+from hulldown.placement.ground import GroundFaces, Hits, upward_normals
 
 _POINTS_PER_BLOCK = 1 << 11  # points looked at together, so that intermediate arrays stay in cache
 
@@ -39,7 +39,7 @@ class _Over:
 class ExactGround:
     """Top hits in exact arithmetic wherever float64 can't decide; slower than Embree, and correct on every input."""
 
-    def __init__(self, ground: Ground, low: Float[np.ndarray, "3 f"], high: Float[np.ndarray, "3 f"]) -> None:
+    def __init__(self, ground: GroundFaces, low: Float[np.ndarray, "3 f"], high: Float[np.ndarray, "3 f"]) -> None:
         self._ground = ground
         self._boxes = BoxTree(np.stack([low.T, high.T], axis=1))
 

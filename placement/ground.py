@@ -36,7 +36,7 @@ class Hits:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Ground:
+class GroundFaces:
     """The faces of a mesh with an XY area, in order; arrays by column, which NumPy gathers fastest."""
 
     x: Float[np.ndarray, " v"]  # x, y, z: coordinates of the mesh's vertices
@@ -51,8 +51,8 @@ class Ground:
     height_error: Float[np.ndarray, " f"]
 
     @classmethod
-    def of(cls, mesh: Mesh) -> Ground:
-        """Return the ground of a mesh."""
+    def of(cls, mesh: Mesh) -> GroundFaces:
+        """Return the ground faces of a mesh."""
         x, y, z = (np.ascontiguousarray(column) for column in mesh.vertices.T)
         low, high = mesh.bounds[:, 2]
         largest = max(-low, high)

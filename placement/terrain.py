@@ -10,7 +10,7 @@ from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import HEIGHT_ULPS, Ground, Hits, plane_heights, upward_normals
+from hulldown.placement.ground import HEIGHT_ULPS, GroundFaces, Hits, plane_heights, upward_normals
 from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
 from hulldown.scene.ray_caster import RayCaster, bounds_within_reach, coherent_blocks
 
@@ -47,7 +47,7 @@ class Terrain:
             return
         self._mesh = mesh = ground
         self._bounds = bounds_within_reach(mesh)
-        self._ground = top = Ground.of(mesh)
+        self._ground = top = GroundFaces.of(mesh)
         self._missing = not len(top.mesh_face)
         if self._missing:
             return

@@ -3,7 +3,7 @@ import pytest
 
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import Ground
+from hulldown.placement.ground import GroundFaces
 from hulldown.placement.sheet_map import UNKNOWN_COUNT, SheetMap
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.builders.shapes import sheet, surface
@@ -28,7 +28,7 @@ def test_points_at_the_limits_of_float64_miss_without_a_warning():
 
 def counts(mesh, xy):
     """The certified number of sheets at each point."""
-    ground = Ground.of(mesh)
+    ground = GroundFaces.of(mesh)
     low, high = ground.face_boxes()
     bounds = np.stack([low[:2].min(axis=1), high[:2].max(axis=1)])
     sheets = SheetMap(mesh.vertices, ground.corners, bounds, ExactGround(ground, low, high).count)
