@@ -13,7 +13,6 @@ from torch import Tensor
 from torch.optim.lr_scheduler import LambdaLR
 from torchvision.ops import box_convert
 
-from hulldown.base.errors import HulldownError
 from hulldown.training.detectors.detector import WEIGHTS_FOLDER
 from hulldown.training.detectors.transformers_detector import (
     TransformersDetector,
@@ -35,16 +34,9 @@ class TransformersModule(pl.LightningModule):
     def __init__(self, network: Any, settings: Settings) -> None:
         super().__init__()
         self.model, self._settings = network.train(), settings
-        self._frozen: list[torch.nn.Module] = []
-        if settings.freeze == "encoder":
-            if (backbone := getattr(network.base_model, "backbone", None)) is None:
-                raise HulldownError('freeze = "encoder": this detector has no backbone', remedy="leave freeze out")
-            self._frozen = [backbone.requires_grad_(False)]
 
     def training_step(self, batch: Batch, batch_idx: int) -> Tensor:
         """Return the loss of a batch."""
-        for part in self._frozen:
-            part.eval()  # so that its normalization doesn't change either
         try:
             loss: Tensor = self.model(pixel_values=batch[0], labels=batch[1]).loss
         except ValueError:  # transformers refuses boxes that aren't numbers, of a training that diverges

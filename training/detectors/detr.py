@@ -109,7 +109,6 @@ def detr_configs(
         resolution=settings.resolution,
         pretrain_weights=None if weights is None else str(weights),
         device=device.type,
-        freeze_encoder=settings.freeze == "encoder",
         **({"num_queries": settings.queries, "num_select": settings.queries} if settings.queries else {}),
         **({"group_detr": settings.groups} if settings.groups else {}),
     )

@@ -63,7 +63,6 @@ class Settings(BaseModel):
     multi_scale: bool = Field(False, description="RF-DETR's own change of the input's size from batch to batch")
     queries: int | None = Field(None, ge=1, description="objects that can be found in a picture")
     groups: int | None = Field(None, ge=1, description="groups of queries that RF-DETR trains side by side")
-    freeze: Literal["none", "encoder"] = Field("none", description="encoder or backbone, if it isn't trained")
     keep: Literal["end", "best"] = Field("end", description="weights of the end, or those of the best validation AP50")
     logger: Literal["tensorboard", "wandb", "mlflow"] | None = Field(None, description="also log there")
 
@@ -86,7 +85,7 @@ class Settings(BaseModel):
         return math.ceil(self.budget / self.effective_batch)
 
 
-_OPTIONS = ("model", "budget", "seed", "resolution", "weights", "freeze", "keep", "logger")
+_OPTIONS = ("model", "budget", "seed", "resolution", "weights", "keep", "logger")
 
 
 def _setting_option(field: FieldInfo) -> object:

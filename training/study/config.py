@@ -44,7 +44,7 @@ class StudyConfig(BaseModel):
     arms: tuple[Arm | NamedArm, ...] = Field(
         ARMS,
         min_length=1,
-        description='what is compared; { name = "frozen", base = "mixed", train.freeze = "encoder" }',
+        description='what is compared; { name = "strong", base = "mixed", train.augmentation = "table1" }',
     )
     fractions: tuple[Share, ...] = Field(FRACTIONS, min_length=1, description="shares of the photographs")
     seeds: tuple[Annotated[int, Field(ge=0, lt=2**32)], ...] = Field((0, 1, 2), min_length=1)
