@@ -204,7 +204,6 @@ class VehicleBoxes:
     def _view_boxes(
         self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lenses: Intrinsics
     ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
-        """Return boxes in the image, and amodal boxes; nan where there is none."""
         faces, size = self._parts.faces, lenses.size
         low, high, nearest, farthest = self._hull_extremes(camera_from_parts, lenses)
         # A surface wholly in front of the camera has the box of its hull, if the lens doesn't bend its edges.
@@ -232,10 +231,7 @@ class VehicleBoxes:
     def _hull_extremes(
         self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lenses: Intrinsics
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Low and high corners in pixels of n hulls through lenses without distortion; least and largest depth.
-
-        Corners are valid for hulls in front of the camera.
-        """
+        """Low and high corners in pixels of n hulls, and depths; valid in front of the camera, without distortion."""
         n = len(camera_from_parts)
         nearest, farthest, extremes = np.empty(n), np.empty(n), np.empty((n, 4))
         step = max(1, POINTS_PER_BLOCK // self._parts.extreme.shape[1])
@@ -254,10 +250,7 @@ class VehicleBoxes:
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Return the share of an amodal box's area that the box in the image lacks.
-
-    For a box without width or height the other side alone counts. It's 1 if `xywh` is nan: out of the image.
-    """
+    """Return the share of an amodal box's area (of the other side, if one is 0) that `xywh` lacks; 1 if that is nan."""
     inner = checked_array(xywh, "xywh", ("...", 4), finite=False)
     outer = checked_array(amodal, "amodal", ("...", 4), finite=False)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -269,7 +262,6 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
 def _view_box(
     points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView
 ) -> Float[np.ndarray, "4"]:
-    """Return the box of a mesh in the camera's frame; nan if nothing is seen."""
     extremes = surface_extremes(points, faces, view)
     empty = not extremes[0] <= extremes[2]
     return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])

@@ -85,7 +85,6 @@ def _draw_name(
     font: ImageFont.FreeTypeFont,
     size: tuple[int, int],
 ) -> None:
-    """Write a class name above the box; below it, or inside, where there is no room."""
     left, top, right, bottom = pen.textbbox((0, 0), text, font=font)
     pad = max(2, int(bottom - top) // 5)
     width, height = int(right - left) + 2 * pad, int(bottom - top) + 2 * pad

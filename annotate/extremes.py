@@ -100,10 +100,7 @@ class ImageView:
 def surface_extremes(
     points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView
 ) -> Float[np.ndarray, "4"]:
-    """Return least and greatest u and v of a mesh in the camera's frame; every point is a corner of a triangle.
-
-    An empty box (inf, inf, -inf, -inf) if nothing is seen.
-    """
+    """Return least and greatest u and v of a mesh in the camera's frame: (inf, inf, -inf, -inf) if nothing is seen."""
     return (_curved_extremes if view.lens.is_distorted else _straight_extremes)(points, faces, view)
 
 
@@ -167,7 +164,6 @@ def _may_widen(
     corners: Int[np.ndarray, "3 f"],
     view: ImageView,
 ) -> Int[np.ndarray, "3 g"]:
-    """Return the corners of the faces whose images may reach beyond a box."""
     places = [unit.take(corner, axis=1) for corner in corners]
     low, high = reduce(np.minimum, places), reduce(np.maximum, places)
     near = _squared_length(np.maximum(np.maximum(low, -high), 0.0)) <= view.sight_radius**2
@@ -202,7 +198,6 @@ def _widen_box(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: Imag
 
 
 def _squared_length(points: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "*n"]:
-    """Return squares of the distances of points from the axis."""
     return points[0] * points[0] + points[1] * points[1]
 
 
@@ -237,10 +232,7 @@ def _clip_to_disk(
 
 
 def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
-    """Return points at unit depth, and their pixels, where what is seen ends and may be extreme inside a triangle.
-
-    They are the image's corners, or the extremes on the circle of the fold.
-    """
+    """Return points and pixels that may be extreme inside a triangle: corners of the image, extremes on the fold."""
     if view.clip_to_image:
         width, height = view.lens.size.tolist()
         corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])

@@ -83,11 +83,7 @@ def area_and_box(segmentation: object, width: int, height: int) -> tuple[int, Fl
 
 
 def _parse_counts(text: str) -> Int[np.ndarray, " n"]:
-    """Read run lengths from COCO's compressed text; pycocotools writes past its memory if they are damaged.
-
-    A number has five bits a character, lowest first, plus 32 on all but its last. From the fourth number on, it's the
-    difference from the run before the last.
-    """
+    """Read and check COCO's compressed run lengths: 5 bits a character, lowest first, differences from the 4th on."""
     codes = np.frombuffer(text.encode("ascii", "replace"), dtype=np.uint8).astype(np.int64) - 48
     last = np.flatnonzero(codes & 32 == 0)
     first = np.append(0, last[:-1] + 1)

@@ -15,11 +15,7 @@ Ring = Float[np.ndarray, "_ 2"]
 
 
 def mask_polygons(segmentation: object, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
-    """Return a COCO segmentation as COCO's polygons: one for each piece of the mask, its holes bridged into it.
-
-    The outline runs half way between the centers of pixels in the mask and out of it. Corners are dropped if it moves
-    by no more than `within` pixels, and pieces and holes with fewer than three corners left.
-    """
+    """Return a segmentation's pieces as polygons, holes bridged, without corners that move it `within` pixels."""
     if not within >= 0.0:
         raise ValueError(f"within: expected pixels, at least 0, got {within!r}")
     corners = []
@@ -43,11 +39,7 @@ def bridge_rings(rings: Sequence[Ring]) -> Ring:
 
 
 def simplify_ring(ring: Ring, within: float) -> Ring:
-    """Drop corners of a ring that are within a distance of the line between the kept ones.
-
-    Douglas and Peucker, Algorithms for the reduction of the number of points required to represent a digitized line,
-    Cartographica 1973; begun here at the corner farthest from the center and the one farthest from that.
-    """
+    """Drop corners of a ring within a distance of the line between the kept ones (Douglas and Peucker, 1973)."""
     first = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
     ring = np.roll(ring, -first, axis=0)
     closed = np.concatenate([ring, ring[:1]])
@@ -69,7 +61,6 @@ def simplify_ring(ring: Ring, within: float) -> Ring:
 
 
 def _from_line(points: Ring, start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"]) -> Float[np.ndarray, " _"]:
-    """Return how far points are from the segment between two."""
     along = end - start
     length = float(along @ along)
     share = np.clip((points - start) @ along / length, 0.0, 1.0) if length else np.zeros(len(points))

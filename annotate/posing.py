@@ -59,11 +59,7 @@ class PosedParts:
 def transform_parts(
     points: Float[np.ndarray, "3 v"], slices: Sequence[slice], b_from_parts: Float[np.ndarray, "n p 3 4"]
 ) -> Float[np.ndarray, "3 n v"]:
-    """Return points of all parts in n frames.
-
-    Sums are explicit, so that a point's result depends on the point and the pose alone: a matrix product's rounding
-    depends on the number of points.
-    """
+    """Return points of all parts in n frames, by explicit sums: a point's bits depend on point and pose alone."""
     moved = np.empty((3, len(b_from_parts), points.shape[1]))
     scratch = np.empty(moved.shape[1:])
     for part, place in enumerate(slices):

@@ -99,7 +99,6 @@ def invalid_fields(record: Record, kind: type[Struct]) -> Iterator[str]:
 
 
 def _field_errors(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueError]]:
-    """Yield each such field with its error."""
     try:
         parse_value(record, kind)
         return
@@ -116,6 +115,5 @@ def _field_errors(record: Record, kind: type[Struct]) -> Iterator[tuple[str, Val
 
 @cache
 def _field_types(kind: type[Struct]) -> dict[str, tuple[Any, bool]]:
-    """Type of each field, and whether it may be missing."""
     hints = get_type_hints(kind, include_extras=True)
     return {field.name: (hints[field.name], not field.required) for field in msgspec.structs.fields(kind)}

@@ -31,10 +31,7 @@ def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.nd
 
 
 def is_smallest_rectangle(rectangle: ArrayLike, segmentation: object, width: int, height: int) -> bool:
-    """Return whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three.
-
-    Parameters and errors as of `mask_rectangle`.
-    """
+    """Return whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three."""
     given = checked_array(rectangle, "rectangle", (5,))
     smallest = mask_rectangle(segmentation, width, height)
     if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > ROUNDING_PX * (
@@ -48,7 +45,6 @@ def is_smallest_rectangle(rectangle: ArrayLike, segmentation: object, width: int
 
 
 def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.ndarray, "n 2"]:
-    """Return corners of pixels of a mask, those of its convex hull among them."""
     first, end = run_ends(segmentation, width, height)
     left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1
     # A run that goes through several columns is a bar in the first, one in the last, and a block between them.

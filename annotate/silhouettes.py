@@ -86,6 +86,5 @@ def show_pixels(
 def _box_pixels(
     xywh: Float[np.ndarray, "... 4"], size: Shaped[np.ndarray, "... 2"]
 ) -> tuple[Int[np.ndarray, "... 2"], Int[np.ndarray, "... 2"]]:
-    """First column and row, and those after the last, of the pixels whose centers are in boxes."""
     first = np.clip(np.ceil(xywh[..., :2] - 0.5), 0, size).astype(int)
     return first, np.clip(np.floor(xywh[..., :2] + xywh[..., 2:] - 0.5) + 1, first, size).astype(int)

@@ -42,14 +42,7 @@ def visible_fraction(
     rays: int = 256,
     seed: int = 0,
 ) -> Visibility:
-    """Visible share of the silhouette of each camera's subject in its frame.
-
-    Rays go through jittered points in the part of the frame that the subject's projected box covers, one a cell of a
-    grid over it. Those that meet the vehicle, moved into its own frame and part by part, are silhouette; what meets
-    something else first is hidden. Subjects smaller than a pixel are sampled like any other.
-
-    Returns: nan for subjects out of the frame.
-    """
+    """Visible share of each subject in its frame, by a jittered ray a cell of its box; nan outside of the frame."""
     n = len(cameras)
     for subject in subjects:
         if subject.row is None and len(subject.world_from_vehicle) not in (1, n):
@@ -110,7 +103,6 @@ def _window_pencils(
     cameras: Cameras,
     pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[CameraPencils, Float[np.ndarray, " n"]]:
-    """Return rays in windows at unit depth, uniform in the image, and the area of the windows in square pixels."""
     extent, poses, lenses = np.clip(high - low, 0.0, None), cameras.world_from_camera, cameras.lenses
     if not lenses.is_distorted:
         return CameraPencils(poses, low, extent, pattern), extent.prod(axis=1) * lenses.focal.prod(axis=-1)

@@ -118,7 +118,6 @@ def _exif_orientation(picture: Image.Image) -> int:
 
 
 def _open_picture(content: bytes) -> ImageFile.ImageFile:
-    """Open by the format's own class where it's known, since `Image.open` refuses pictures above a size."""
     file = io.BytesIO(content)
     if content.startswith(b"\x89PNG"):
         return PngImagePlugin.PngImageFile(file)

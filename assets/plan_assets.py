@@ -22,12 +22,7 @@ SHAPE_TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a coordinate t
 
 
 class Fingerprint(msgspec.Struct, frozen=True):
-    """Two values that tell whether two readings of a file gave the same geometry.
-
-    Another Blender may evaluate modifiers differently, and another NumPy rounds products of matrices differently: up to
-    1e-13 m between NumPy 1.26 and 2.5. A hash of coordinates would tell these apart, so coordinates are compared by a
-    weighted sum.
-    """
+    """Two values that tell, despite rounding (1e-13 m), whether two readings of a file gave the same geometry."""
 
     topology: str  # SHA-256 of all that isn't a coordinate: faces, parts, textures, and how many of each there are
     shape: float  # weighted sum of all coordinates, in meters

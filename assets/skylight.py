@@ -23,22 +23,14 @@ EVEN = SkyLight()  # of radiance 1 everywhere
 
 
 def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:
-    """Irradiance of level ground under equirectangular radiance, the lowest row first.
-
-    It's exact: between the centers of its pixels a picture is linear, as it is rendered, and the integral is in closed
-    form.
-    """
+    """Irradiance of level ground under equirectangular radiance, lowest row first; exact for linear interpolation."""
     height, width = pixels.shape[:2]
     rows = pixels.sum(axis=1, dtype=np.float64) * (2.0 * math.pi / width)
     return np.asarray(row_weights(height) @ rows)
 
 
 def row_weights(height: int) -> Float[np.ndarray, " h"]:
-    """Weight of each row of an equirectangular picture, lowest first, in the light on level ground, per radian.
-
-    The integral of sin(e) cos(e) above the horizon times the row's hat function, which is 1 at its center and 0 at
-    those of its neighbors; the last row goes on to the zenith.
-    """
+    """Weight per radian of each row, lowest first, in the light on level ground: its hat times sin(e) cos(e)."""
     step = math.pi / height
     center = (np.arange(height) + 0.5) * step - math.pi / 2.0
 

@@ -41,10 +41,7 @@ class OutputBusy(OutputError):
 
 
 def claim_file(path: Path, what: str, mark: bytes = b"", *, inputs: Iterable[Path] = ()) -> None:
-    """Make room for a file before the long work.
-
-    Refuse a folder, one of the `inputs`, and somebody's file: one that isn't empty and doesn't have the `mark`.
-    """
+    """Refuse a folder, an input, and somebody's file: one that isn't empty and doesn't have the `mark`."""
     if path.is_dir():
         raise OutputError("is a folder", path=path, remedy=f"name a file for {what}")
     with OutputError.raise_for_system("cannot be written", path=path, remedy=WRITABLE):
@@ -119,11 +116,7 @@ class Done(msgspec.Struct, frozen=True):
 
 
 class OutputFolder(OutputLock):
-    """A folder that a verb fills: new, empty, or with one of the `marks`, which are names of files; locked.
-
-    Without `marks`, it gets one: the file `.hulldown-WHAT`. `remains` may be there without a mark, after a run that
-    couldn't begin.
-    """
+    """A locked folder that a verb fills: empty, or with one of the `marks`, names of files; `remains` may be there."""
 
     def __init__(
         self,
@@ -162,11 +155,7 @@ class OutputFolder(OutputLock):
 
     @contextmanager
     def all_or_nothing(self, key: str = "") -> Iterator[Path]:
-        """Yield a temporary folder whose content moves to the empty folder at the end of the block.
-
-        It's inside the folder, so that moving is renaming. Training tools don't see the remains of a killed run, and
-        the next run replaces them. With a key of what is made, `is_done` tells whether an earlier run made all of it.
-        """
+        """Yield a folder inside the empty one, whose content moves up at the end; `key` is what `is_done` tells."""
         if names := self._other_names():
             has = "what was made of other inputs or options" if DONE_NAME in names else min(names)
             raise OutputError(f"isn't empty: it has {has}", path=self.folder, remedy=OTHER_FOLDER)
@@ -211,7 +200,6 @@ class OutputFolder(OutputLock):
         return True
 
     def _move_content(self) -> None:
-        """Move the unfinished content to its place, the mark last."""
         new = sorted(self._unfinished_folder.iterdir(), key=lambda path: path.name == DONE_NAME)
         for path in new:
             if os.path.lexists(taken := self.folder / path.name):

@@ -119,10 +119,7 @@ def parse_json(content: bytes | memoryview, kind: type[T]) -> T:
 def convert_value(
     value: object, kind: type[T], *, strict: bool = True, dec_hook: Callable[[type, Any], Any] | None = None
 ) -> T:
-    """Return what `msgspec.convert` returns, one thread at a time.
-
-    It crashes where a thread meets a type while another one meets it for the first time.
-    """
+    """`msgspec.convert`, one thread at a time: it crashes where two threads meet a new type at once."""
     with _ONE_THREAD:
         return msgspec.convert(value, kind, strict=strict, dec_hook=dec_hook)
 

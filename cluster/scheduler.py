@@ -85,10 +85,7 @@ def run_cluster(
 
 @contextmanager
 def local_cluster(workers: int, *, port: int) -> Iterator[str]:
-    """Run a scheduler on `port` (0: any) and `workers` that share the machine; yields the scheduler's address.
-
-    The workers end with the scheduler in any case; one that dies is restarted.
-    """
+    """Run a scheduler on `port` (0: any) and `workers` that restart if they die; yields the scheduler's address."""
     with needing_dask():
         import dask
         from distributed import LocalCluster

@@ -120,7 +120,6 @@ class Cluster:
             self._cancel_tasks(running)
 
     def _has_room(self, task: _Task[Job, Result], running: int) -> bool:
-        """Return whether the workers can take another task; one that may crash them is tried alone."""
         return running < self._at_once * self.working and not (running and task.losses == MAX_LOSSES)
 
     def _submit_task(
@@ -156,7 +155,6 @@ class Cluster:
         return results
 
     def _update_workers(self) -> bool:
-        """Update the list of workers; return whether the scheduler can be reached."""
         if self.client.status == "closed":  # since it was out of reach for `GONE_S`
             remedy = "start one, and run the same command with its address, which continues"
             raise HulldownError("the scheduler is out of reach", path=self._address, remedy=remedy)
@@ -183,7 +181,6 @@ class Cluster:
         return True
 
     def _check_workers(self, there: set[str]) -> None:
-        """Check new workers, and forget lost ones."""
         for address in self._fit - there:
             self._say(f"{address}: is gone; others do its tasks")
         self._fit &= there
@@ -195,7 +192,6 @@ class Cluster:
         }
 
     def _judge_worker(self, address: str, check: Future) -> None:
-        """Use or refuse a checked worker."""
         if check.status == "finished" and not (why := check.result()):
             self._fit |= {address}
         elif check.status == "finished":
@@ -206,14 +202,12 @@ class Cluster:
             del self._checks[address]  # the scheduler was out of reach, and the worker is checked again
 
     def _exclude_worker(self, address: str, why: str) -> None:
-        """Exclude a worker; `why` completes a sentence about it."""
         self._fit -= {address}
         if address in self._checks and address not in self._refused:
             self._refused[address] = why
             self._say(f"{address}: is not used: it {why}")
 
     def _cancel_tasks(self, futures: Iterable[Future]) -> None:
-        """Cancel tasks; a running one notices by `task_is_wanted`."""
         if (futures := list(futures)) and self.client.status == "running":
             self.client.cancel(futures, force=True)
 

@@ -127,10 +127,7 @@ class CocoDataset:
         return sum(each.images - sum(map(each.has_image, ids)) for each in reservations)
 
     def add_categories(self, records: Iterable[Record], *, keypoints: bool = False) -> None:
-        """Give an id to each category with a new name, in order; its other fields are kept.
-
-        With `keypoints`, an existing category must have the same.
-        """
+        """Give an id to each category with a new name, in order; existing ones must have the given `keypoints`."""
         known = {str(category.get("name")): category for category in reversed(self._document.categories)}
         records = list(records)
         for record in records if keypoints else ():
@@ -147,11 +144,7 @@ class CocoDataset:
             self._document.pending += 1
 
     def reserve(self, key: str, *, images: int, annotations: int) -> Reservation:
-        """Reserve ids and file names for a plan, or return the reservation it has.
-
-        So ``annotations.json`` doesn't depend on the order in which images are finished, and two plans never have the
-        same file name.
-        """
+        """Reserve ids and names for a plan, whatever the order of finished images, or return the reservation it has."""
         if not key or images < 0 or annotations < 0:
             raise ValueError(f"reserve: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
         document = self._document
@@ -204,7 +197,6 @@ class CocoDataset:
         self._journal_line(image, annotations)
 
     def _journal_line(self, image: Record, annotations: Sequence[Record]) -> Record:
-        """Return the journal's line for an image."""
         document = self._document
         record = plain_json(image, "image")
         check_image(record)

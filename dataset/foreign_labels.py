@@ -63,7 +63,6 @@ def refuse_nameless(folder: Path) -> None:
 
 
 def _yolo_folders(folder: Path) -> tuple[tuple[Path, Path], ...]:
-    """Folders of pictures and of labels that a split of YOLO may have."""
     labels = Path(*("labels" if part == "images" else part for part in folder.parts))
     return (folder / "images", folder / "labels"), (folder, labels)
 

@@ -62,12 +62,7 @@ class _Position(Struct):
 
 
 def position_group(image: Image) -> str:
-    """Return the group of an image that must stay together: shots of one position show one vehicle on the same ground.
-
-    The first vehicle's position, to the millimeter, identifies the group, so another plan's shots of the same place
-    belong to it too. Images without poses, such as photographs, are groups of their own, as are those whose poses
-    have another form.
-    """
+    """Return the group of an image that stays together: its first vehicle's place to the millimeter, or itself."""
     shot = declared_fields(image.record, _Position)
     for label in image.labels:
         if label.world_from_vehicle is not None and len(label.world_from_vehicle) >= 3:

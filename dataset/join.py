@@ -176,7 +176,6 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
 
 
 def _failed_images(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]:
-    """Failed images of dataset and parts, by their name in the dataset."""
     latest = {failure.file_name: failure for failure in read_failures(target.folder)}
     for part in parts:
         reservations = part.reservations(target)
@@ -234,7 +233,6 @@ def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
 
 
 def _check_moves(moves: Sequence[_Move], target: CocoDataset) -> None:
-    """Refuse records that can't be appended, before any is."""
     claimed: set[int] = set()
     for move in moves:
         image, boxes = _moved_records(move)
@@ -251,7 +249,6 @@ def _check_moves(moves: Sequence[_Move], target: CocoDataset) -> None:
 
 
 def _moved_records(move: _Move) -> tuple[Record, Sequence[Record]]:
-    """Return an image and its annotations as records of the dataset."""
     document = move.part.document
     names = {category["id"]: category["name"] for category in document.categories}
     image = document.images[move.index]

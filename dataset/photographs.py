@@ -68,11 +68,7 @@ class _Box(Struct):
 
 
 def read_photographs(path: Path) -> Photographs:
-    """Read the boxes of a COCO file or folder, whose pictures aren't opened, or of a YOLO or VOC folder.
-
-    Regions of many (`iscrowd`) and boxes without area in the frame are left out. Where a record states
-    `truncated_fraction`, as this package's do, 0 means that no side cuts the box off, however near it is.
-    """
+    """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, without crowds and boxes outside the frame."""
     path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
     coco = read_coco(path)
     digest = hashlib.sha256(orjson.dumps(coco)).hexdigest() if path.is_dir() else file_sha256(path)

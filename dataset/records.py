@@ -80,10 +80,7 @@ def finding_lines(findings: Iterable[Finding]) -> list[str]:
 
 
 def read_usable(folder: Path, allowed: Sequence[Path] = ()) -> LabeledImages:
-    """Read the dataset in `folder`, all records of which must be complete.
-
-    Pictures may be missing, but not be links that lead out of it and the `allowed` folders, or special files.
-    """
+    """Read the dataset in `folder`, whose records must be complete, and links lead into it or the `allowed` folders."""
     coco = read_coco(folder)
     refuse_unusable(folder, coco["categories"], coco["images"], coco["annotations"])
     names = [image["file_name"] for image in coco["images"]]
@@ -215,7 +212,6 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
 
 
 def _label_hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
-    """Find boxes slightly outside of their image, and full labels of targets hidden by haze."""
     if (by := overhang_px(label.bbox, *image.size)) > ROUNDING_PX:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
     if (gap := _box_gap(label, image)) > 0.0:
@@ -294,6 +290,5 @@ def check_reservations(coco: Coco) -> Iterator[Finding]:
 
 
 def _image_name(image: Record) -> str:
-    """Return an image's name in findings: its file's, if it has one."""
     name = image.get("file_name")
     return name if isinstance(name, str) and name else f"image {image['id']}"

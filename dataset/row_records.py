@@ -78,7 +78,6 @@ class Segmenter:
         ]
 
     def _seen(self, row: Row, vehicle: PlannedVehicle) -> SeenVehicle:
-        """Return a row's vehicle in its scene; a target that is left out of the picture, as if it were there."""
         posed, scene = self._scenes.posed_vehicle(vehicle), self._scenes.scene(row)
         others = scene.with_vehicles([p for p, v in zip(scene.vehicles, row.vehicles, strict=True) if v is not vehicle])
         whole, visible = vehicle_masks(posed, row.camera, xywh=np.array(vehicle.bbox), world=others)

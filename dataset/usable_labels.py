@@ -18,11 +18,7 @@ MAX_LISTED_BOXES = 10  # boxes that an error names
 
 
 def clip_labels(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]:
-    """Return images with labels whose boxes lie inside.
-
-    `clip`: clip every box and leave out those that are outside altogether; else only boxes that leave their image by
-    up to `MAX_OVERHANG_PX` pixels are clipped.
-    """
+    """Return images with labels whose boxes lie inside; without `clip`, only overhangs of `MAX_OVERHANG_PX` are cut."""
     found: list[Image] = []
     wrong: list[str] = []
     further = False

@@ -13,11 +13,7 @@ from hulldown.geometry.uniform import UniformNumbers
 def sample_candidates(
     bounds: ArrayLike, n: int, *, rng: UniformNumbers, margin: float = 0.8
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Positions uniform in the bounds shrunk to the share `margin`, and headings in [-pi, pi) from +x.
-
-    Row i depends on the generator's state and on i alone, not on `n`: the first rows of a longer draw from the same
-    state are the rows of a shorter one. The paper shrinks to 80 percent (section 2.1.5).
-    """
+    """Positions uniform in the share `margin` of the bounds, headings from +x; row i doesn't depend on `n`."""
     low, high = checked_array(np.asarray(bounds)[..., :2], "bounds", (2, 2))
     if (low > high).any():
         raise ValueError(f"bounds: expected the lowest corner first, got {low.tolist()} and {high.tolist()}")

@@ -55,10 +55,7 @@ class ExactGround:
         return faces, ~on_edge
 
     def top_hits(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]) -> Hits:
-        """Return the highest ground face at each point; ties go to the lowest face.
-
-        `proposal`: a face that may contain each point, or -1: faces certainly below it aren't looked at.
-        """
+        """Return the highest ground face at each point, of ties the lowest; `proposal`: faces that may be it, or -1."""
         n = len(x)
         tops = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))
         for batch, over in self._containing_faces(x, y, self._certain_height(x, y, proposal)):
@@ -73,7 +70,6 @@ class ExactGround:
     def _certain_height(
         self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Return a height that each point's top certainly reaches: the proposed face's if it contains the point."""
         g = self._ground
         least = np.full(len(x), -np.inf)
         row = np.flatnonzero(proposal >= 0)
@@ -105,7 +101,6 @@ class ExactGround:
         point: Int[np.ndarray, " k"],
         face: Int[np.ndarray, " k"],
     ) -> _Over:
-        """Return the pairs whose face contains the point."""
         g = self._ground
         over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
         for i in range(3):
@@ -115,7 +110,6 @@ class ExactGround:
         return over
 
     def _highest_pairs(self, at: tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], over: _Over) -> _Over:
-        """Return the pair of each point with its highest face."""
         alone = _is_single(over.point)
         rest = over[np.flatnonzero(~alone)]
         if not len(rest.point):
@@ -173,7 +167,6 @@ class ExactGround:
         return normal
 
     def _place_numbers(self, vertices: Int[np.ndarray, "k 3"]) -> Int[np.ndarray, "k 3"]:
-        """Return one number for all vertices at the same place."""
         g = self._ground
         used, local = np.unique(vertices, return_inverse=True)
         places = np.column_stack([g.x[used], g.y[used], g.z[used]])
@@ -185,7 +178,6 @@ class ExactGround:
 
 
 def _is_single(point: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Return whether each number of a sorted list differs from its neighbors."""
     changes = np.concatenate([[True], point[1:] != point[:-1], [True]]) if len(point) else np.ones(1, dtype=bool)
     return changes[:-1] & changes[1:]
 

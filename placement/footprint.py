@@ -24,11 +24,7 @@ MAX_FOOT_HEIGHT_SHARE = 0.01  # of the footprint's longer side: a foot is no hig
 
 
 def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
-    """Return lowest and highest (x, y) of the lowest band of vertices (vehicle frame), which touches the ground.
-
-    A long barrel, a raised dozer blade, or an antenna widens the bounding box without touching the ground; wheels,
-    tracks, and skids are low. The band begins at the lowest vertex and is doubled until it's wide enough to stand on.
-    """
+    """Return low and high (x, y), vehicle frame, of the lowest band of vertices that is wide enough to stand on."""
     points = checked_array(vertices, "vertices", ("v", 3))
     if not len(points):
         raise ValueError("vertices: expected at least one vertex, got none")
@@ -54,11 +50,7 @@ class Underside:
 
 
 def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
-    """Return the underside of a vehicle's mesh at rest over its contact footprint.
-
-    The minimum over the hit of a ray straight up through each cell's middle, and vertices and edges in the cell, since
-    no such ray meets an upright sheet.
-    """
+    """Return a mesh's underside at rest: the least hit straight up from each cell's middle, vertex, and edge."""
     used = mesh.vertices[mesh.used_vertices]
     box = contact_footprint(used)
     if (box[0] >= box[1]).any():
@@ -76,7 +68,6 @@ def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = No
 
 
 def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-    """Heights of the first face straight up from below; inf if there is none."""
     start = 2.0 * mesh.bounds[0, 2] - mesh.bounds[1, 2] - 1.0
     face = (
         RayCaster(mesh)
@@ -146,12 +137,7 @@ def _even_sample_positions(n: int) -> Float[np.ndarray, " n"]:
 
 @lru_cache(maxsize=64)
 def underside_samples(footprint: Underside, n: int) -> Samples:
-    """Return the lowest spot near each of n x n points of an underside, under wheels and tracks if there are any.
-
-    Near each point is what is nearer to it than to the others. A spot gives way to one nearer to the point that is
-    higher by less than a twentieth of the distance saved, so that both edges of a track have their spots, and a flat
-    underside has them at the points themselves.
-    """
+    """Return the lowest spot near each of n x n points of an underside; a nearer spot wins if it's little higher."""
     regular, share = plate_samples(footprint.box, n), _even_sample_positions(n)
     reach = 0.5 / max(n - 1, 1)
     cells = np.array(footprint.heights.shape)

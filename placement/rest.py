@@ -68,11 +68,7 @@ def averaged_plane(
 
 
 def underside_plane(samples: Samples, heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]) -> Rest:
-    """Return the support plane at the footprint's center, where the center of gravity is taken to be.
-
-    Where the underside is higher than the plane, a hit may be as much higher too. That height is taken straight up from
-    the plane: docs/settling.md bounds what this leaves out.
-    """
+    """Return the support plane at the footprint's center, with heights straight up from it; see docs/settling.md."""
     solid = np.isfinite(samples.height)  # others support nothing
     clear = np.compress(solid, heights, axis=1) - samples.height[solid]
     plane = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
@@ -150,10 +146,7 @@ def _over_an_edge(
     idle: Int[np.ndarray, " n"],
     plane: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the mean of the plane and of what it becomes when tipped over the two contacts that carry everything.
-
-    Tipped away from the idle contact, it first meets the sample that is least below it for its distance from the edge.
-    """
+    """Return the mean of the plane and of it tipped over the two contacts that carry it, to the next sample."""
     a, b = (contacts[np.arange(len(contacts)), (idle + turn) % 3] for turn in (1, 2))
     x, y = np.ascontiguousarray(samples_xy.T)
     along_x, along_y = x[b] - x[a], y[b] - y[a]
@@ -179,11 +172,7 @@ def _over_one_contact(
     nudge: Float[np.ndarray, "2"],
     plane: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the mean of the planes that a nudge of the center to each of four sides gives; the first is known.
-
-    A sample right below the center (there is one wherever n is odd and the ground is convex) can be tipped about in any
-    direction: one of them, taken at random, would be further from the truth than their mean.
-    """
+    """Return the mean of the planes that nudging the center to four sides gives; the first is known."""
     total, ways = plane.copy(), np.ones((len(plane), 1))
     for way in OTHER_WAYS:
         nudged = _highest_triangles(samples_xy, heights, way * nudge)
@@ -194,7 +183,6 @@ def _over_one_contact(
 
 
 def _fit_planes(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-    """Gradient and height at the origin of the plane through three points each."""
     x, y = corners[..., 0], corners[..., 1]
     ax, ay, az = x[:, 1] - x[:, 0], y[:, 1] - y[:, 0], heights[:, 1] - heights[:, 0]
     bx, by, bz = x[:, 2] - x[:, 0], y[:, 2] - y[:, 0], heights[:, 2] - heights[:, 0]
@@ -204,6 +192,5 @@ def _fit_planes(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, 
 
 
 def _opposite_areas(corners: Float[np.ndarray, "n 3 2"], point: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
-    """Twice the area between a point and the side opposite each corner of a triangle; positive to the side's left."""
     x, y = corners[..., 0] - point[0], corners[..., 1] - point[1]
     return np.stack([x[:, j] * y[:, k] - x[:, k] * y[:, j] for j, k in ((1, 2), (2, 0), (0, 1))], axis=1)

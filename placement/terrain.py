@@ -103,7 +103,6 @@ class Terrain:
         return hits
 
     def _accept_hits(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
-        """Accept Embree's face if all sheets are found, and the point is certainly inside; else compute exactly."""
         x, y = _point_columns(points, i)
         proposal = self._caster.top_face(x, y).astype(np.intp)
         accepted, z, slope = self._certainly_inside(proposal, x, y)

@@ -198,7 +198,6 @@ def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
 
 
 def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> None:
-    """Raise if a pattern of a vehicle's paint matches none of its materials."""
     for entry in (*config.assets.vehicles, *config.assets.distractors):
         materials = models[entry.name].report.materials
         if (pattern := unmatched_pattern(entry.paint, materials)) is not None:
@@ -222,10 +221,7 @@ def load_planned_library(
     cache: AnyPath | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
-    """Return the assets that a plan was made from; parameters as of `load_library`.
-
-    The cache named in the plan's header isn't used, since plans come from anybody.
-    """
+    """Return the assets of a plan; the cache in its header isn't used, since plans come from anybody."""
     own_cache = plan.path.parent / CACHE_NAME
     if not cache and own_cache.is_symlink():
         remedy = "name the folder that it leads to by --cache, if it is yours"
@@ -236,7 +232,6 @@ def load_planned_library(
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
-    """Return the vehicle with the name, limits of parts, and keypoints that the config gives it."""
     limits = shape.part_limits.copy()
     for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
         if bounds is None:
@@ -305,7 +300,6 @@ def refuse_changed(plan: PlanFile, assets: Assets) -> None:
 
 
 def _source_digests(source: Source) -> tuple[str, str]:
-    """Return the digests of a file and of its rendered copy."""
     return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
 
 
@@ -318,14 +312,12 @@ def _changed_file(was: Source, now: Source) -> str:
 
 
 def _reads_the_same(was: Source, now: Source) -> bool:
-    """Return whether a file's geometry is that of the plan, as far as the plan tells."""
     if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.geometry and now.geometry):
         return True
     return was.geometry.agrees_with_other(now.geometry)
 
 
 def _blender_versions(plan: PlanFile) -> str:
-    """Return the Blenders that read the assets, for an error."""
     return f"with bpy {plan.header.versions.get('bpy', 'unknown')}; here is {package_version('bpy') or 'none'}"
 
 

@@ -245,7 +245,6 @@ class PlanWriter:
 
     @contextmanager
     def _name_file(self) -> Iterator[None]:
-        """Name the file in errors such as that of a full disk."""
         try:
             yield
         except OSError as error:
@@ -289,7 +288,6 @@ def explain_damage(line: bytes, kind: type[Struct], error: Exception) -> str:
 
 
 def _first_problem(record: dict[str, object], kind: type[Struct], path: str) -> str | None:
-    """Return the first missing or wrong field of a record at a path; None if there is none."""
     declared, hints = row_fields(kind), get_type_hints(kind, include_extras=True)
     lacking = [name for name, field in declared.items() if name not in record and not field.optional]
     if lacking:
@@ -308,7 +306,6 @@ def _first_problem(record: dict[str, object], kind: type[Struct], path: str) -> 
 
 
 def _is_kind(value: object, kind: Any) -> bool:
-    """Return whether a value of JSON has a declared type and range."""
     try:
         convert_value(value, kind, dec_hook=decoded_pose)
     except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two: of integers without end

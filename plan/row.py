@@ -33,7 +33,6 @@ def _round_to_decimals(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
 
 
 def _round_poses(values: np.ndarray) -> np.ndarray:
-    """Round rotations to 1e-12 and positions to 1e-9 m."""
     rounded = _round_to_decimals(12)(values)
     rounded[..., :3, 3] = _round_to_decimals(9)(values[..., :3, 3])
     return rounded
@@ -49,12 +48,10 @@ def _round_boxes(values: np.ndarray) -> np.ndarray:
 def _field_kind(
     expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any
 ) -> Meta:
-    """Describe a kind of field: its values in words, its range, and its rounding in words and as a function."""
     return Meta(extra={"expected": expected, "to": to, "rounding": rounding}, **limits)
 
 
 def _field_meaning(text: str, *, recorded: bool = True) -> Meta:
-    """Describe one field, and whether datasets record it."""
     return Meta(description=text, extra={"recorded": recorded})
 
 
@@ -141,10 +138,7 @@ _Files = _field_kind("files by name")
 
 
 class Followed(Struct, frozen=True):
-    """The sampled photograph of an image, and the one that the camera follows, by file name.
-
-    They differ if the sampled one doesn't meet the config's limits. None: the camera follows the configured ranges.
-    """
+    """File names of an image's sampled photograph, and of the one followed in its place; None: configured ranges."""
 
     sampled: str
     photograph: str | None
@@ -182,11 +176,7 @@ Vehicles = Annotated[list[PlannedVehicle], _field_kind("a list of vehicles")]
 
 
 class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
-    """An image of a plan: camera, light, weather, and the vehicles; see docs/plan-file.md.
-
-    The target is the vehicle that the camera is framed on. In a background it's left out of the picture, or is a
-    distractor.
-    """
+    """An image of a plan, see docs/plan-file.md; the camera is framed on the target, which backgrounds leave out."""
 
     index: Annotated[Count, _plan_only("0, 1, 2, ...")]
     image_id: Annotated[Number, _plan_only("`index + 1`")]

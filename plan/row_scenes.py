@@ -12,10 +12,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 
 
 class RowScenes:
-    """Makes scenes of rows; models are prepared once, and sceneries while successive rows have them.
-
-    `fallback_z`: height of the plane in place of missing ground, see `Scene.of`. None: no plane, as in pictures.
-    """
+    """Makes scenes of rows, models prepared once; `fallback_z`: height of a plane in place of missing ground."""
 
     def __init__(
         self,

@@ -240,7 +240,6 @@ def summarize_plan(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), ove
 
 
 def _empty_table(title: str, *columns: str) -> Table:
-    """Return an empty table whose columns of words are aligned left."""
     table = Table(title=title, title_justify="left")
     for column in columns:
         table.add_column(column, justify="left" if column in ("", "class", "vehicles", "tries that") else "right")
@@ -248,7 +247,6 @@ def _empty_table(title: str, *columns: str) -> Table:
 
 
 def _counts_line(counts: Iterable[tuple[str, int]]) -> str:
-    """Return names and counts as a line of a table."""
     return escape(", ".join(f"{name or 'empty'} {n:,}" for name, n in counts))
 
 

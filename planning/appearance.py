@@ -39,11 +39,7 @@ COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the tar
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
-    """Return the weights of HDRIs, in most weather and in rain and snow.
-
-    An HDRI has the weight of the first entry of `light.hdris` that matches. In rain and snow, only HDRIs of
-    `light.overcast` are used if it names any, with the weight 1 for those that `light.hdris` doesn't name.
-    """
+    """Return HDRIs' weights by the first match in `light.hdris`; in rain and snow only of those in `light.overcast`."""
     for key, patterns in (("hdris", [choice.name for choice in light.hdris]), ("overcast", light.overcast)):
         for pattern in patterns:
             if not any(fnmatchcase(name, pattern) for name in names):
@@ -75,10 +71,7 @@ def draw_lights(
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
 ) -> dict[str, Sequence[object]]:
-    """Draw light and exposure of the images with these indices, as columns of rows, by the weights of HDRIs.
-
-    Exposure, white balance, and horizon don't depend on the HDRI's rotation and the weather.
-    """
+    """Draw light and exposure of images by weights of HDRIs; all but the HDRI don't depend on rotation and weather."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     overcast = np.array([weather is not None and KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)

@@ -65,7 +65,6 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
 
 
 def _camera_columns(config: Config) -> dict[str, object]:
-    """Return the fields that all rows have in common: the image's size, and a calibration if there is one."""
     camera = config.calibrated
     size: dict[str, object] = {"width": config.render.width, "height": config.render.height}
     if camera is None:
@@ -75,7 +74,6 @@ def _camera_columns(config: Config) -> dict[str, object]:
 
 
 def _followed_photographs(block: Block, views: Views) -> list[Followed | None]:
-    """Return the photographs of each image."""
     followed: list[Followed | None] = [None] * len(views.sampled)
     if block.likeness is not None:
         photographs = block.likeness.photographs
@@ -153,7 +151,6 @@ def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
 
 
 def _track_numbers(planned: Planned) -> list[int | None]:
-    """Return a number for each instance of a sequence, and None for the others."""
     block, table = planned.block, planned.table
     number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST_EXTRAS + table.number
     named = block.given_poses(block.positions.first_image).in_sequence[table.row]
@@ -213,5 +210,4 @@ def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> l
 
 
 def _rounded_boxes(boxes: Float[np.ndarray, "n 4"]) -> list[Box | None]:
-    """Return rounded boxes, None for nan."""
     return [None if xywh[0] != xywh[0] else Box(*xywh) for xywh in round_field("bbox", boxes).tolist()]

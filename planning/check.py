@@ -90,7 +90,6 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
 
 
 def _row_findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
-    """Yield the differences of a row from the planned one."""
     stage = planner.stage
     known = known_poses(row, stage)
     inconsistent = dict(_row_differences(row, relabel_row(row, *known, stage))) if known else {}
@@ -104,7 +103,6 @@ def _row_findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
 
 
 def _row_differences(row: Row, planned: Row) -> Iterator[tuple[str, tuple[str, str]]]:
-    """Yield the fields of a row and of its vehicles that differ, with both values as in a file."""
     first, second = (orjson.loads(encode_line(each)) for each in (row, planned))
     yield from _differing_fields(first, second, [key for key in row_fields(Row) if key != "planned"])
     vehicles = first["planned"], second["planned"]
@@ -124,7 +122,6 @@ def _differing_fields(
 
 
 def _equal_values(first: object, second: object) -> bool:
-    """Return whether two JSON values are equal up to rounding."""
     if isinstance(first, float) and isinstance(second, float):
         return math.isclose(first, second, rel_tol=0.0, abs_tol=NUMBER_TOLERANCE)
     if isinstance(first, list) and isinstance(second, list):
@@ -171,7 +168,6 @@ def _in_the_dark(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]
 
 
 def _label_columns(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> dict[str, Sequence[object]]:
-    """Return columns with the fields of vehicles that follow from poses."""
     config, k = stage.config, len(row.planned)
     # Pairs of each vehicle and another one, which isn't the target if that is left out of the picture.
     subject, other = np.nonzero(~np.eye(k, dtype=bool) & ~(row.hides_target & (np.arange(k) == 0)))

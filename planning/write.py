@@ -231,7 +231,6 @@ def _resume_position(writer: PlanWriter, planner: Planner) -> int:
 
 
 def _plan_blocks(planner: Planner, blocks: list[tuple[int, int]], workers: int) -> Iterator[tuple[bytes, int]]:
-    """Yield the lines of the blocks in order."""
     if workers == 1:
         for block in blocks:
             yield planner.lines(*block)
@@ -266,7 +265,6 @@ def _begin_worker(make: Callable[[], Planner]) -> None:
 
 
 def _end_with_parent() -> None:
-    """End this worker if its parent was killed."""
     parent = multiprocessing.parent_process()
     assert parent is not None
     wait([parent.sentinel])

@@ -33,7 +33,6 @@ def collate_examples(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tens
 
 
 def _detr_target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
-    """Return an example in RF-DETR's form: boxes as center and size, in shares of the picture."""
     height, width = example.picture.shape[1:]
     boxes = box_convert(example.xyxy, "xyxy", "cxcywh")
     target = {

@@ -164,7 +164,6 @@ class Recorder(pl.Callback):
         self._last = time.monotonic()
 
     def _validated(self, valid: Labels) -> dict[str, float]:
-        """Return AP, AP50, and AP75 of the averaged weights, without effect on the training."""
         weights = self._trainee.average.get_ema_model_state_dict()
         assert weights is not None
         self._averaged.load_state_dict(weights)
@@ -197,7 +196,6 @@ class _Loader(DataLoader[Any]):
 
 
 def _collate_or_error(collate: Callable[[Sequence[Example]], Any], batch: Sequence[Example | HulldownError]) -> Any:
-    """Return a batch, or the first error in it."""
     examples = [one for one in batch if not isinstance(one, HulldownError)]
     errors = [one for one in batch if isinstance(one, HulldownError)]
     return errors[0] if errors else collate(examples)
@@ -220,7 +218,6 @@ def _run_loggers(kind: str | None, folder: Path) -> list[pl_loggers.Logger]:
 
 
 def _steps_done(checkpoint: Path, module: pl.LightningModule) -> int:
-    """Return the steps before a checkpoint, which must fit the module."""
     try:
         with open_regular(checkpoint) as file:
             found: Any = load_tensors(file)

@@ -96,7 +96,6 @@ def load_detector(path: Path | str, device: str = "auto") -> Detector:
 
 
 def _contest_detector(detector: Detector, weights: Path, device: str) -> Detector:
-    """Return a detector with rivals from weights, which may also be at the Hugging Face hub."""
     from hulldown.training.detectors.rivals import ContestedDetector
     from hulldown.training.detectors.transformers_detector import load_transformers
 
@@ -229,7 +228,6 @@ def predict_labeled(detector: Detector, labels: Labels) -> Predictions:
 def _detect_batches(
     detector: Detector, pictures: Pictures, ids: Sequence[int], indices: Sequence[int], batch: int
 ) -> Iterator[dict[int, Found]]:
-    """Yield the results of images by their ids, a batch at a time; `ids` are those of the detector's classes."""
     pixels = pictures.read(indices)
     for start in range(0, len(indices), batch):
         images = [pictures.images[k].id for k in indices[start : start + batch]]
@@ -263,8 +261,6 @@ def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int]
 def _draw_detections(
     pictures: Pictures, found: Mapping[int, Found], names: Mapping[int, str], folder: Path, threshold: float
 ) -> None:
-    """Write each picture with its detections into a folder, under the same name; a video as a video."""
-
     def labeled() -> Iterator[tuple[str, Image.Image]]:
         for image, pixels in zip(pictures.images, pictures.read(range(len(pictures.images))), strict=True):
             boxes = [(np.array(one["bbox"]), one["category_id"], one["score"]) for one in found[image.id]]
@@ -314,10 +310,7 @@ def _content_hashes(pictures: Pictures) -> Callable[[int], str | None]:
 
 
 def _read_unfinished(path: Path, key: str, content: Callable[[int], str | None]) -> dict[int, Found]:
-    """Return an interrupted call's results by image, which are all that its file then has.
-
-    A file with another key is ignored, and so are a truncated last line, and images whose files have changed.
-    """
+    """Return an interrupted call's results with this key by image, without truncated lines and changed images."""
     done: dict[int, Found] = {}
     with suppress(FileNotFoundError, ValueError, KeyError), open_regular(path) as before:
         for line in before if parse_json(before.readline(), object) == key else ():

@@ -37,13 +37,7 @@ def nested_subsets(
     seed: int = 0,
     stratified: bool = False,
 ) -> list[list[int]]:
-    """Image ids of each share, as prefixes of one order with whole positions, at least one.
-
-    The order depends on the seed and the file names alone. Shots of one position follow each other, since they show
-    one vehicle on the same ground.
-
-    `fractions`: shares of the images, above 0 and at most 1.
-    """
+    """Image ids of each share, prefixes of one order by seed and names alone, with whole positions, at least one."""
     groups = group_positions(images)
     for members in groups.values():
         members.sort(key=lambda image: image.file_name)

@@ -191,7 +191,6 @@ def prepare_trainee(settings: Settings, classes: Sequence[str], device: torch.de
 
 
 def _worker_count() -> int:
-    """Return one worker per core except the training one, at most 8."""
     return max(1, min(8, len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else 1))
 
 
@@ -199,7 +198,6 @@ def _describe_run(
     settings: Settings, classes: tuple[str, ...], data: Mapping[str, str | os.PathLike[str]],
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> Run:  # fmt: skip
-    """run.json of a new run."""
     drawn = np.bincount(draws.source, minlength=len(sources)).tolist()
     return Run(
         status="running",

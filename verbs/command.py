@@ -86,7 +86,6 @@ def _named_arguments(given: inspect.BoundArguments, names: Sequence[str]) -> dic
 
 
 def _make_option(parameter: inspect.Parameter) -> inspect.Parameter:
-    """Return a parameter as an option, or as a needed input, which can be given by its place; the output has -o."""
     if parameter.name == "output":
         parameter = parameter.replace(annotation=Annotated[parameter.annotation, Parameter(alias="-o")])
     elif parameter.default is inspect.Parameter.empty:

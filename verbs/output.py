@@ -47,7 +47,6 @@ def silence_stdout() -> None:
 
 @contextmanager
 def _naming_stdout() -> Iterator[None]:
-    """Name stdout in errors such as that of a full disk."""
     try:
         yield
     except OSError as error:

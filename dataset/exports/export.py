@@ -145,7 +145,6 @@ def export_dataset(
 
 
 def _export_key(layout: str, splits: Splits) -> str:
-    """Return a hash of everything that determines an export."""
     key = hashlib.sha256(orjson.dumps([layout, splits.coco_head]))
     for split, of_split in splits.items.items():
         for item in of_split:
@@ -155,7 +154,6 @@ def _export_key(layout: str, splits: Splits) -> str:
 
 
 def _check_masks(images: Sequence[Image], folder: Path) -> None:
-    """Refuse unusable masks."""
     wrong = []
     for image in images:
         for label in image.labels:

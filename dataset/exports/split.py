@@ -23,13 +23,7 @@ def assign_splits(
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
 ) -> dict[int, str]:
-    """Return a split for every image id: whole groups at a time, with classes and objects per image in proportion.
-
-    `fractions`: shares of train, valid, and test; they add up to 1.
-
-    Sechidis, Tsoumakas, Vlahavas, On the stratification of multi-label data, ECML PKDD 2011, algorithm 1. A group has
-    the label (class, k) if it has k objects of the class or more, so crowded pictures are spread out as well.
-    """
+    """Return a split for every image id: whole groups, in proportion (Sechidis et al., ECML PKDD 2011, algorithm 1)."""
     # nan fails each comparison.
     if len(fractions) != 3 or not all(f >= 0.0 for f in fractions) or not abs(sum(fractions) - 1.0) <= 1e-6:
         raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")

@@ -78,7 +78,6 @@ def two_histograms(
 
 
 def _bin_edges(axes: Axes, values: Float[np.ndarray, " n"], *, log: bool) -> list[float]:
-    """Edges of bins that hold all values; with `log`, they and the axis are logarithmic."""
     low, high = (float(values.min()), float(values.max())) if len(values) else (0.0, 1.0)
     if log and 0.0 < low < high:
         axes.set_xscale("log")

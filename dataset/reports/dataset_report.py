@@ -120,7 +120,6 @@ def report_dataset(
 
 
 def _dataset_facts(dataset: Dataset) -> list[str]:
-    """Numbers of images, labels, and positions."""
     images = dataset.of_images
     places = len({(s, p) for s, p in zip(images["scenery"], images["position"], strict=True) if s and p == p})
     counts = {
@@ -134,7 +133,6 @@ def _dataset_facts(dataset: Dataset) -> list[str]:
 
 
 def _class_rows(dataset: Dataset) -> list[list[str]]:
-    """Return the row of each class: its name, images, labels, labels by size, and vehicles."""
     labels, rows = dataset.labels, []
     for name in dataset.categories.values():
         of_class = labels["category"] == name
@@ -147,7 +145,6 @@ def _class_rows(dataset: Dataset) -> list[list[str]]:
 
 
 def _label_charts(dataset: Dataset) -> dict[str, Figure]:
-    """Charts of the labels and of the images' conditions by title."""
     labels, images, charts = dataset.labels, dataset.of_images, {}
     for scale in (SIZE, *SCALES):
         if np.isfinite(values := labels[scale.name]).any():
@@ -166,7 +163,6 @@ def _label_charts(dataset: Dataset) -> dict[str, Figure]:
 
 
 def _scenery_maps(dataset: Dataset) -> dict[str, Figure]:
-    """Return a map of vehicles and cameras for each scenery."""
     scenery = dataset.of_images["scenery"]
     cameras = camera_poses(dataset.images)[:, :2, 3]
     firsts = (image.labels[0] if image.labels else None for image in dataset.images)
@@ -180,7 +176,6 @@ def _scenery_maps(dataset: Dataset) -> dict[str, Figure]:
 
 
 def _image_tile(dataset: Dataset, i: int) -> Tile:
-    """Return an image's thumbnail with the facets of all its labels."""
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
     values = {
@@ -206,7 +201,6 @@ def _image_text(dataset: Dataset, row: int) -> list[str]:
 
 
 def _encode_thumbnail(dataset: Dataset, i: int) -> bytes:
-    """Return a small JPEG of an image with its boxes."""
     image, file = dataset.images[i], io.BytesIO()
     small = dataset.picture(i, labels=False).convert("RGB")
     small.thumbnail((THUMBNAIL_WIDTH_PX, small.height), Pictures.Resampling.LANCZOS)
@@ -331,6 +325,5 @@ def _light_values(picture: Callable[[int], Pictures.Image], count: int) -> Value
 
 
 def _picture_inside(folder: Path, name: str) -> Path | None:
-    """Return a picture of a COCO file; None if it's missing, or outside of the file's folder."""
     path = folder / name
     return path if name and path.is_file() and path.resolve().is_relative_to(folder.resolve()) else None

@@ -135,7 +135,6 @@ class Document:
             write_coco(file, *self._other_parts())
 
     def _other_parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
-        """Return all but the records, images, and annotations, in the order they're written."""
         head, reservations = self.head, self.reservations.values()
         if reservations and isinstance(info := head.get("info", {}), dict):
             reserved = msgspec.to_builtins(list(reservations))
@@ -218,11 +217,7 @@ def check_is_dataset(folder: Path) -> None:
 
 
 def read_coco(folder: Path | str) -> Coco:
-    """Read the dataset in `folder` as a COCO dictionary, journal included, without lock or change.
-
-    It may also be a split by `hulldown export` or Roboflow (``_annotations.coco.json`` with pictures), a COCO
-    file, or a folder of YOLO or VOC.
-    """
+    """Read a dataset as a COCO dictionary, journal included: ours, a split, a COCO file, or a folder of YOLO or VOC."""
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         if (kind := describe_path(folder)) not in ("a JSON file", "another file", "empty"):
@@ -267,13 +262,11 @@ def _read_annotations(path: Path) -> Document:
 
 
 def _with_slashes(image: Record) -> Record:
-    """Return the record with slashes in its name, which has backslashes if it was written on Windows."""
     name = image.get("file_name")
     return {**image, "file_name": name.replace("\\", "/")} if isinstance(name, str) and "\\" in name else image
 
 
 def _parse_records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[Record]:
-    """Parse a list of records, one at a time."""
     for record in json_records(content, key):
         if type(number := record.get("id")) is not int:
             raise _unusable_error(path, f"{kind} id {number!r} is not a whole number")

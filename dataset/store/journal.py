@@ -22,10 +22,7 @@ JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
 
 
 class Journal:
-    """An append-only file of JSON objects, one a line, each flushed to the disk before `append` returns.
-
-    A process killed while it writes leaves at most one line without its newline; opening drops that line.
-    """
+    """An append-only file of JSON lines, on disk before `append` returns; opening drops a line without its newline."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -74,10 +71,7 @@ class Journal:
 
 
 def read_journal(path: Path) -> Iterator[Record]:
-    """Yield the records of a journal in order; empty without a file.
-
-    A last line without its newline was never acknowledged and is left out.
-    """
+    """Yield the records of a journal in order, without a last line that lacks its newline; empty without a file."""
     if not path.exists():
         return
     with _open_journal(path) as file:
@@ -117,7 +111,6 @@ def _open_journal(path: Path) -> BinaryIO:
 
 
 def _whole_lines(path: Path) -> int:
-    """Return the number of bytes up to the last newline, which is included."""
     with _open_journal(path) as file:
         if not os.fstat(file.fileno()).st_size:
             return 0

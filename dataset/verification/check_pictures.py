@@ -80,7 +80,6 @@ def check_pictures(
 def _check_picture(
     folder: Path, record: Record, image: Image | None, *, fast: bool
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
-    """Return a picture's problems, its hash, and a photograph's perceptual hash; `image` if its record fits."""
     name = record.get("file_name")
     if not stays_inside(name):  # found among records
         return [], None, None
@@ -112,10 +111,7 @@ def _check_picture(
 
 
 def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
-    """Return a picture's perceptual hash; None without contrast, where the hash is meaningless.
-
-    Zauner, Implementation and benchmarking of perceptual image hash functions, 2010, section 3.2.1 (DCT hash).
-    """
+    """Return a picture's perceptual DCT hash (Zauner, 2010, section 3.2.1); None without contrast."""
     gray = PIL.Image.fromarray(pixels).convert("L")
     if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < FLAT_DEVIATION_LEVELS:
         return None

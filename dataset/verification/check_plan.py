@@ -23,11 +23,7 @@ MAX_MASK_DIFFERENCE_PX = 2  # rays on an edge may fall on its other side on anot
 
 
 def check_planned(coco: Coco, plan: Plan, assets: Callable[[], Library] | None) -> Iterator[Finding]:
-    """Find differences between a plan's rows and their images and labels, and count missing ones.
-
-    A difference is an error, since numbers are copied unrounded. A missing image is a warning, since a run may be in
-    progress, or someone deleted it on purpose. Without the plan's assets, fields that need the scene aren't compared.
-    """
+    """Find differences of images and labels from a plan's rows, which are errors; missing ones are warnings."""
     reservation = find_reservation(coco, plan_key(plan.path))
     if reservation is None:
         yield Finding("error", plan.path.name, "nothing here was rendered from this file, as it is now")

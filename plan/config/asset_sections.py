@@ -20,7 +20,6 @@ OWN = "own"  # color of a material in its file
 
 
 def _check_forward(value: Any) -> str | float | Pair | None:
-    """Check an axis, an angle in degrees, or a vector that isn't vertical."""
     if value is None or (isinstance(value, str) and value in ("+x", "-x", "+y", "-y")):
         return value
     if are_numbers([value]) and -360 <= value <= 360:
@@ -31,7 +30,6 @@ def _check_forward(value: Any) -> str | float | Pair | None:
 
 
 def _check_pivot(value: Any) -> str | tuple[float, ...] | None:
-    """Check the name of an object, or a point in the file's coordinates."""
     if value is None or (isinstance(value, str) and value):
         return value
     if isinstance(value, (list, tuple)) and len(value) == 3 and are_numbers(value):

@@ -124,11 +124,7 @@ def config_text(
     proposals: Mapping[str, Mapping[str, object]] = MappingProxyType({}),
     remarks: Sequence[str] = (),
 ) -> str:
-    """Return a complete config for these assets, with a comment on every key.
-
-    `notes` and `proposals` are comments above an asset's entry and keys that are commented out below it, by its name or
-    path.
-    """
+    """Return a config for these assets, every key explained; `notes` and `proposals` are comments by name or path."""
     given, others = {**_GIVEN, **values}, config_sections()
     of_assets = [key for key in section_keys(others.pop("assets")) if key.name not in _LISTED]
     blocks = [
@@ -180,7 +176,6 @@ def _align_comments(pairs: Sequence[tuple[str, Key]]) -> str:
 
 
 def _entry_comments(kind: str) -> str:
-    """Return the keys of a kind of table as comments."""
     keys = section_keys(ENTRIES[kind])
     needed = " and ".join(key.name for key in keys if key.required)
     head = f"[[assets.{_LISTS[kind]}]] is a {kind}: {needed} must be given. Optional keys:"
@@ -192,8 +187,6 @@ def _entry_comments(kind: str) -> str:
 
 
 def _as_comments(lines: Sequence[str], indent: str = "") -> str:
-    """Return each line as a comment, with unprintable characters escaped."""
-
     def printable(text: str) -> str:
         return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
@@ -237,7 +230,6 @@ def key_table(section: type[Section], *, without: type[Section] | None = None) -
 
 
 def _escape_markdown(text: str) -> str:
-    """Escape Markdown's emphasis, links, and cells."""
     return re.sub(r"(\*|\||_(?=\W)|\[\[)", r"\\\1", text)
 
 

@@ -192,7 +192,6 @@ class BudgetSection(Section):
 
 
 def _check_exposure(value: Any) -> str | float:
-    """Check "auto" or a number of EV."""
     if value == "auto":
         return "auto"
     if are_numbers([value]) and abs(value) <= FARTHEST_EV:

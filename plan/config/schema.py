@@ -101,7 +101,6 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _refuse_unlabeled_targets(self) -> Config:
-        """Refuse limits of labels that a target could fail."""
         given, camera = self.annotate, self.camera
         for key, limit, source in (
             ("min_box_px", camera.min_box_px, "at most camera.min_box_px"),

@@ -155,7 +155,6 @@ def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> 
 
 
 def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
-    """Return the number of each pixel's instance, and all vehicles and visible surfaces."""
     table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
     instance = np.where(hits.kind == Kind.VEHICLE, hits.instance + 1, 0)
     if (ground := hits.kind == Kind.GROUND).any():
@@ -173,7 +172,6 @@ def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np
 
 
 def _part_numbers(row: Row, artist: Artist, hits: Hits) -> UInt16[np.ndarray, " n"]:
-    """Return the number in `part_table` of the part at each pixel."""
     ids = {part.vehicle: part.id for part in part_table(artist)[::-1]}
     first = np.array([ids[vehicle.vehicle] for vehicle in row.vehicles] or [0])
     return np.where(hits.part >= 0, first.take(hits.instance, mode="clip") + hits.part, 0).astype(np.uint16)
@@ -296,7 +294,6 @@ def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes
 
 
 def _image_stem(row: Row) -> str:
-    """Return an image's name without folder and suffix."""
     return str(Path(row.file_name).relative_to("images").with_suffix(""))
 
 

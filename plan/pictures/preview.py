@@ -161,6 +161,5 @@ class Artist:
         return colors.reshape(height, width, 3)
 
     def _card_brightness(self, row: Row) -> float:
-        """Brightness of a gray card on open land relative to mid-gray."""
         irradiance = np.array(self._assets.sky(row.hdri).irradiance)
         return float(card_radiance(irradiance, row.strength) @ LUMINANCE) / CARD_ALBEDO * 2.0**row.exposure_ev

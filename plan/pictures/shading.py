@@ -67,7 +67,6 @@ def shade_pixels(
 def _cover_surfaces(
     albedo: Float[np.ndarray, "n 3"], up: Float[np.ndarray, " n"], vehicle: Bool[np.ndarray, " n"], weather: Weather
 ) -> Float[np.ndarray, "n 3"]:
-    """Return albedo under water, snow, or dust; `up` is z of the normals."""
     cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
     kind = KINDS[weather.kind]
     if kind.cover_albedo is None:
@@ -83,7 +82,6 @@ def _surface_albedo(
     points: Float[np.ndarray, "n 3"],
     paints: Sequence[Float[np.ndarray, "3"]],
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the colors of the surfaces at these points."""
     odd = np.floor(points[:, :2] / _TILES_M).sum(axis=1) % 2.0
     albedo = _EARTH * (1.0 - 0.07 * odd)[:, None]
     albedo[kind == Kind.OBSTACLE] = _LEAVES

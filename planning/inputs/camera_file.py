@@ -32,10 +32,7 @@ class _Numbers(Struct):
 
 
 def read_camera(path: Path) -> dict[str, object]:
-    """Return "section.key" -> value of a config with a calibrated camera.
-
-    OpenCV's pixels begin half a pixel later than a config's, so cx and cy grow by half a pixel.
-    """
+    """Return "section.key" -> value of a config; cx and cy grow by the half pixel by which OpenCV's begin later."""
     table = _read_table(path)
     for inner in ("camera_info", "cam0"):
         if isinstance(found := table.get(inner), Mapping):

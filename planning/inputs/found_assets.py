@@ -226,6 +226,5 @@ def _write_entry(config: Path, cache: Path) -> Path:
 
 
 def _guess_category(folder: Path, path: Path) -> str:
-    """Return the outermost folder that may name a vehicle's class."""
     names = (*path.parent.parts, folder.resolve().name)
     return next((name for name in names if name and name.lower() not in NO_CATEGORY), "vehicle")

@@ -124,7 +124,6 @@ def _inspect_entry(file: Exported, asset: VehicleShape | Scenery, *, pictures: b
 
 
 def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
-    """Return the report with the config's limits of parts."""
     limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
     parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
     return replace(report, parts=tuple(parts))

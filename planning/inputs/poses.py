@@ -72,7 +72,6 @@ def _parse_line(cells: list[str], columns: list[str], number: int, path: Path) -
 
 
 def _needed_columns(given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Yield each given column with another one that it needs."""
     groups = {**dict.fromkeys(("x", "y"), ("x", "y")), "z": ("x", "y"), "sequence": CAMERA}
     groups |= {**dict.fromkeys(CAMERA, (*CAMERA, "x", "y")), **dict.fromkeys(LOOK_AT, LOOK_AT)}
     for name in given:

@@ -192,11 +192,7 @@ def pose_arrays(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray
 
 
 def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
-    """Return the budget of a file's lines: a position for each sequence and for each other line.
-
-    Lines without a vehicle take the vehicles of `budget` in turn. `images` counts images without a given scenery: their
-    vehicles need a place on some scenery.
-    """
+    """Return the budget of a file's lines, a position for each sequence or other line; missing vehicles go by turns."""
     names = [line.sequence for line in poses.lines]
     starts = np.array([i for i, name in enumerate(names) if not i or name is None or name != names[i - 1]])
     shots = np.diff(np.append(starts, len(names)))

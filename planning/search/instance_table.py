@@ -197,10 +197,7 @@ def size_cameras(
     roll: Float[np.ndarray, " n"],
     frame: Callable[[Cameras], Cameras],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
-    """Return framed cameras in these directions from n targets of a model, at distances with the wanted box sizes.
-
-    Pose and distance are nan if no distance with the whole vehicle in front of the camera gives that size.
-    """
+    """Return cameras in these directions, framed at distances with the wanted box sizes; nan where there is none."""
     centers = targets.centers
     level = Cameras(lenses, camera_pose(centers, 1.0, azimuth, elevation))
     outward = -level.world_from_camera[:, :3, 2]

@@ -140,7 +140,6 @@ class Likeness:
     def _boxes_at_ranks(
         self, fleet: Fleet, model: Int[np.ndarray, " n"], rank: Float[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
-        """Return boxes of each model's class, or of all classes if it has few, by ranks of their heights in [0, 1)."""
         box = np.zeros(len(model), dtype=np.int64)
         for index in np.unique(model).tolist():
             weights = self._own.get(fleet.models[index].category or "", self._weights)
@@ -286,11 +285,7 @@ def match_cameras(
 def choose_directions(
     targets: Instances, boxes: TargetBoxes, limits: CameraSection, *, lenses: Intrinsics, rng: RowStreams
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Sample elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance.
-
-    Elevations are the configured ones, since an aspect ratio hardly tells them: a turret that a label leaves out weighs
-    as much as 20 degrees.
-    """
+    """Sample configured elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance."""
     n = len(targets)
     low, high = (math.radians(angle) for angle in limits.elevation_deg)
     azimuth = draw_azimuth(n * CAMERA_DIRECTIONS, rng=rng).reshape(n, CAMERA_DIRECTIONS)
@@ -338,11 +333,7 @@ def companion_poses(
     lenses: Intrinsics,
     rng: RowStreams,
 ) -> PhotographedPoses:
-    """Return places and headings on level ground at which companions fill the other boxes of the photographs.
-
-    A companion is on the ray through its box's center. Its distance follows from the box's height, or in steep views,
-    where a box shows length and width, from where the ray meets the ground.
-    """
+    """Return places on the rays through boxes' centers, and headings, at which companions fill photographs' boxes."""
     photographs, limits = likeness.photographs, likeness.camera
     poses = np.zeros((len(number), 3))
     azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)

@@ -69,7 +69,6 @@ def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict
 
 
 def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]) -> Float[np.ndarray, " s"]:
-    """Return the weights of sceneries for a vehicle, 0 for those that it may not use."""
     names = list(of_sites)
     entry = next((entry for entry in config.assets.vehicles if entry.name == vehicle), None)
     weights = np.array(
@@ -120,7 +119,6 @@ def _plan_trials(
 
 
 def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:
-    """Return the error of a vehicle that is longer than the area it is placed in."""
     room = config.placement.margin * (site.bounds[1] - site.bounds[0])
     length = max(model.shape.size_xyz[:2])
     if length > min(room):

@@ -46,10 +46,7 @@ def settle_clear(
     upright: Bool[np.ndarray, " n"] | None = None,
     z: Float[np.ndarray, " n"] | None = None,
 ) -> Settled:
-    """Settle n vehicles, or reject those that don't meet the config's limits; poses of `instances` aren't used.
-
-    Places are in meters, yaw in radians; where `z` isn't nan, a vehicle is put upright at that height.
-    """
+    """Settle n vehicles, meters and radians, upright where `z` isn't nan, or reject those beyond the limits."""
     fleet, rules = instances.fleet, settle_rules(limits)
     settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     if upright is not None and z is not None:
@@ -124,7 +121,6 @@ def clear_of_vehicles(instances: Instances, others: Instances, clearance: float)
 def _clearance_boxes(
     instances: Instances, clearance: float
 ) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
-    """Return half sizes and poses of the boxes of all parts, extended by the clearance sideways and upward."""
     fleet, model = instances.fleet, instances.model
     center = fleet.box_center[model] + [0.0, 0.0, clearance / 2]
     world_from_box = compose_affine(instances.world_from_parts(), rigid_matrix(np.eye(3), center))

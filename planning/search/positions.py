@@ -251,10 +251,7 @@ class _Search:
     def _settle_extras(
         self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: PhotographedPoses
     ) -> Settled:
-        """Settle tries of extras around their targets' present places, without regard to other vehicles.
-
-        Offsets and headings move from those in the photograph to random ones as tries go on.
-        """
+        """Settle tries of extras around their targets, from the photograph's places to random ones as tries go on."""
         table, limits, tries = self.table, self.config.placement, []
         for batch in index_batches(len(which), MAX_BATCH_PLACES):
             extras = which[batch]
@@ -276,7 +273,6 @@ class _Search:
         return join_rows(tries)
 
     def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
-        """Return whether these tries of extras are clear of the target and of the extras with places."""
         tried = replace(self.table.take(which), world_from_vehicle=settled.world_from_vehicle)
         standing = self.table.take(np.flatnonzero(self.table.is_placed))
         of_tried, of_standing = matching_pairs(tried.row, standing.row)
@@ -343,7 +339,6 @@ class _Search:
         return join_rows(seen)
 
     def _hopeful_positions(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
-        """Return the positions among these that aren't given up."""
         return rows[~self.is_abandoned[rows]]
 
     def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:

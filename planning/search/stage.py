@@ -67,11 +67,7 @@ class Model:
 
 
 class Fleet:
-    """All vehicles and distractors of a plan, with tables of their numbers.
-
-    A part with faces has a box, in the vehicle's frame at rest; where a model has fewer boxes than another, the tables
-    repeat its first.
-    """
+    """All vehicles and distractors; tables of their parts' boxes (vehicle frame, at rest), padded by the first."""
 
     def __init__(self, models: tuple[Model, ...]) -> None:
         self.models = models

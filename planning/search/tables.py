@@ -59,10 +59,7 @@ class Extras:
         wanted: Int[np.ndarray, " n"],
         is_wanted: Bool[np.ndarray, " n"],
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, "q 64"]]:
-        """Draw extras of each position: their rows, numbers, models, and uniform numbers for their angles.
-
-        `wanted`: how many, within the limits, where `is_wanted`; elsewhere their number is drawn.
-        """
+        """Draw extras: rows, numbers, models, uniform numbers for angles; as many as `wanted` where `is_wanted`."""
         low, high = self.count
         choice = Purpose.COMPANY if self.role == Role.COMPANION else Purpose.DISTRACTORS
         size = draws.uniform(choice, position, 0, count=1)[:, 0]
@@ -75,10 +72,7 @@ class Extras:
 
 
 def scenery_extras(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
-    """Return the companions and distractors of positions on a scenery, by whether these are backgrounds.
-
-    `of_vehicles` are weights of companions. Backgrounds have neither companions nor distractors with a class.
-    """
+    """Return companions, drawn by `of_vehicles`, and distractors on a scenery, by whether it's for backgrounds."""
     limits, (least, most) = stage.config.placement, stage.config.placement.vehicles_per_image
     companions = Extras(Role.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
     extras: dict[bool, list[Extras]] = {False: [companions], True: []}
@@ -102,12 +96,7 @@ def scenery_distractors(
 def target_models(
     budget: Budget, stage: PlanStage, draws: RandomStreams, *, positions: Positions, site: Site
 ) -> Int[np.ndarray, " n"]:
-    """Return the vehicle that the cameras of each position are framed on, as an index in the fleet.
-
-    At a position of backgrounds, it's a vehicle drawn from the budget, which is left out of the picture. The share
-    `budget.background_distractors` of these positions shows a distractor without a class instead, if the scenery has
-    one.
-    """
+    """Return the model framed at each position; in backgrounds a drawn vehicle or a distractor without a class."""
     index = np.array([stage.fleet.index[name] for name in budget.vehicles])
     model, rows = index[positions.vehicle], np.flatnonzero(positions.background)
     uniform = draws.uniform(Purpose.BACKGROUND, positions.number[rows], 0, count=2)
@@ -125,10 +114,7 @@ def target_models(
 def draw_weathers(
     weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]
 ) -> list[Weather | None]:
-    """Draw the weather of the images with these indices, rounded as in a plan; None where it is clear.
-
-    Kind and visibility have separate random numbers, so that the share of rain doesn't change the fog of images.
-    """
+    """Draw the weather of images, rounded as in a plan, None where clear; kind and visibility by separate numbers."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=5)
     speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T
     kind = np.searchsorted(np.cumsum([getattr(weather, name) for name in WEATHER_NAMES]), u[:, 3], side="right")

@@ -191,10 +191,7 @@ def frame_targets(
 
 
 def try_cameras(block: Block, tries: CameraTries) -> Views:
-    """Make cameras, and check them against the config's limits.
-
-    Checks are in the order of their cost, each of the rows that passed those before. They set these rows' rejections.
-    """
+    """Make cameras, and check them against the config's limits, the cheapest first."""
     limits, candidates, views = block.config.camera, sample_cameras(block, tries), no_views(len(tries.image))
     views.fov_x_deg[:] = round_field("fov_x_deg", candidates.drawn.lenses.fov_x_deg)
     if (boxes := candidates.drawn.boxes) is not None:
@@ -276,10 +273,7 @@ def reject_box(
     *,
     image: RenderSection,
 ) -> UInt8[np.ndarray, " k"]:
-    """Return rejections of these rows of the candidates by their targets' boxes.
-
-    Limits of size don't apply to given cameras. Sizes can miss if part of the target is nearer than the near plane.
-    """
+    """Return rejections of these rows by their targets' boxes; limits of size don't apply to given cameras."""
     rule = candidates.rule[rows]
     # A target outside the frame has the box nan, which is too small.
     small = reject_outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)

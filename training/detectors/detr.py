@@ -94,7 +94,6 @@ def own_weights(model: str) -> Path:
 
 
 def _check_kind(path: Path, found: Mapping[str, object]) -> None:
-    """Refuse a file of tensors that isn't RF-DETR's."""
     state = found.get("model", found.get("state_dict"))
     if not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
         raise HulldownError("has no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")

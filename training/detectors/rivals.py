@@ -18,10 +18,7 @@ MIN_RIVAL_IOU = 0.5
 
 
 class ContestedDetector:
-    """A detector whose detections a pretrained detector's rivals contest; see `training.detectors.detector.Detector`.
-
-    A class of the detector is no rival.
-    """
+    """A detector whose detections contest the rivals, none of its own classes, that a pretrained detector finds."""
 
     def __init__(self, detector: Detector, pretrained: Detector) -> None:
         self.classes = detector.classes

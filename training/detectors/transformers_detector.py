@@ -115,10 +115,7 @@ def _config_with_queries(config: Any, settings: Settings) -> Any:
 
 
 def _read_pretrained(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any, list[str]]:
-    """Load network and image processor from a folder or by name from the hub, without running its code.
-
-    With settings, weights of another number of classes stay random; their names are the last result.
-    """
+    """Load network and image processor from a folder or the hub, without its code; lastly, names of lost weights."""
     try:
         for name in TRANSFORMERS_FILES if Path(source).exists() else ():
             open_regular(Path(source, name)).close()

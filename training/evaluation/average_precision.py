@@ -76,12 +76,7 @@ def weighted_averages(
     weight: Float[np.ndarray, "r d"],
     labels: Float[np.ndarray, " r"],
 ) -> Float[np.ndarray, "r i"]:
-    """AP of one class with integer weights of detections: COCO's mean precision at 101 recalls.
-
-    Precision has its maxima at true detections, so only those are searched.
-
-    `labels`: number of labels; without any the result is nan.
-    """
+    """COCO's AP of one class with integer weights of detections, at 101 recalls; nan without `labels`, their number."""
     # The least count of found labels that reaches each recall, with the rounding of a division.
     least = np.ceil(RECALLS * labels[:, None])
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -60,7 +60,6 @@ def _make_field(
     of_label: Int[np.ndarray, " g"],
     of_detection: Int[np.ndarray, " d"] | None,
 ) -> BinnedField:
-    """Return a field without empty bins."""
     used = of_label if of_detection is None else np.concatenate([of_label, of_detection])
     there = np.bincount(used[used >= 0], minlength=len(bins)) > 0
     new = np.append(np.cumsum(there) - 1, -1)
@@ -111,7 +110,6 @@ def bin_figures(field: BinnedField, seen: Matching) -> BinFigures:
 def _ratio_interval(
     part: Float[np.ndarray, "positions b"], whole: Float[np.ndarray, "positions b"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 2"]]:
-    """Return a ratio of sums over positions, with its interval."""
     trials = whole.sum(axis=0)
     value = safe_ratio(part.sum(axis=0), trials)
     ends = share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)

@@ -74,11 +74,7 @@ def ratio_error(
 def share_interval(
     value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, trials: ArrayLike = np.inf
 ) -> Float[np.ndarray, "2 *shape"]:
-    """Return the 95 % interval of a figure between 0 and 1; nan if `error` is.
-
-    It's Wilson's interval with the number of trials that has this `error`. `freedom`: degrees of freedom of the error.
-    If the error is 0, the trials are one more: if all observations agree, positions count instead of labels.
-    """
+    """Return Wilson's 95 % interval of a share with this `error` of `freedom` degrees; nan if `error` is."""
     value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
     spread = value * (1.0 - value)
     variance = np.maximum(error, LEAST_ERROR) ** 2
@@ -93,12 +89,7 @@ def share_interval(
 def difference_interval(
     value: ArrayLike, error: ArrayLike, *, freedom: ArrayLike, labels: ArrayLike
 ) -> Float[np.ndarray, "2 *shape"]:
-    """Return the 95 % interval of a paired difference; nan if `error` is.
-
-    Two labels are added, one gained and one lost (Bonett and Price), since few changes underestimate the spread.
-
-    `freedom`: degrees of freedom of the error.
-    """
+    """Return the 95 % interval of a paired difference, one label gained and one lost added; nan if `error` is."""
     value, error, labels = (np.asarray(n, dtype=np.float64) for n in (value, error, labels))
     middle = value * labels / (labels + 2.0)
     reach = _t_quantile(freedom) * np.sqrt(error**2 + 2.0 / (labels + 2.0) ** 2)

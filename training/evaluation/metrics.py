@@ -81,10 +81,7 @@ def threshold_curves(matching: Matching, *, label: int | None = None) -> dict[st
 
 
 def confusion_matrix(matching: Matching) -> Int[np.ndarray, "k k"]:
-    """Return the confusion matrix: rows are true classes, columns detected ones, the last of each is the background.
-
-    What is no true positive is matched again, ignoring classes, by the same rule; what remains is background.
-    """
+    """Return rows of true, columns of detected classes, the background last; false ones match ignoring classes."""
     labels, predictions = matching.labels, matching.predictions
     background = len(predictions.class_names)
     counted, missed = ~matching.ignored, matching.missed

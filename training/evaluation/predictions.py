@@ -51,11 +51,7 @@ class _Detection(Struct, kw_only=True):
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Predictions(BoxTable):
-    """d detections in a dataset's images, ordered by image, class, falling score, and box.
-
-    So results don't depend on the file's order of equal scores. Classes are the dataset's, in its order, then those of
-    the detections alone; boxes are around `corners` if they are oriented.
-    """
+    """d detections by image, class, falling score, and box; classes are the dataset's, then those of detections."""
 
     name: str  # their name, unique in a comparison
     score: Float[np.ndarray, " d"]
@@ -129,7 +125,6 @@ def read_checked_predictions(
 
 
 def _find_misfits(detection: object) -> Iterator[str]:
-    """Find what is wrong with a detection."""
     if isinstance(detection, dict):
         yield from invalid_fields(detection, _Detection)
     else:
@@ -141,7 +136,6 @@ def _refuse_file(problem: str, path: Path, labels: Labels) -> DatasetError:
 
 
 def _category_names(info: Mapping[str, object]) -> dict[int, str]:
-    """Return names of the listed categories by id."""
     listed = info.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return {
@@ -150,7 +144,6 @@ def _category_names(info: Mapping[str, object]) -> dict[int, str]:
 
 
 def _check_images(path: Path, listed: object, labels: Labels) -> None:
-    """Refuse a list of images that isn't the dataset's."""
     if listed is None:
         return
     found = [one.get("id") if isinstance(one, dict) else one for one in listed] if isinstance(listed, list) else [None]

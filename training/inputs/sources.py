@@ -87,13 +87,7 @@ class LabeledPictures(BoxTable):
 def read_sources(
     folders: Mapping[str, str | os.PathLike[str]], *, classes: Sequence[str] | None = None
 ) -> tuple[tuple[str, ...], tuple[LabeledPictures, ...]]:
-    """Read datasets; return their common classes, and each dataset with labels that index them.
-
-    Classes match by name; ids may differ. A category without boxes that another one names as
-    its ``supercategory`` isn't a class. Crowds (``iscrowd``) are left out.
-
-    `classes`: required classes, in order; None: those of the first dataset, in the order of their ids.
-    """
+    """Read datasets without crowds; return `classes`, or by name those of the first, and each dataset's labels."""
     sources = {name: _read_checked(Path(folder)) for name, folder in folders.items()}
     known, of = (list(classes), "the detector") if classes is not None else ([], "")
     for name, found in sources.items():
@@ -109,13 +103,7 @@ def read_sources(
 
 
 def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
-    """Return whether boxes follow masks when a picture is turned: one rule for all compared datasets.
-
-    A box follows its mask closely, and without one the ellipse in it. If the two were mixed, photographs without masks
-    would get smaller boxes than renders.
-
-    `asked`: the setting; None: if every box of every source has a mask.
-    """
+    """Return whether turned boxes follow masks in all datasets: as `asked`, or if every box has one."""
     lacking = [source.name for source in sources if not source.masked]
     if asked and lacking:
         raise ConfigError(f"masks = true: {lacking[0]} has boxes without masks", remedy="leave masks out")
@@ -173,7 +161,6 @@ def _source_hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.nd
 
 
 def _read_checked(folder: Path) -> LabeledImages:
-    """Read a dataset, and check that all records are usable for training."""
     found = read_usable(folder)
     if not found.images:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
@@ -190,7 +177,6 @@ def _read_checked(folder: Path) -> LabeledImages:
 
 
 def _class_names(found: LabeledImages) -> list[str]:
-    """Return names of the boxes' classes, each once, in the order of ids."""
     return list(dict.fromkeys(category.name for category in found.classes))
 
 
@@ -217,7 +203,6 @@ def _make_source(name: str, folder: Path, found: LabeledImages, classes: Sequenc
 
 
 def _training_label(label: Label) -> list[object]:
-    """Return what training sees of a label."""
     return [label.record["bbox"], label.category, label.read(VisibleMask).segmentation]
 
 

@@ -90,11 +90,7 @@ def evaluate_run(
     threshold: float | None = None,
     iou: float = 0.5,
 ) -> Judged:
-    """Evaluate a run on the test pictures.
-
-    `threshold`: the confidence threshold without ``valid``; None: that at which there are as many detections as
-    labels, so that precision and recall are about equal. It's the only one that needs no matches to choose.
-    """
+    """Evaluate a run on the test pictures; `threshold` None: at which there are as many detections as labels."""
     predictions = read_predictions(detections["test"], labels["test"], name=run.name)
     if threshold is not None:
         chosen = Threshold(threshold, "given")
@@ -147,16 +143,12 @@ def estimate_measure(cell: Cell, measure: str, *, minus: Cell | None = None) -> 
 def _of_seeds(
     cell: Cell, measure: str, seeds: Sequence[int]
 ) -> tuple[Float[np.ndarray, " seeds"], Float[np.ndarray, "seeds r"]]:
-    """Return a measure of each seed, and the same in every resample of the test positions."""
     runs = [cell.judged[seed] for seed in seeds]
     return np.array([one.values[measure] for one in runs]), np.stack([one.resampled[measure] for one in runs])
 
 
 def compared_cells(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
-    """Pairs of cells to compare: each with real at its fraction, synthetic at the largest; later arms also with mixed.
-
-    Named arms are compared with their base. Both cells must share a seed.
-    """
+    """Pairs of cells with common seeds: with real, synthetic, later arms with mixed, and named arms with their base."""
     by_key = {(cell.arm, cell.fraction): cell for cell in found}
     fractions = [cell.fraction for cell in found if cell.fraction is not None]
     whole = max(fractions, default=None)
@@ -182,11 +174,7 @@ class Equivalent(NamedTuple):
 
 
 def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Equivalent | None:
-    """Return the worth of a cell's synthetic images in photographs; None if no difference is shown.
-
-    Photographs must be shown to help: the real arm with the most must be better than that with the fewest. The cell
-    must be shown to differ from the real arm with as many photographs, and the interval of its worth must exclude 0.
-    """
+    """Return the worth of a cell's synthetic images in photographs; None if no difference from real is shown."""
     seeds = sorted(set(cell.judged).intersection(*(one.judged for one in real)))
     ordered = sorted(real, key=lambda one: one.photographs)
     if len(ordered) < 2 or not seeds or not estimate_measure(ordered[-1], measure, minus=ordered[0]).ends[0] > 0.0:
@@ -214,11 +202,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
 def photographs_needed(
     counts: Float[np.ndarray, " n"], curve: Float[np.ndarray, "n r"], wanted: Float[np.ndarray, " r"]
 ) -> Float[np.ndarray, " r"]:
-    """Return the least number of photographs for a wanted value of a curve; inf if it's never reached.
-
-    Between two fractions, a curve is linear in the logarithm of the count, and below the least fraction in the count
-    itself, from 0. Falling parts are replaced by the maximum so far.
-    """
+    """Return the least photographs for a value of a rising curve, logarithmic between fractions; inf if none do."""
     rising = np.maximum.accumulate(np.nan_to_num(curve), axis=0)
     wanted = np.nan_to_num(wanted)
     first = (rising >= wanted).argmax(axis=0)  # the fraction that reaches it, if one does

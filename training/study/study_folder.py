@@ -187,7 +187,6 @@ def study_warnings(study: Study, folder: Path) -> list[str]:
 
 
 def _check_unchanged(before: Study, now: Study, folder: Path) -> None:
-    """Refuse other data; changed settings are refused by the folders of runs."""
     changed = [name for name, data in now.datasets.items() if before.datasets.get(name, data).sha256 != data.sha256]
     if before.config.stratified != now.config.stratified:
         changed.append("stratified")
@@ -197,7 +196,6 @@ def _check_unchanged(before: Study, now: Study, folder: Path) -> None:
 
 
 def _check_apart(sources: Sequence[LabeledPictures], checked: Mapping[str, CheckedPictures]) -> None:
-    """Refuse pictures that are in two of training, validation, and test."""
     alike = [
         pair
         for first, second in combinations(sources, 2)

@@ -71,7 +71,6 @@ def study_page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) ->
 
 
 def _paper_rows(report: StudyReport) -> list[list[str]]:
-    """Return rows of the paper's figures, each followed by the study's."""
     cell_of = {(cell.fraction, cell.arm): cell for cell in report.cells}
     rows = []
     for fraction, arms in PAPER.items():

@@ -18,12 +18,7 @@ FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder na
 
 
 def write_huggingface(splits: Splits, out: Path) -> None:
-    """Write ``train``, ``validation`` and ``test``, each with its pictures and ``metadata.jsonl``.
-
-    A line has ``file_name``, ``image_id``, ``width``, ``height`` and ``objects``: lists of ``id``, ``area``, ``bbox``
-    (COCO's), ``category`` (its name), ``iscrowd``, and on request ``segmentation`` (polygons; for a label without a
-    mask its box). Readers infer types from the lines, so a split without any label doesn't fit the others.
-    """
+    """Write ``train``, ``validation`` and ``test``, each with its pictures and ``metadata.jsonl``."""
     labels = [label for items in splits.items.values() for item in items for label in item.image.labels]
     outlined = any(isinstance(label.read(VisibleMask).segmentation, list) for label in labels)
     for split, items in splits:

@@ -26,10 +26,7 @@ LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 
 
 def write_kitti(splits: Splits, out: Path) -> None:
-    """Write ``training/image_2``, ``label_2``, ``calib``, and ``ImageSets`` with the splits.
-
-    Pictures without a known field of view, such as photographs, get no file in ``calib``.
-    """
+    """Write ``training/image_2``, ``label_2``, ``calib`` (where a field of view is known), and ``ImageSets``."""
     pictures, texts, cameras = (out / "training" / name for name in ("image_2", "label_2", "calib"))
     lists = out / "ImageSets"
     for folder in (pictures, texts, cameras, lists):
@@ -85,7 +82,6 @@ def label_line(label: Label) -> str:
 
 
 def _calibration_text(intrinsics: Intrinsics) -> str:
-    """Return the cameras' matrices."""
     camera = " ".join(f"{each:.9g}" for each in np.column_stack([intrinsics.matrix, np.zeros(3)]).ravel())
     lines = [f"P{i}: {camera}" for i in range(4)]
     lines += ["R0_rect: 1 0 0 0 1 0 0 0 1", f"Tr_velo_to_cam: {CAMERA_FROM_LIDAR}", f"Tr_imu_to_velo: {LIDAR_FROM_IMU}"]

@@ -28,11 +28,7 @@ Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
 
 
 def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
-    """Return one line for each label, in shares of the image; crowds are left out, as YOLO has none.
-
-    Class, center, and size of its box; or, if any label has polygons, class and corners for all, since readers
-    expect one or the other in a file. Several polygons are bridged into one.
-    """
+    """Return a line for each label but crowds: boxes, or if any label has polygons, one polygon for each, in shares."""
     labels = [label for label in item.image.labels if not label.crowd]
     masks = [label.read(VisibleMask).segmentation for label in labels]
     if any(isinstance(mask, list) and mask for mask in masks):
@@ -44,7 +40,6 @@ def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
 
 
 def _center_shares(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
-    """Return center and size of a label's box in shares of the image."""
     (x, y, w, h), (width, height) = label.bbox, size
     return np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
 
