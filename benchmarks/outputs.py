@@ -72,10 +72,7 @@ temperate_hills,mbt_wedge,,,,,,,,,,
 temperate_hills,truck_canvas,,,90,,,,,,,
 dry_steppe,sam_turret,,,,,,,,,,
 """
-LAYOUTS = (
-    "coco", "yolo", "rfdetr-yolo", "yolo-obb", "yolo-obb-ground", "yolo-pose", "dota", "dota-ground", "voc", "kitti",
-    "webdataset",
-)  # fmt: skip
+LAYOUTS = ("coco", "yolo", "rfdetr-yolo", "yolo-obb", "yolo-pose", "voc", "kitti", "huggingface")
 # Keys of records that name a version, a time, a path, or a digest of such.
 VOLATILE = {
     "date_created", "date_captured", "created", "version", "hulldown", "blender", "cycles", "provenance", "seal",
