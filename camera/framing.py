@@ -107,7 +107,7 @@ def frame_target(
     keep it in the frame. Otherwise it is uniform over all places at which the frame's edges cut off just that share of
     its area, through one side or over a corner.
 
-    `roll`: or (n,) radians; see `turned`.
+    `roll`: or (n,) radians; see `pan_to_pixel`.
     `truncated`: least and largest share of the box's area to be cut off, within 0 to 1.
     """
     points = checked_array(points_world, "points_world", ("m", "k", 3))

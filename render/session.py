@@ -117,7 +117,7 @@ class Session:
                 for index, outcome in pool.results(list(self._pending_images), self._make_job):
                     self._store_outcome(index, outcome)
             if self.failed:
-                self._retry_failures()
+                self._write_failures_once()
         finally:  # after the pool's end, until which Blenders write
             shutil.rmtree(self.unfinished, ignore_errors=True)
 
@@ -139,7 +139,7 @@ class Session:
                 remedy="fix the cause and run again, which goes on from here",
             )
 
-    def _retry_failures(self) -> None:
+    def _write_failures_once(self) -> None:
         if not self.begun:
             self.begun = True
             write_failures(self._folder, self._failures)
@@ -179,7 +179,7 @@ class Session:
         picture = self._output_path(row)
         name, first = self._pending_images[index]
         records = self._segmenter.records(row)
-        self._retry_failures()
+        self._write_failures_once()
         self._record_provenance()
         content = without_notes(outcome.content)
         with picture_writing(self._folder, name):

@@ -122,7 +122,7 @@ class RayCaster:
     def first_face_below(
         self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], z: Float[np.ndarray, " k"]
     ) -> Int[np.ndarray, " k"]:
-        """As `down`, for points of any height: the first face under each."""
+        """Return the first face under each point, at any height; arguments as for `top_face`."""
         origins = self._start_above(x, y)
         np.subtract(z, self._center[2], out=origins[:, 2], casting="same_kind")
         return self._embree_scene.run(origins, _DOWN)
