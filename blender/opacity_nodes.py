@@ -1,7 +1,4 @@
-"""The opacity of a material as a socket of its node tree, which Cycles evaluates for baking and masks.
-
-Nodes compute here what `reading.blender.surfaces.opacity` reads from a tree.
-"""
+"""The opacity of a material as a socket of its node tree: what `reading.blender.surfaces.opacity` reads from it."""
 
 from __future__ import annotations
 
@@ -16,10 +13,7 @@ SOCKET = "hulldown opacity"
 
 
 def opacity_socket(material: Any) -> Any:
-    """Return an output socket with the material's opacity, or a number if it's constant.
-
-    Nodes are added to the tree and its groups; the material stays as opaque as before.
-    """
+    """Return a new output socket with the material's opacity, or a number if it's constant; its look stays."""
     output = material_output(material)
     return _shader_opacity(material.node_tree, output.inputs["Surface"], {}) if output else 1.0
 

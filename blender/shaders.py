@@ -28,10 +28,7 @@ def is_displaced(material: Any) -> bool:
 
 
 def is_clear(material: Any) -> bool:
-    """Return whether a material is transparent like water or glass, by refraction, transmission, or a volume.
-
-    Leaves cut out by an alpha texture aren't clear: their materials have an opaque shader too.
-    """
+    """Return whether a material is transparent like water or glass; leaves cut out by a texture aren't."""
     output = material_output(material)
     if not output:
         return False

@@ -1,7 +1,4 @@
-"""The backdrop for HDRIs with a high horizon: an even color in place of buildings and trees.
-
-The renderer uses it too, inside Blender; needs numpy only.
-"""
+"""The backdrop for HDRIs with a high horizon, an even color; runs in Blender too, so it needs numpy only."""
 
 from __future__ import annotations
 
@@ -14,10 +11,7 @@ FADE = math.radians(10.0)  # angle above such a horizon over which the HDRI fade
 
 
 def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
-    """Radiance (3,) of the backdrop below a high horizon: the median per channel where the HDRI begins.
-
-    The zenith is in the first row of `sky`; `horizon` is in radians, above `HIGH`.
-    """
+    """Median radiance (3,) at `horizon` radians, above `HIGH`; the zenith is in the first row of `sky`."""
     elevation = math.pi / 2.0 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     nearest = np.abs(elevation - horizon - FADE / 2.0)
     band = (nearest <= FADE / 2.0) | (nearest == nearest.min())

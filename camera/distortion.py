@@ -67,10 +67,7 @@ def max_bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
 
 
 def undistort_points(points: np.ndarray, distortion: Coefficients, radius: float) -> np.ndarray:
-    """Return the points within the radius that `distorted` takes to these, by Newton's method; nan: there are none.
-
-    Every point has its own number of rounds, so a result doesn't depend on the other points.
-    """
+    """Return the points that `distorted` takes to these, each by its own rounds of Newton's method; nan: none."""
     wanted = np.asarray(points, dtype=np.float64)
     target = wanted.reshape(-1, 2)
     at = _clamp_radius(target, radius)

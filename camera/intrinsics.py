@@ -277,10 +277,7 @@ class Intrinsics:
         return through
 
     def window_image(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return corners (m, 2) in pixels of a box around the image of each window (m, 2) at unit depth.
-
-        It's the whole image if the lens doesn't see the whole window.
-        """
+        """Return corners (m, 2) in pixels of a box around each window's image, all of it if the lens sees less."""
         sides = along_sides(WINDOW_SIDE_PARTS)
         pixels = self.pixels(low[:, None] + (high - low)[:, None] * sides.reshape(-1, 2)).reshape(-1, *sides.shape)
         # Between two places a side bulges by about an eighth of the second difference.

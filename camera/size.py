@@ -78,11 +78,7 @@ def refine_distance(
     distance: Float[np.ndarray, " m"],
     wanted: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, " m"]:
-    """Refine distances by secants until a size is as wanted.
-
-    `size`: called with distances and the rows that these are of; nan where there is none.
-    `distance`: to begin with; nan stays nan.
-    """
+    """Refine distances by secants until `size`, called with distances and rows, is as wanted; nan stays nan."""
     solution = distance.copy()
     rows = np.flatnonzero(np.isfinite(solution))
     before = solution[rows]

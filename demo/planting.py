@@ -128,10 +128,7 @@ class Planting:
         tilt: float,
         lying: bool = False,
     ) -> list[Any]:
-        """Add an object at each place that shares its kind's mesh, unevenly scaled a little and turned at random.
-
-        What is `lying` leans as the ground does; all else grows upright, but for a random `tilt` in radians.
-        """
+        """Add an object at each place; a `lying` one leans as the ground does, others by a random `tilt` in radians."""
         x, y = xy.T
         top, things = self.top, []
         z = top(x, y) - sink

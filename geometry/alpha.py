@@ -86,10 +86,7 @@ class AlphaMap:
 
 
 def fewer_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
-    """Texels of a smaller map of the same mean opacity whose longer side is `longest`.
-
-    The curve comes before the mean, so that the share of the surface that is opaque stays the same.
-    """
+    """Texels of a smaller map, `longest` at most: curve before mean, so that as much of the surface stays opaque."""
     opacity = alpha.graded_texels().astype(np.float64)
     height, width = opacity.shape
     for axis in (0, 1):

@@ -48,10 +48,7 @@ class BoxTree:
         directions: Float[np.ndarray, "n 3"],
         max_distance: Float[np.ndarray, " n"],
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
-        """Return all boxes that each ray crosses within its distance, which counts in lengths of the direction.
-
-        A box that a ray passes by less than rounding may be among them.
-        """
+        """Return all boxes that each ray crosses, or nearly, within its distance in lengths of the direction."""
         first = self._ray_packets(origins, directions)
         count = np.diff(first, append=len(origins))
         # A packet's origins and directions lie between these, and every box that one of its rays crosses meets what
@@ -167,10 +164,7 @@ def _entry_distances(
 
 
 def _morton_order(bounds: Float[np.ndarray, "k 2 d"]) -> Int[np.ndarray, " k"]:
-    """Return boxes along a Morton curve through their centers, in cubes of a 1024th of the widest axis.
-
-    Cubes, so that an axis of little extent (the height of trees in a wood) does not scatter neighbors along the curve.
-    """
+    """Return boxes along a Morton curve through their centers, in cubes: a flat axis must not scatter neighbors."""
     if not len(bounds):
         return np.zeros(0, dtype=np.int32)
     center = (bounds[:, 0] + bounds[:, 1]) / 2

@@ -1,7 +1,4 @@
-"""Linear light, sRGB values, and luminance, all with the primaries of Rec. 709.
-
-Needs numpy only: it runs in Blender, too.
-"""
+"""Linear light, sRGB values, and luminance, with the primaries of Rec. 709; for Blender too: needs numpy only."""
 
 from __future__ import annotations
 

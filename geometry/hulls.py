@@ -35,10 +35,7 @@ def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> In
 
 
 def inner_point(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-    """Return the wanted point if it's in the points' convex hull, else the hull's centroid; `wanted` without a hull.
-
-    A point nearer to the hull's edge than a thousandth of the hull's size is not inside.
-    """
+    """Return `wanted` if it's in the hull by a thousandth of its size, or there is none; else the centroid."""
     if len(points) < 3:
         return wanted
     about = points - wanted
@@ -85,10 +82,7 @@ def hulls_of_groups(
 def _hull_chain(
     points: Float[np.ndarray, "n 2"], group: Int[np.ndarray, " n"], chain: Int[np.ndarray, " c"], side: float
 ) -> Int[np.ndarray, " k"]:
-    """Return which points of each group, by ascending x, are corners of its hull's lower (1.0) or upper (-1.0) side.
-
-    A point beyond the line between its neighbors is none, whichever others are.
-    """
+    """Return which points of each group, by ascending x, are corners of its hull's lower (1.0) or upper (-1.0) side."""
     while len(chain) > 2:
         before, here, after = chain[:-2], chain[1:-1], chain[2:]
         one, other = points[here] - points[before], points[after] - points[here]

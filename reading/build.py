@@ -54,10 +54,7 @@ class BuiltVehicle:
 
 
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
-    """Return the vehicle among the pieces, its parts merged into one mesh (paper, section 2.1.3).
-
-    What might not belong to it is proposed for `drop` if the vehicle without it has fewer doubts.
-    """
+    """Return the vehicle among the pieces; strays are proposed for `drop` if the rest has fewer doubts."""
     built, strays = _build_vehicle(name, upright, options)
 
     def helps(stray: Stray) -> bool:
@@ -164,13 +161,7 @@ def _compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Me
 def build_scenery(
     name: str, drawn: Evaluated, roles: Sequence[PieceRole], *, meters: Float[np.ndarray, "4 4"], options: Options
 ) -> tuple[Scenery, tuple[str, ...]]:
-    """Ground and obstacles by their roles, and the names of ground pieces whose mesh is partly water.
-
-    The ground-plane inventory is paper, section 2.1.5.
-
-    The origin is the middle of the ground (of everything, if there is no ground), rounded to whole kilometers: zero
-    for what is modeled around zero, and near enough for float32 where the file is in map coordinates.
-    """
+    """Ground and obstacles about an origin in whole kilometers, and ground pieces whose mesh is partly water."""
     meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched_pattern(pieces, options):
         raise AssetError(

@@ -1,8 +1,4 @@
-"""A cache of exports by content: a file is read again only after a change.
-
-An entry is a folder with a list of its files' hashes, sealed with a key of the user's account. An entry that came with
-someone else's plan, or was changed, isn't used.
-"""
+"""A cache of exports by content; only entries sealed with a key of the user's account are used."""
 
 from __future__ import annotations
 
@@ -71,13 +67,7 @@ def cached_export(
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
 ) -> tuple[Exported, str]:
-    """Return the export of `path`, from `cache` if possible, and the file's SHA-256.
-
-    An entry counts if this user sealed it, file, options and exporter are the same, and every texture and library that
-    the file refers to is unchanged.
-
-    `kind`: "vehicle" or "scenery"; None: by its contents.
-    """
+    """Return the export of `path`, from a sealed entry if nothing changed, and its SHA-256; no `kind`: by contents."""
     path, cache = Path(path), Path(cache)
     file_format(path)  # before it is hashed: a folder or nothing at all has no content
     digest = file_sha256(path)
@@ -204,10 +194,7 @@ def _secret_key() -> bytes:
 
 
 def _file_print(file: Path, asset: Path, *, known: Print | None = None) -> Print | None:
-    """Size, time, and content of a file that an asset refers to; None if it can't be read.
-
-    A file of the known size and time has the known content. A file that the confined reader couldn't open isn't opened.
-    """
+    """Size, time, and content of a file that an asset refers to; None where the confined reader couldn't open it."""
     if not (unconfined_reason() or is_inside(file, asset_folders(asset))):
         return None
     try:

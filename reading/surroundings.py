@@ -1,7 +1,4 @@
-"""Whether an HDRI shows open land, and the height of its surroundings above the horizon.
-
-The thresholds were set on 31 HDRIs and separate the twelve of open land from the others.
-"""
+"""Whether an HDRI shows open land, as twelve of 31 HDRIs do, and the height of its surroundings above the horizon."""
 
 from __future__ import annotations
 

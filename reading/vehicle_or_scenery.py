@@ -18,11 +18,7 @@ BIGGEST_VEHICLE = 30.0  # meters; larger files with ground count as sceneries
 
 
 def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
-    """Return "vehicle" or "scenery" by a file's contents.
-
-    A scenery has ground, by name or by shape, and its other objects extend farther than a vehicle and aren't named
-    like one; or it's flat and wide, or a single mesh that is level and open below, like land.
-    """
+    """Return "scenery" for ground with things wider than a vehicle, or for what is flat and wide; else "vehicle"."""
     if not pieces:
         return "vehicle"
     if not _ground_reason(pieces, options):
@@ -37,11 +33,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
 
 
 def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> Doubt | None:
-    """Refuse a scenery listed as a vehicle, or a vehicle as a scenery; return a doubt if it may be intended, or None.
-
-    Options that describe the file (a scale, what to keep, what is ground) override names and sizes.
-    Arguments are those of `likely_kind`.
-    """
+    """Refuse a file of the other kind, unless options describe it; return a doubt if it may be intended, or None."""
     if not pieces:
         return None
     if kind == "vehicle":

@@ -61,10 +61,7 @@ class ClusterPool(Cluster):
 
 
 def shared_files(library: Library) -> dict[str, tuple[int, int]]:
-    """Size and time of the last change of each file that the renders of a plan read, by absolute path.
-
-    A file outside the folders that `render.jobs.readable_paths` lists isn't read, and isn't in it.
-    """
+    """Size and time of each file within `render.jobs.readable_paths` that a plan's renders read, by absolute path."""
     read = (*library.models.values(), *library.sceneries.values())
     named = [hdri.path for hdri in library.hdris.values()]
     for exported in read:
@@ -125,11 +122,7 @@ def _open_blender() -> OpenBlender:
 
 
 class OpenBlender:
-    """The Blender of a Dask worker, and unsent `lines` for the user; it writes to `scratch`.
-
-    It starts with the first image and ends with the worker's process in any case: the pipe between them is closed then,
-    see `render.blender.worker`.
-    """
+    """A Dask worker's Blender, from the first image to the process's end, and unsent `lines`; writes to `scratch`."""
 
     blender: Blender  # for the setting of the last `busy`
 

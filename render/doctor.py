@@ -29,10 +29,7 @@ print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """The result; `problems` is empty if the machine can plan and render.
-
-    `landlock` is the kernel's version of Landlock, 0: none; see docs/safety.md.
-    """
+    """What is found; no `problems` if the machine can plan and render; the kernel's version of `landlock`, 0: none."""
 
     python: str
     system: str

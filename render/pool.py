@@ -68,10 +68,7 @@ DEFAULT_ENGINE = Engine()
 
 
 class Pool:
-    """Several Blenders, each with its own thread. Leaving it as a context ends them.
-
-    `confinement`: their confinement; None: unconfined.
-    """
+    """Several Blenders, each with its own thread, until the context ends; `confinement` None: unconfined."""
 
     def __init__(
         self,

@@ -1,8 +1,4 @@
-"""One run of a plan into a dataset, picture by picture.
-
-A row is finished when its picture has its final name and the journal has its line. Any interruption before costs
-one picture, which the next run renders again under the same name and id.
-"""
+"""One run of a plan; a row is finished when its picture has its final name and the journal has its line."""
 
 from __future__ import annotations
 

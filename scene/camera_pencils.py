@@ -1,8 +1,4 @@
-"""Rays of cameras: pencils through windows of many cameras, or through all pixels of one.
-
-Rays of a camera pass the tree of instances together, as beams, and find the parts of vehicles by their boxes in the
-camera's window.
-"""
+"""Rays of cameras: pencils through windows of many cameras, or through all pixels of one."""
 
 from __future__ import annotations
 
@@ -178,10 +174,7 @@ class CameraPencils(RayBatch):
 
 
 class PixelRays:
-    """Rays through the centers of all pixels of a camera, row by row, from its position; a `RaySet`.
-
-    They hit nothing nearer than the near plane.
-    """
+    """Rays through all pixel centers of a camera, row by row, from its position; they hit from the near plane on."""
 
     def __init__(self, camera: Cameras) -> None:
         self.camera = camera

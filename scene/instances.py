@@ -1,9 +1,4 @@
-"""Scenes of many copies of few meshes: rays are transformed into each copy's frame.
-
-A hierarchy is built once per unique mesh, in its own frame; ten thousand copies of a tree cost one tree and ten
-thousand small matrices. Embree's own instancing is out of embreex's reach, so the upper level is `geometry.boxtree`,
-in float64.
-"""
+"""Scenes of many copies of few meshes, each in one tree, found by `geometry.boxtree`: embreex has no instancing."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Clearance of oriented boxes from boxes and triangles, by separating axes, for thousands of pairs at once.
-
-Two convex bodies are apart exactly if some axis separates them; for boxes and triangles the face normals and the
-cross products of their edges are all the axes to test. All tests are closed: touching counts.
-"""
+"""Clearance of oriented boxes from boxes and triangles, by all separating axes of many pairs; touching counts."""
 
 from __future__ import annotations
 
@@ -26,10 +22,7 @@ PAIRS_PER_BLOCK = 1 << 14  # pairs of box and triangle tested at a time
 
 
 def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
-    """Straight up first, then directions spread evenly over the upper half of the sphere, from the top down.
-
-    Vogel, A better way to construct the sunflower head, Mathematical Biosciences 44, 1979: the golden angle.
-    """
+    """Straight up, then directions evenly over the upper half sphere by the golden angle, top down (Vogel, 1979)."""
     i = np.arange(n)
     z = 1.0 - i / (n - 0.5)
     sin, cos = sin_cos(i * (math.pi * (3.0 - math.sqrt(5.0))))
@@ -65,10 +58,7 @@ def boxes_touch(
 def triangles_touch_box(
     corners: Sequence[Sequence[Float[np.ndarray, " p"]]], half: Sequence[Float[np.ndarray, " p"]]
 ) -> Bool[np.ndarray, " p"]:
-    """Return whether each triangle touches its box about the origin, in whose frame its corners are.
-
-    Akenine-Moeller, Fast 3D triangle-box overlap testing, JGT 6(1), 2001.
-    """
+    """Return whether each triangle, in the frame of its box about the origin, touches it (Akenine-Moeller, 2001)."""
     touch = np.ones(len(half[0]), dtype=bool)
     for a, b, c, size in zip(*corners, half, strict=True):
         touch &= ~(np.minimum(np.minimum(a, b), c) > size)
@@ -122,14 +112,7 @@ class Obstacles:
     def touches_boxes(
         self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether each box touches a triangle of an instance, or is shut in by one on all sides and above.
-
-        A triangle with a cutout texture is touched where the texture is opaque.
-
-        A box wholly inside a house or a boulder touches none of its triangles. It's shut in if rays from its center
-        along its four horizontal directions and upwards all meet one instance within `ENCLOSURE_REACH_M`, whatever the
-        winding.
-        """
+        """Return whether each box touches an opaque part of a triangle, or one instance shuts it in on all sides."""
         center = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
         box, instance = self._scene.overlapping_pairs(center - reach, center + reach)
@@ -147,10 +130,7 @@ class Obstacles:
         return touched
 
     def sees_sky(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return whether light reaches each point: the ray upwards, or `MIN_FREE_RAYS` others, meet no obstacle.
-
-        `point`: world. No ray leaves a closed house, a boulder, or a hall.
-        """
+        """Return whether light reaches each world point: the ray upwards, or `MIN_FREE_RAYS` others, meet nothing."""
         is_open = np.zeros(len(point), dtype=bool)
         free = np.zeros(len(point), dtype=int)
         for begin, end in pairwise((0, 1, 13, len(SKYWARD))):

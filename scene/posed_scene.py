@@ -57,10 +57,7 @@ class Scene:
         return self.with_vehicles([vehicle.take(cameras) for vehicle in self.vehicles])
 
     def first_hits(self, rays: RaySet, *, max_distance: ArrayLike = np.inf, threads: int = 1) -> Hits:
-        """Return the first surface along each ray; on ties ground, then obstacles, then vehicles.
-
-        `threads`: how many threads share the work.
-        """
+        """Return each ray's first surface, by `threads` threads; on ties ground, then obstacles, then vehicles."""
         hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
 
         def trace(piece: Callable[[], RayPiece]) -> None:
@@ -87,10 +84,7 @@ class Scene:
         return hidden
 
     def transmittance(self, rays: RaySet, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
-        """Return how much light gets through along each ray, 0 or 1 without alpha textures.
-
-        With them, the transmittances of faces are multiplied, as in Cycles.
-        """
+        """Return the product of what faces let through along each ray, as in Cycles."""
         passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
         for ray, batch, lead in (piece() for piece in rays.ray_pieces()):
             light, left = np.ones(len(batch)), reach[ray] - lead

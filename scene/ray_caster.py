@@ -190,13 +190,7 @@ _DOWN = np.array([[0, 0, -1]], dtype=np.float32)
 
 
 def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:
-    """Yield indices of all points, in blocks that are compact in space and in an order that keeps neighbors together.
-
-    A Morton curve over a 256 x 256 raster of the two widest axes: 16-bit keys, which NumPy sorts by radix in a
-    hundredth of the time that tracing takes, and that give most of what a finer curve would.
-
-    Morton, A computer oriented geodetic data base and a new technique in file sequencing, IBM, 1966.
-    """
+    """Yield indices of points in blocks along a Morton curve over the two widest axes, by 16-bit keys (radix sort)."""
     n = len(points)
     if n < _WORTH_SORTING:
         yield np.arange(n)

@@ -1,8 +1,4 @@
-"""Rays to trace, what they hit, and the protocol of everything that they can hit.
-
-Targets ask a batch of rays for those that may meet them. A list of rays and the pencils of cameras (`camera_pencils`)
-find these in different ways, so that queries are the same for both.
-"""
+"""Rays to trace, what they hit, and the protocol of everything that they can hit."""
 
 from __future__ import annotations
 
@@ -134,10 +130,7 @@ class RayBatch(ABC):
     def instance_pairs(
         self, tree: BoxTree, bounds: Float[np.ndarray, "k 2 3"], reach: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
-        """Yield rays and instances that may meet, nearest first; callers lower `reach` as rays meet something.
-
-        `tree`, `bounds`: the instances' boxes.
-        """
+        """Yield rays and instances, by the tree of their boxes, that may meet, nearest first; callers lower `reach`."""
 
     @abstractmethod
     def place_poses(
@@ -153,10 +146,7 @@ class RayBatch(ABC):
         camera: Int[np.ndarray, " k"] | None,
         asked: Bool[np.ndarray, " n"],
     ) -> Iterator[NearBlock]:
-        """Yield the asked rays that may meet the hull of points in poses by `place_poses`, in the points' frame.
-
-        `asked` may change between blocks.
-        """
+        """Yield asked rays that may meet the points' hull in poses, in its frame; `asked` may change between blocks."""
 
 
 class RayList(RayBatch):
@@ -261,10 +251,7 @@ class RayTarget(Protocol):
         ...
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
-        """Return how much light gets through along each ray, 0 or 1 without alpha textures.
-
-        With them, the transmittances of faces are multiplied, as in Cycles.
-        """
+        """Return the product of what faces let through along each ray, as in Cycles."""
         ...
 
     def surface_normals(self, hits: Hits) -> Float[np.ndarray, "n 3"]:

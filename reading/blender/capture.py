@@ -1,8 +1,4 @@
-"""The depsgraph of a render, with the meshes that Cycles would get instead of the viewport's.
-
-The scene is rendered once by an engine that draws nothing and returns its depsgraph. Blender has no other way to
-get the meshes of a render.
-"""
+"""The depsgraph of a render, with Cycles' meshes, from an engine that draws nothing: Blender has no other way."""
 
 from __future__ import annotations
 
@@ -32,10 +28,7 @@ class _Capture(bpy.types.RenderEngine):
 
 
 def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
-    """Call `visit` with the depsgraph of `scene` as it would be rendered at its current frame, by a camera of our own.
-
-    The first enabled view layer is read. Objects and meshes of the depsgraph live as long as the call.
-    """
+    """Call `visit` with the depsgraph of `scene`, as rendered at its frame by our camera, which lives for the call."""
     if not _Capture.is_registered:
         bpy.utils.register_class(_Capture)
     render = scene.render

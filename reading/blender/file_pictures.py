@@ -1,9 +1,4 @@
-"""Compare what was read of a file with what Cycles draws of it, whatever is in the file.
-
-The opened file is rendered in a few small pictures of objects and depths, with one material for everything, so that
-only geometry counts; rays make the same pictures of what was read. Pieces that are left out later have a reason in the
-report, so they count as read. Hair is thinner than a pixel here and isn't compared.
-"""
+"""Compare what was read of a file, except hair, with what Cycles draws, by pictures of objects and depths."""
 
 from __future__ import annotations
 

@@ -132,13 +132,7 @@ def _map_offset(path: Path) -> list[float]:
 
 
 def _clear_false_glass(path: Path) -> None:
-    """Make materials opaque that the .mtl files of an imported OBJ file don't describe as glass.
-
-    The importer takes ``Tf`` as the share of light that passes. Exporters such as that of 3ds Max write ``Tf 1 1 1``
-    for opaque materials, where it has no meaning: only the illumination models in `GLASS` transmit light.
-
-    Alias|Wavefront, MTL material format, in File Formats, version 4.2, 1995, section 5 (``illum``).
-    """
+    """Make materials opaque whose illumination model isn't in `GLASS`: exporters write ``Tf 1 1 1`` for those too."""
     found = [(m.name, shader) for m in bpy.data.materials for shader, _ in surface_shaders(m)]
     clear = [(name, shader.inputs[WEIGHT]) for name, shader in found if shader.type == "BSDF_PRINCIPLED"]
     clear = [(name, weight) for name, weight in clear if weight.default_value > 0.0]

@@ -1,8 +1,4 @@
-"""The process that reads one asset file with Blender: a job as JSON in, bundle, tidy twin and report as files out.
-
-Run as ``python -m hulldown.reading.blender.reader JOB.json...``. Blender may crash on a damaged file, keeps data it
-loaded before, and writes to stdout. So every file gets its own process, and answers are files.
-"""
+"""The process that reads an asset file with Blender, which may crash or keep data: a job as JSON in, files out."""
 
 from __future__ import annotations
 

@@ -32,11 +32,7 @@ def curves_mesh(curves: Any, name: str) -> Mesh | None:
 
 
 def points_mesh(cloud: Any, name: str) -> Mesh | None:
-    """Return octahedra that hide as much as a point cloud's spheres, in its frame; None if there are none.
-
-    The mean outline of a convex body has a quarter of its surface (Cauchy): an octahedron as wide as a sphere of radius
-    ``r`` in that sense has corners at ``r * sqrt(pi / sqrt(3))``.
-    """
+    """Return octahedra that hide as much as a point cloud's spheres by Cauchy's theorem; None if there are none."""
     points = read_property(cloud.points, "co", np.float32, 3).reshape(-1, 1, 3).astype(float)
     radii = read_property(cloud.points, "radius", np.float32).astype(float)
     if not len(points):

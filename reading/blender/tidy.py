@@ -1,10 +1,7 @@
 """The tidy twin of a file for the renderer: everything drawn, as plain posed data with its materials.
 
-Files have parents, modifiers, constraints, key frames, particles, and drivers, all of which can undo a planned
-pose. Here they're applied once, in the evaluation that the exported geometry comes from, so the
-planned geometry is rendered. Vehicles: one collection; every object has the index of its part and its pose in the
-vehicle frame as custom properties, see `blender.tidy_properties`. Sceneries: one collection, in meters, z up,
-relative to the scenery's origin. Neither has a scene: Blender 5.2 crashes when one is written.
+Vehicles: every object has the index of its part and its pose in the vehicle frame, see `blender.tidy_properties`.
+Sceneries: in meters, z up, relative to the origin. Neither has a scene: Blender 5.2 crashes when one is written.
 """
 
 from __future__ import annotations

@@ -23,10 +23,7 @@ PICTURE_FILL = 0.95  # width of the picture over the vehicle's diagonal
 
 
 def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "h w 4"]:
-    """Return light and alpha of a vehicle in these bounds from its front left, linear, the first row on top.
-
-    The world is white, so that a matt surface in the open shows the color of its paint.
-    """
+    """Return linear light and alpha of a vehicle from its front left in a white world, the first row on top."""
     scene = bpy.data.scenes.new("picture")
     scene.collection.children.link(collection)
     root = bpy.data.objects.new("root", None)

@@ -1,7 +1,4 @@
-"""List the files that a .blend refers to, without opening them: Blender opens libraries and fonts while it reads.
-
-Blender's source/blender/blenloader_core: BLO_core_blend_header.hh and BLO_core_bhead.hh.
-"""
+"""List the files that a .blend refers to, without opening them, from its blocks (Blender's BLO_core_bhead.hh)."""
 
 from __future__ import annotations
 

@@ -106,10 +106,7 @@ def _installed_files(entry: str) -> tuple[Path, ...]:
 
 
 def asset_folders(path: Path) -> list[Path]:
-    """Folders that an asset may read: its own and the one around it, for textures and libraries.
-
-    The one around it is left out if it's the user's home, or near the root.
-    """
+    """Folders that an asset may read: its own, and the one around it unless that is the home or near the root."""
     folders = [path.absolute().parent, Path(os.path.realpath(path)).parent]
     around = [folder.parent for folder in folders if len(folder.parts) > 3 and folder.parent != Path.home()]
     return list(dict.fromkeys([*folders, *around]))

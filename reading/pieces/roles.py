@@ -1,7 +1,4 @@
-"""What Blender draws of a file, as plain arrays, and which pieces belong to a vehicle, by names, bounds, and counts.
-
-See `reading.scenery.scenery_roles` for sceneries.
-"""
+"""What Blender draws of a file, as plain arrays, and which pieces belong to a vehicle, by names, bounds, and counts."""
 
 from __future__ import annotations
 

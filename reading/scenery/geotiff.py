@@ -1,7 +1,4 @@
-"""Elevations and orthophotos in GeoTIFF files, as a mesh and a picture in meters.
-
-The one owner of rasterio and pyproj, which the extra `geo` installs.
-"""
+"""Elevations and orthophotos of GeoTIFF files in meters; the one owner of rasterio and pyproj (the extra `geo`)."""
 
 from __future__ import annotations
 
@@ -81,10 +78,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
 
 
 def _remove_nodata(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
-    """Remove elevations of values that mean "no data" although the file doesn't declare them; a doubt about them.
-
-    Only a value far below all others is one: a coast may have many zeros.
-    """
+    """Remove undeclared values for missing data, far below all others (coasts have many zeros); a doubt about them."""
     known = z[np.isfinite(z)]
     if not len(known) or (lowest := float(known.min())) > NO_DATA:
         return []

@@ -38,11 +38,7 @@ def hair_mesh(
     straight: Bool[np.ndarray, " c"],
     name: str,
 ) -> Mesh | None:
-    """Make prisms along every stretch of every curve, divided where it bends; None if there are none.
-
-    Of fur that would fill the memory, one stretch in k is taken, k times as thick, which hides as much (Cook et al.,
-    Stochastic Simplification of Aggregate Detail, 2007).
-    """
+    """Make prisms along every curve; of too much fur, one stretch in k, k times as thick (Cook et al., 2007)."""
     is_first, is_last = np.zeros((2, len(points)), dtype=bool)
     is_first[first], is_last[first - 1] = True, True
     b = np.flatnonzero(~is_last)

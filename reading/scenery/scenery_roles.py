@@ -26,10 +26,7 @@ _DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("wate
 
 
 def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
-    """Return the use of each piece of a scenery, and the reason.
-
-    The ground-plane inventory is paper, section 2.1.5.
-    """
+    """Return the use of each piece of a scenery, and the reason (paper, section 2.1.5)."""
     decided: dict[tuple, PieceRole] = {}  # a forest is decided tree by tree, but only once
     roles = []
     for piece in pieces:

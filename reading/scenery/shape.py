@@ -110,11 +110,7 @@ def _is_sheet(piece: Piece) -> bool:
 
 
 def sunken_ground(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
-    """Find ground hidden below the main ground, and its depth in meters.
-
-    The main ground is the largest piece seen from above. A piece in its bounds, lower than all of it by `FAR_BELOW`,
-    is a pit, a hall, or a sky's reflection that the scenery's author hid there.
-    """
+    """Find ground within the largest piece's bounds, lower than all of it by `FAR_BELOW`, and its depth in meters."""
     if not among:
         return []
     main = pieces[max(among, key=lambda i: pieces[i].area)].bounds
@@ -137,10 +133,7 @@ def canopy_sheets(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2
 def carpet_meshes(
     among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Piece], obstacles: Sequence[Piece]
 ) -> list[int]:
-    """Find wide level meshes that are ground by any name: as wide as the scenery, or under its roads and houses.
-
-    Hills on the horizon, whose bounds hold trees of the scenery too, lie outside of the ground that was found.
-    """
+    """Find wide level meshes that are ground by any name: as wide as the scenery, or under its roads and houses."""
     if not ground:
         return []
     highest = max(piece.bounds[1, 2] for piece in ground)

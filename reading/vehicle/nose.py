@@ -46,10 +46,7 @@ NOT_FOUND = "which end is its nose was not found"
 
 @dataclass(frozen=True, slots=True)
 class Direction(Generic[Value]):
-    """A direction of a vehicle, the reason, and a doubt; None if it's sure.
-
-    `value` is the file's up axis ("z", "-y", ...), or the nose's angle: radians counterclockwise from +x, with z up.
-    """
+    """The file's up axis, or the nose's angle in radians counterclockwise from +x; the reason; a doubt unless sure."""
 
     value: Value
     why: str
@@ -64,10 +61,7 @@ def find_forward(
     gun: Sequence[bool],
     corners: Float[np.ndarray, "f 3 3"],
 ) -> Direction[float]:
-    """Find the direction of the nose, in a frame with z up; without any sign, along the longer of x and y.
-
-    `wheels`: in the same frame.
-    """
+    """Find the direction of the nose, in the frame of `wheels`, z up; without any sign, along the longer of x and y."""
     line, why = _long_axis(solids, wheels, gun, corners)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
@@ -182,10 +176,7 @@ def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
 
 
 def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
-    """Return the end that windshields, hoods, and bows slant to: 1 or -1, 2 or -2 if nearly all do, or 0.
-
-    Sterns are upright.
-    """
+    """Return the end that windshields, hoods, and bows slant to: 1 or -1, 2 or -2 if nearly all do, or 0."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     area = np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
     height = corners[..., 2].mean(axis=1)
@@ -258,10 +249,7 @@ def gun_barrel(
 
 
 def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
-    """Return the end at which the longest piece named gun protrudes, and that piece; (0, -1) if none does.
-
-    A gun on a hull reaches back over all of it, and its mesh has a mantlet or a brake, so that no barrel is found.
-    """
+    """Return the end at which the longest piece named gun protrudes, and that piece; (0, -1) if none does."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     corners = solids.bounds[:, [[0, 0], [0, 1], [1, 0], [1, 1]], [0, 1]]  # (n, 4, 2) seen from above
     along, aside = corners @ ahead[:2], corners @ across[:2]
@@ -326,10 +314,7 @@ def _shape_votes(
 def rising_end(
     solids: Solids, ahead: Float[np.ndarray, "3"], length: float, *, named: Bool[np.ndarray, " n"] | bool = False
 ) -> float:
-    """Return the end to which launch tubes rise, which isn't the tail; 0 if there are none.
-
-    Without a name, at least two must be parallel and alike.
-    """
+    """Return the end to which named tubes, or two alike, rise, which isn't the tail; 0 if there are none."""
     axis = solids.axes[:, 0] * np.sign(solids.axes[:, :1, 2])
     along = axis @ ahead
     low, high = solids.bounds[:, 0, 2].min(initial=0.0), solids.bounds[:, 1, 2].max(initial=0.0)

@@ -252,10 +252,7 @@ def pieces_on_turret(
 
 
 def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
-    """Return a doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless.
-
-    The shapes are a ring and rising tubes; a truck of numbered objects has neither, so there is no doubt.
-    """
+    """Return a doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless."""
     pieces, bounds = whole.pieces, whole.bounds
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     carried = _carried_pieces(pieces)

@@ -206,10 +206,7 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
 
 
 def gun_cheeks_pivot(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | None:
-    """Return the axis between two upright plates of a mount that hold a gun; None if there are none.
-
-    A bearing sits near the top of its plate, in the middle of what is level there.
-    """
+    """Return the axis near the top of two upright plates of a mount that hold a gun; None if there are none."""
     own, points, others = gun.all_vertices, mount.all_vertices, mount.solids
     low, high = own.min(axis=0), own.max(axis=0)
     middle = (low + high) / 2

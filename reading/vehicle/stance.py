@@ -81,10 +81,7 @@ def find_solids_again(upright: Upright, kept: Sequence[int]) -> Upright:
 
 
 def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
-    """Return the rotation that turns an axis of the file ("z", "y", "x", or with a minus) to z.
-
-    About x for y and -y, about y for x and -x, and a half turn about x for -z.
-    """
+    """Return the rotation that turns an axis of the file to z: about x for y, -y, and -z, about y for x and -x."""
     turn = {
         "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
         "-z": [[1, 0, 0], [0, -1, 0], [0, 0, -1]],

@@ -51,11 +51,7 @@ def find_strays(
     wanted: Collection[int],
     left_out: Sequence[Piece],
 ) -> tuple[dict[int, str], list[Doubt], list[Stray]]:
-    """Find pieces that don't belong to the vehicle, and pieces that might not.
-
-    One sign is a doubt, since parts of vehicles may have it. Two independent signs drop a piece:
-    no part is both an unedited cube and below the wheels, or both hidden and a protruding sheet.
-    """
+    """Find pieces that don't belong to the vehicle by two independent signs, and those that might not, by one."""
     pieces, bounds, count = whole.pieces, whole.bounds, len(whole.pieces)
     none = np.zeros(count, bool)
     loose, low, under = ~none, none, none
@@ -145,10 +141,7 @@ def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
 
 
 def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Return whether it's a studio backdrop: level below the sure parts, wider on all sides, with nothing above them.
-
-    A hull under a turret is wider too, but reaches lower than the turret does; a body around its seats has a roof.
-    """
+    """Return whether it's a studio backdrop: level below the sure parts, wider on all sides, and nothing above them."""
     if not len(sure):
         return False
     low, high = _joint_bounds(sure)

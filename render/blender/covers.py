@@ -1,10 +1,4 @@
-"""Node groups for weather in materials: water in and on a surface, snow or dust over it.
-
-Each group's share is in a node called `SHARE`, the only change from one picture to the next. Runs
-inside Blender; needs bpy only.
-
-Lagarde, "Water drop 3b: physically based wet surfaces", 2013.
-"""
+"""Node groups for weather in materials: water (Lagarde, 2013), snow, or dust, by the share in a node `SHARE`."""
 
 from __future__ import annotations
 
@@ -126,10 +120,7 @@ def _scale_vector(g: Group, vector: Any, factor: Any) -> Any:
 
 
 def snow_group(name: str) -> Any:
-    """Return a group between a surface and the output: white where it's level enough, and open to the sky.
-
-    Only camera rays test for open sky; bounced light sees snow under roofs too.
-    """
+    """Return a group for the output: white where it's level and, to camera rays, open to the sky."""
     g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
     low, high = (math.cos(math.radians(slope)) for slope in (SNOW_SLIDES_FROM, SNOW_LIES_TO))

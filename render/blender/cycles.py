@@ -1,7 +1,4 @@
-"""Settings of Cycles: device, samples, denoising, pictures, on a scene with Blender's own settings.
-
-Paper, section 2.1.4: Cycles, 128 samples, OpenImageDenoise.
-"""
+"""Settings of Cycles (paper, section 2.1.4) on a scene with Blender's own settings."""
 
 from __future__ import annotations
 
@@ -99,11 +96,7 @@ def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, thread
 
 
 def set_exposure(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
-    """Set a configured scene to a picture's exposure in EV, and to its offset of white balance in kelvin.
-
-    The view transform applies both, so they affect all light, lamps of the scenery too. Cycles' own
-    limits of radiance are scaled too, so that a picture is the same under an HDRI of any scale.
-    """
+    """Set exposure in EV and the offset of white balance in kelvin; Cycles' limits of radiance are scaled too."""
     view, scale = scene.view_settings, 2.0**-exposure
     view.exposure = exposure
     view.use_white_balance = white_balance != 0.0

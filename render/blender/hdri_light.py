@@ -164,11 +164,7 @@ class _Lifted:
 
 
 class _Dimmed:
-    """Nodes that show a sky through air, so that the sun's shadows fade as they do in fog.
-
-    A ray's length in the air is a function of its direction: to a layer's top or its sides. Every
-    light ray evaluates these nodes, so they're few.
-    """
+    """Nodes, few as every light ray evaluates them, that show a sky through air, by a ray's length in it."""
 
     def __init__(self, tree: Any, direction: Any, light: Any) -> None:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]

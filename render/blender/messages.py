@@ -1,8 +1,4 @@
-"""Jobs for a worker inside Blender: self-contained paths and numbers, pickled between two processes.
-
-Both processes import it, so it needs numpy only. Numbers are Python's own, since the other process may have another
-numpy.
-"""
+"""Jobs for a worker inside Blender, pickled: paths and Python's own numbers, since it may have another numpy."""
 
 from __future__ import annotations
 

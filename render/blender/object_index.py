@@ -1,8 +1,4 @@
-"""The vehicle at each pixel's center, rendered by Cycles: the oracle for annotations.
-
-Everything emits its object's number, with one ray through the center of each pixel, and the picture is read back. A
-material is invisible where it's less than half opaque and opaque elsewhere, as in planning.
-"""
+"""The vehicle at each pixel's center by one ray of Cycles, opaque from a half on: the oracle for annotations."""
 
 from __future__ import annotations
 

@@ -1,10 +1,4 @@
-"""Paint: a node before a material's base color, controlled by a property of each object.
-
-The node is inserted once, when a material is first painted. Its color is a custom property of the objects, which
-Cycles reads at each hit. So vehicles that share a material can have different paints in one picture, no shader is
-recompiled between pictures, and an object without the property looks as in its file. Runs inside Blender; needs bpy
-only.
-"""
+"""Paint: a node before a base color that reads a property of each object, so that no shader is recompiled."""
 
 from __future__ import annotations
 
@@ -86,10 +80,7 @@ def _insert_paint(tree: Any, name: str) -> None:
 
 
 def _tint_color(tree: Any, color: Any, own: Any) -> Any:
-    """Return the color where the material's own is mid-gray, and darker or brighter where it is, so that dirt remains.
-
-    It's at most 1, so that no surface adds light.
-    """
+    """Return the color, at most 1, brighter or darker than the paint where the material is, so that dirt remains."""
     gray = add_node(tree, "RGBToBW", {0: own}).outputs[0]
     factor = add_math(tree, "ADD", 0.5, add_math(tree, "DIVIDE", gray, add_math(tree, "ADD", gray, MID_GRAY)))
     scaled = add_node(tree, "VectorMath", {0: color, "Scale": factor}, operation="SCALE").outputs[0]

@@ -106,11 +106,7 @@ class Renderer:
         cycles.configure_scene(self._stage.scene, settings, device=self._device, threads=self._threads)
 
     def _set_part(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
-        """Set up a part of the scene, unless the job before had the same inputs.
-
-        Blender tags what is set, even to the same value, and Cycles builds it anew. Shots of one position share
-        vehicles and light.
-        """
+        """Set up a part of the scene unless the last job had the same inputs: Cycles builds anew whatever is set."""
         if self._inputs.get(part) != inputs:
             self._inputs.pop(part, None)  # in case it fails
             setter(*inputs)

@@ -1,10 +1,4 @@
-"""A loaded scenery, and a row's vehicles, camera, HDRI, and weather in it.
-
-The scenery is the tidy twin of its file (`reading.blender.tidy`): in meters, z up, relative to its origin, without
-lamps, cameras, or anything that Blender evaluates.
-
-Paper, sections 2.1.3 and 2.1.4.
-"""
+"""A loaded scenery, the tidy twin of its file, and a row's vehicles, camera, HDRI, and weather in it."""
 
 from __future__ import annotations
 
@@ -143,11 +137,7 @@ class Stage:
 
 
 class _LoadedVehicle:
-    """The objects of a vehicle's tidy twin in a scene, in as many copies as a row has had, each with its own pose.
-
-    Objects that no ray may see are left out by Cycles. To unlink them would have Blender build its graph of all
-    objects anew.
-    """
+    """Copies of a vehicle's tidy twin, hidden where unused: to unlink them would build Blender's graph anew."""
 
     def __init__(self, tidy: str, scene: Any, root: Any) -> None:
         collection, materials = append_twin(tidy)

@@ -1,8 +1,4 @@
-"""Weather in every material of a scene: insert node groups, set their shares, and remove them.
-
-A row without weather has the materials as in the file, so its picture doesn't depend on the rows before. Vehicles come
-from their own files, so they have their own materials, which have the vehicles' share; all others have the ground's.
-"""
+"""Weather in every material of a scene, with shares of ground and vehicles; none is left in a row without."""
 
 from __future__ import annotations
 

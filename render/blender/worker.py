@@ -75,10 +75,7 @@ def main() -> int:
 
 
 def _find_hulldown() -> None:
-    """Make this checkout or installation importable as `hulldown` in any Python.
-
-    This script's folder is removed from the path, because its cycles.py would hide Blender's.
-    """
+    """Make `hulldown` importable in any Python, and this folder not, whose cycles.py would hide Blender's."""
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != here]
     root = here.parents[1]

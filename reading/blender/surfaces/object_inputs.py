@@ -1,10 +1,4 @@
-"""What materials read of the objects that wear them, which the objects of a tidy twin don't have.
-
-Cycles' random number follows from an object's name, which in a twin depends on what else is loaded. So twins keep that
-of the file. Attributes, particles, and places in the file are lost, which is a doubt.
-
-Blender 5.0, intern/cycles/blender/object.cpp and blenkernel/intern/object_dupli.cc (random numbers).
-"""
+"""What materials read of their objects: random numbers by name, as in Cycles' object.cpp; the rest is a doubt."""
 
 from __future__ import annotations
 
