@@ -19,11 +19,7 @@ def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "
 def clip_triangles(
     triangles: Float[np.ndarray, "3 f 3"], planes: Float[np.ndarray, "k 4"]
 ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
-    """Return corners of triangles clipped by planes, each one's polygon, and as bits the planes that it was cut by.
-
-    Sutherland, Hodgman, Reentrant polygon clipping, CACM 17(1), 1974: here on all polygons at once, their corners in
-    one flat list.
-    """
+    """Return clipped triangles' corners, each one's polygon, and as bits the planes that cut it: Sutherland-Hodgman."""
     count = triangles.shape[1]
     points = triangles.reshape(3, -1)
     polygon = np.repeat(np.arange(count), 3)

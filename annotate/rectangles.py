@@ -1,7 +1,4 @@
-"""Oriented boxes: smallest rectangles around masks, and their corners and overlaps.
-
-A rectangle is written as center, width, height, and the angle of its width from the image's x axis to its y axis.
-"""
+"""Oriented boxes: smallest rectangles around masks, as center, width, height, and angle from the image's x to y."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Bundle files: vehicles and sceneries as arrays in an .npz, written atomically.
-
-The arrays of one data type follow one another in one array. Everything else is JSON, with each array's place in it.
-"""
+"""Bundle files: vehicles and sceneries as one array a data type, and JSON, in an .npz, written atomically."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Types of arguments of the functions that are commands.
-
-The signature and the docstring of such a function are its command's options, types, defaults, and help. What these
-types add to Python's is for the command line: the name of an option, and what values it takes.
-"""
+"""Types of arguments of functions that are commands: names of options, and the values that they take."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Attributes of labels, such as size, distance, or weather, and their bins in reports.
-
-Fields of records come first; distance, elevation, side, and slope otherwise follow from poses.
-"""
+"""Attributes of labels, of records or by poses, such as size, distance, or weather, and their bins in reports."""
 
 from __future__ import annotations
 

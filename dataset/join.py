@@ -1,8 +1,4 @@
-"""Join datasets: shares of a plan from several machines, or any others, are appended to one.
-
-Each picture is placed, then recorded, each in one step, as in rendering. A killed join continues where it
-was, and a repeated one adds new images.
-"""
+"""Join datasets, such as shares of a plan: pictures are placed, then recorded; a killed join continues."""
 
 from __future__ import annotations
 

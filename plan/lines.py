@@ -1,8 +1,4 @@
-"""The plan on disk as JSON lines: a header, then one line per image, read as a stream or by index.
-
-A plan is written to a partial file, which is renamed when it is complete. A partial file with the same header is
-continued; any other is replaced.
-"""
+"""The plan on disk as JSON lines: a header, then a line an image; a partial file with the same header is continued."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""The schema of a plan file: fields, ranges, rounding, and nullability of rows and the header.
-
-Plans are written, read, and checked by these types. The tables of docs/plan-file.md and the records of datasets follow
-from them, too.
-"""
+"""The schema of a plan file: fields, ranges, rounding, and nullability, of which docs and datasets' records follow."""
 
 from __future__ import annotations
 

@@ -1,8 +1,4 @@
-"""Light of each image (HDRI, rotation, strength), exposure and white balance with errors, and coats of paint.
-
-Every vehicle of a position has its own coats, which all shots share. They depend only on seed, position, and the
-vehicle's number in the row.
-"""
+"""Light and exposure of each image, and coats of paint of each vehicle of a position, which its shots share."""
 
 from __future__ import annotations
 

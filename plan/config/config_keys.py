@@ -1,7 +1,4 @@
-"""The config's keys, read from the schema, in print: the config that `hulldown init` writes, and docs/config.md.
-
-`python -m hulldown.plan.config.config_keys` rewrites the tables of docs/config.md.
-"""
+"""The schema's keys in print, for `hulldown init` and, by `python -m` with this module, docs/config.md's tables."""
 
 from __future__ import annotations
 

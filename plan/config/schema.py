@@ -1,7 +1,4 @@
-"""The config: all its sections, its file, and what they imply together.
-
-Paper, sections 2.1.1 to 2.1.8, for what the keys mean and for the defaults.
-"""
+"""The config (paper, sections 2.1.1 to 2.1.8): all its sections, its file, and what they imply together."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""Pairs of vehicles and sceneries: those that the config allows, without those whose trial positions fail.
-
-Paper, section 2.1.8, for random sceneries; impossible pairs aren't in the paper.
-"""
+"""Pairs of vehicles and sceneries that the config allows, without those whose trial positions fail."""
 
 from __future__ import annotations
 

@@ -190,11 +190,7 @@ class _Search:
     def _place_extras(
         self, positions: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]
     ) -> Bool[np.ndarray, " p"]:
-        """Place the extras of some positions in their order; return whether all those of a position have room.
-
-        Each extra takes its first try that settles, and is clear of the vehicles placed before it. If `leave_out`, an
-        extra without room is left out of its position, which counts as one with room.
-        """
+        """Place extras by their first clear try; return which positions have room for all, or leave the others out."""
         table = self.table
         extras = np.flatnonzero(np.isin(table.row, positions) & table.is_extra)
         table.state[extras] = PlaceState.PENDING  # extras that were left out at another place are tried again

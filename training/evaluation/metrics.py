@@ -1,7 +1,4 @@
-"""The paper's figures at an operating point: counts, precision, recall, F1, mean IoU, mean confidence; and curves.
-
-Paper, section 2.3.
-"""
+"""The paper's figures (section 2.3): counts, precision, recall, F1, mean IoU and confidence; and curves."""
 
 from __future__ import annotations
 

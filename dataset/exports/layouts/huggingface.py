@@ -1,7 +1,4 @@
-"""Hugging Face's image folder: pictures and ``metadata.jsonl``, for ``load_dataset("imagefolder", data_dir=...)``.
-
-Hugging Face Datasets documentation, "Create an image dataset", section "ImageFolder".
-"""
+"""Hugging Face's image folder: pictures and ``metadata.jsonl``, for ``load_dataset("imagefolder", data_dir=...)``."""
 
 from __future__ import annotations
 
