@@ -1,4 +1,4 @@
-"""The schema of a plan file: fields, ranges, rounding, and nullability, of which docs and datasets' records follow."""
+"""The schema of a plan file: fields, ranges, rounding, nullability; its docs and datasets' records follow from it."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the tar
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
-    """Return HDRIs' weights by the first match in `light.hdris`; in rain and snow only of those in `light.overcast`."""
+    """Return HDRIs' weights by the first match in `light.hdris`, and in rain and snow, when `light.overcast` counts."""
     for key, patterns in (("hdris", [choice.name for choice in light.hdris]), ("overcast", light.overcast)):
         for pattern in patterns:
             if not any(fnmatchcase(name, pattern) for name in names):

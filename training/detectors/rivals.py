@@ -18,7 +18,7 @@ MIN_RIVAL_IOU = 0.5
 
 
 class ContestedDetector:
-    """A detector whose detections contest the rivals, none of its own classes, that a pretrained detector finds."""
+    """A detector whose detections a pretrained detector's rivals contest; its own classes are no rivals."""
 
     def __init__(self, detector: Detector, pretrained: Detector) -> None:
         self.classes = detector.classes
