@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 from distributed import Client
 
-from hulldown.dataset.coco import LOCK_NAME
+from hulldown.base.outputs import LOCK_NAME
 from hulldown.dataset.store.document import JOURNAL_NAME
 from hulldown.dataset.store.journal import MERGED
 from hulldown.render.session import LOGS_NAME

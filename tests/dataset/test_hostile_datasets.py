@@ -8,7 +8,7 @@ import sys
 
 import pytest
 
-from hulldown.base.errors import DatasetError
+from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.exports.export import LAYOUTS, export_dataset
 from hulldown.dataset.records import finding_lines
 from hulldown.render.verify import verify_dataset
@@ -60,7 +60,7 @@ def test_a_full_disk_is_not_reported_as_a_broken_picture_and_nothing_is_left(fol
     out = tmp_path / "out"
     if exists:
         out.mkdir()
-    with pytest.raises(DatasetError, match=r"out: cannot be written \(No space left") as error:
+    with pytest.raises(HulldownError, match=r"out: cannot be written \(No space left") as error:
         export_dataset(folder, out)
     assert "free some space" in error.value.remedy
     assert list(out.iterdir()) == [] if exists else not out.exists()

@@ -63,7 +63,7 @@ def test_a_box_with_a_truncated_fraction_of_0_is_not_cut(tmp_path):
     ("content", "problem"),
     [
         ("{", "a COCO object"),
-        ([], "a COCO object"),
+        ([], "is a JSON list, not a dataset"),
         (coco(images=IMAGES[:1] * 2), "same id"),
         (coco(images=[{**IMAGES[0], "id": "x"}]), "not a whole number"),
         (coco((7, [1, 2, 3])), "a COCO file"),

@@ -78,7 +78,7 @@ def test_differences_from_the_render_are_reported(messy: Messy) -> None:
         (f"{'x' * 300}.blend", None, "cannot be read (File name too long)"),
         ("empty.blend", b"", "is empty"),
         ("cipher.blend", bytes(range(7, 256)), "isn't a .blend file: it doesn't begin like one"),
-        ("model.max", b"anything", "is of a format that is not read; expected one of .blend, .glb"),
+        ("model.max", b"anything", "is another file, not a vehicle or scenery; expected one of .blend, .glb"),
         ("lfs.blend", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("lfs.obj", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("scene.gltf", b"{]", "isn't readable glTF ("),

@@ -11,7 +11,7 @@ from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightI
 from hulldown.render.process import Blender
 from hulldown.tests.builders.blender_plans import drawn
 from hulldown.weather.kinds import (
-    DUST_ALBEDO,
+    DUSTY_AIR_ALBEDO,
     KINDS,
     Weather,
     air_extinction,
@@ -60,7 +60,7 @@ def studio(worlds, tmp_path_factory):
 
 
 @pytest.mark.parametrize(
-    ("kind", "color"), [("fog", (1.0, 1.0, 1.0)), ("rain", (1.0, 1.0, 1.0)), ("dust", DUST_ALBEDO)]
+    ("kind", "color"), [("fog", (1.0, 1.0, 1.0)), ("rain", (1.0, 1.0, 1.0)), ("dust", DUSTY_AIR_ALBEDO)]
 )
 @pytest.mark.parametrize("visibility", [50.0, 200.0])
 def test_the_veil_follows_koschmieders_law(studio, kind, color, visibility):

@@ -95,7 +95,7 @@ def test_a_dataset_with_other_classes_is_refused_with_both_lists(run, data, tmp_
     [
         ("train --data real=none -o run --model small", "none"),
         ("train --data real=none -o run --model huge", "huge"),
-        ("predict . data -o found.json", "run.json: no such file"),
+        ("predict . data -o found.json", "is a folder, not a run"),
     ],
 )
 def test_a_mistake_is_a_one_line_error(data, tmp_path, monkeypatch, capsys, command, named):

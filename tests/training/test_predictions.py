@@ -109,7 +109,7 @@ ONE_LABEL = dataset([(1, 1, (0, 0, 9, 9))])
             "annotation 3: area is 'big'",
         ),
         ({**ONE_LABEL, "annotations": [{"image_id": 1}]}, "annotation"),
-        ([], "isn't a COCO object"),
+        ([], "is a JSON list, not a dataset"),
     ],
 )  # fmt: skip
 def test_unusable_labels_are_named(tmp_path, coco, words):

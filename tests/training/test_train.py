@@ -215,7 +215,7 @@ def test_a_hub_without_network_and_other_weights_are_one_line_errors(pictures, t
     for named, words in (
         (None, "ustc-community/dfine-nano-coco: cannot be loaded"),
         ("someone/some-detector", "someone/some-detector: cannot be loaded .*; name a run"),
-        (str(tmp_path / "empty"), r"run\.json: no such file"),
+        (str(tmp_path / "empty"), r"is a folder, not a run"),
         (str(tmp_path / "half"), "half: cannot be loaded"),
     ):
         with pytest.raises(HulldownError, match=words) as error:
