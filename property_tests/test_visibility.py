@@ -17,8 +17,8 @@ from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.scene.rays import RayList
+from hulldown.tests.annotate.test_visibility import HERE, TANK
 from hulldown.tests.builders.shapes import box, random_rotations
-from hulldown.tests.scene.test_visibility import HERE, TANK
 
 CUBE = box((-0.5,) * 3, (0.5,) * 3)
 

@@ -15,8 +15,8 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.scene.ray_caster import RayCaster
 from hulldown.scene.rays import Kind, RayList
+from hulldown.tests.annotate.test_visibility import TANK
 from hulldown.tests.builders.shapes import box, vertices_at
-from hulldown.tests.scene.test_visibility import TANK
 
 TILT = axis_rotation(np.array([0.6, 0.0, 0.8]), 0.7)
 VEHICLES = [
