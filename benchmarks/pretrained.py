@@ -15,7 +15,7 @@ import numpy as np
 
 from hulldown.benchmarks.tables import table
 from hulldown.benchmarks.yolox import COCO_NAMES, INPUT_SIZE_PX, Yolox, YoloxDetector, train_yolox
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.training.detectors.detector import Detector
 from hulldown.training.detectors.rivals import ContestedDetector
 from hulldown.training.detectors.transformers_detector import LIKE_VEHICLES

@@ -22,7 +22,7 @@ from hulldown.dataset.provenance import (
     read_provenance,
     write_failures,
 )
-from hulldown.dataset.records import refuse_unusable
+from hulldown.dataset.record_checks import refuse_unusable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.placed_pictures import path_inside, place_picture, resolve_own_picture
 from hulldown.dataset.store.reservations import Reservation

@@ -17,7 +17,7 @@ from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, image_conditions, label_numbers, seen_sides
 from hulldown.dataset.images import LabeledImages
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.row_records import image_record, label_records
 from hulldown.geometry.indices import even_sample
 from hulldown.pictures.notebooks import ShownInNotebooks

@@ -19,7 +19,7 @@ from hulldown.geometry.meshes import first_equal
 from hulldown.geometry.predicates import exact_heights as exact_heights
 from hulldown.geometry.predicates import exact_normals as exact_normals
 from hulldown.geometry.predicates import orientation_sign
-from hulldown.placement.ground import GroundFaces, Hits, upward_normals
+from hulldown.placement.ground_faces import GroundFaces, Hits, upward_normals
 
 _POINTS_PER_BLOCK = 1 << 11  # points looked at together, so that intermediate arrays stay in cache
 

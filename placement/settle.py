@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from enum import IntEnum
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -22,12 +23,23 @@ from hulldown.geometry.indices import index_batches
 from hulldown.geometry.portable import arctan2, hypot, sin_cos
 from hulldown.geometry.transforms import rigid_matrix, upright_rotation
 from hulldown.placement.footprint import Samples, Underside, plate_samples, underside_samples
-from hulldown.placement.rejection import PlaceRejection
 from hulldown.placement.rest import Rest, averaged_plane, underside_plane
 from hulldown.placement.terrain import Terrain
 
 RULES = ("averaged", "support")
 BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
+
+
+class PlaceRejection(IntEnum):
+    """Reasons in the order of the checks; 0 is an accepted place. `plan.rejection` has the codes in plan files."""
+
+    NONE = 0
+    OFF_GROUND = 1
+    TOO_STEEP = 2
+    OVERHANG = 3
+    MEAN_TOO_STEEP = 4
+    GAP = 5
+    PENETRATION = 6
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -10,7 +10,7 @@ from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import HEIGHT_ULPS, GroundFaces, Hits, plane_heights, upward_normals
+from hulldown.placement.ground_faces import HEIGHT_ULPS, GroundFaces, Hits, plane_heights, upward_normals
 from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
 from hulldown.scene.ray_caster import RayCaster, bounds_within_reach, coherent_blocks
 

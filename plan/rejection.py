@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Int, UInt8
 
 from hulldown.placement.clearance import CameraRejection
-from hulldown.placement.rejection import PlaceRejection
+from hulldown.placement.settle import PlaceRejection
 
 
 class Rejection(IntEnum):

@@ -22,7 +22,7 @@ from hulldown.dataset.foreign_labels import foreign_reader
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.photographs import read_photographs
 from hulldown.dataset.provenance import read_provenance
-from hulldown.dataset.records import refuse_unusable
+from hulldown.dataset.record_checks import refuse_unusable
 from hulldown.planning.inputs.camera_file import read_camera
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.property_tests.any_values import MANY, refusal

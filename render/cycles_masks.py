@@ -20,7 +20,7 @@ from hulldown.annotate.records import Label
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.terminal import track_items
-from hulldown.dataset.records import Finding, sound_images
+from hulldown.dataset.record_checks import Finding, sound_images
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
 from hulldown.dataset.verification.check_plan import unlabeled_vehicle

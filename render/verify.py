@@ -11,7 +11,7 @@ from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import progress_bar
-from hulldown.dataset.records import (
+from hulldown.dataset.record_checks import (
     Finding,
     check_cameras,
     check_journal,

@@ -17,7 +17,7 @@ from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.exports.split import shuffle_key
 from hulldown.dataset.images import group_positions
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
 from hulldown.dataset.store.placed_pictures import link_or_copy, resolve_own_picture
 

@@ -23,7 +23,7 @@ from hulldown.base.terminal import print_message, progress_bar
 from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, voc, yolo
 from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLITS, assign_splits
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clip_labels, refuse_all
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.

@@ -26,7 +26,7 @@ from hulldown.annotate.records import Image
 from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
-from hulldown.dataset.records import Finding
+from hulldown.dataset.record_checks import Finding
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.placed_pictures import resolve_own_picture
 from hulldown.geometry.color import LUMINANCE

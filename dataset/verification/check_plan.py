@@ -10,7 +10,7 @@ import numpy as np
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.masks import decode_mask
 from hulldown.base.errors import HulldownError
-from hulldown.dataset.records import Finding
+from hulldown.dataset.record_checks import Finding
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.dataset.store.reservations import find_reservation, plan_key
 from hulldown.plan.library import Library
@@ -18,7 +18,11 @@ from hulldown.plan.plan_file import Plan
 
 MAX_VALUE_LENGTH = 120  # characters of a value in a finding
 MASKS = ("segmentation", "segmentation_amodal")
-OF_MASKS = (*MASKS, "area", "obb")  # fields that follow from masks; `dataset.records` compares them with each other
+OF_MASKS = (
+    *MASKS,
+    "area",
+    "obb",
+)  # fields that follow from masks; `dataset.record_checks` compares them with each other
 MAX_MASK_DIFFERENCE_PX = 2  # rays on an edge may fall on its other side on another kind of processor
 
 

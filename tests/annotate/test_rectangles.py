@@ -12,7 +12,7 @@ from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.row_records import Segmenter, image_record
 from hulldown.geometry.transforms import transform_points
 from hulldown.render.verify import verify_dataset

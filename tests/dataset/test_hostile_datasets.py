@@ -10,7 +10,7 @@ import pytest
 
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.exports.export import LAYOUTS, export_dataset
-from hulldown.dataset.records import finding_lines
+from hulldown.dataset.record_checks import finding_lines
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.editing import edit, write_dataset
 

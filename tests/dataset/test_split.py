@@ -9,7 +9,7 @@ from hulldown.base.outputs import DONE_NAME, UNFINISHED_NAME, OutputError
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLITS, assign_splits
 from hulldown.dataset.images import position_group
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.tests.builders.editing import write_dataset
 
 

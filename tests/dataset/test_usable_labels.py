@@ -3,7 +3,7 @@
 import pytest
 
 from hulldown.annotate.records import Label
-from hulldown.dataset.records import check_labels, sound_images
+from hulldown.dataset.record_checks import check_labels, sound_images
 from hulldown.dataset.usable_labels import LabelFloors
 
 OF = {"image_id": 7, "category_id": 1}

@@ -13,7 +13,7 @@ from hulldown.cli import main
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.join import join_datasets
-from hulldown.dataset.records import Finding
+from hulldown.dataset.record_checks import Finding
 from hulldown.dataset.verification import check_pictures
 from hulldown.reading.confinement.watch import GIB
 from hulldown.render.cycles_masks import MaskReport

@@ -3,7 +3,7 @@ import pytest
 
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground import GroundFaces
+from hulldown.placement.ground_faces import GroundFaces
 from hulldown.placement.sheet_map import UNKNOWN_COUNT, SheetMap
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.builders.shapes import sheet, surface

@@ -1,7 +1,7 @@
 import pytest
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.tests.builders.editing import write_dataset
 from hulldown.training.subset import nested_subsets, write_subsets
 

@@ -15,7 +15,7 @@ from hulldown.annotate.labels.mask import label_area
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.images import LabeledImages, position_group
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -21,7 +21,7 @@ from hulldown.annotate.records import Label
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.images import LabeledImages
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.usable_labels import clip_labels
 from hulldown.dataset.verification.check_pictures import near_duplicates, picture_hash
 

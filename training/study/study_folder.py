@@ -17,7 +17,7 @@ from hulldown.base.files import replace_file
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import progress_bar
 from hulldown.base.toml_files import validate_model
-from hulldown.dataset.records import read_usable
+from hulldown.dataset.record_checks import read_usable
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
     CheckedPictures,
