@@ -21,7 +21,7 @@ PYTEST = $(BIN)/python -P -m pytest -n $(WORKERS) --dist loadfile
 
 .DEFAULT_GOAL := help
 # What depends on how floats are rounded, where another processor's kernels might be seen; pytest refuses a missing file.
-KERNEL_TESTS = $(addprefix tests/,$(addsuffix .py,geometry/test_portable geometry/test_transforms geometry/test_hulls scene/test_instances \
+KERNEL_TESTS = $(addprefix tests/,$(addsuffix .py,base/test_portable geometry/test_transforms geometry/test_hulls scene/test_instances \
 	placement/test_settle placement/test_rest placement/test_footprint camera/test_cameras placement/test_clearance annotate/test_boxes))
 
 .PHONY: help setup setup-training browser demo study photographs test test-blender kernels check bench thorough fuzz clean

@@ -49,9 +49,9 @@ from numpy.typing import ArrayLike
 from hulldown.annotate.extremes import ImageView, surface_extremes
 from hulldown.annotate.posing import PosedParts, transform_parts
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.base.arrays import checked_array
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.arrays import checked_array
 
 MAX_BATCH_POSES = 4096  # poses whose matrices are in memory at a time
 CLEAR_MARGIN_PX = 1e-6  # pixels outside the image beyond which rounding can't move a point into it

@@ -24,10 +24,10 @@ from hulldown.annotate.clipping import (
     plane_distance,
     union_boxes,
 )
+from hulldown.base.portable import sin_cos
 from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.distortion import distort_points, max_bend
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.portable import sin_cos
 
 NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR_M]])
 MAX_COORDINATE_PX = 1e9  # pixels: limit of a lens's polynomial far off its axis, for numbers that plans can store

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from hulldown.annotate.masks import run_ends
-from hulldown.geometry.arrays import checked_array
+from hulldown.base.arrays import checked_array
 
 ROUNDING_PX = 1e-5  # pixels: more than sides and angles are rounded by
 _UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])

@@ -9,9 +9,9 @@ from jaxtyping import Bool, Float, Int, Shaped
 from numpy.typing import ArrayLike
 
 from hulldown.annotate.visibility import TOUCHING_M
+from hulldown.base.arrays import checked_array
+from hulldown.base.indices import group_and_rank
 from hulldown.camera.cameras import NEAR_M, Cameras
-from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.transforms import rotate_vectors
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle

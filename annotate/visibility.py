@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+from hulldown.base.indices import group_and_rank
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.transforms import transform_points
 from hulldown.scene.camera_pencils import CameraPencils, box_at_unit_depth
 from hulldown.scene.posed_scene import Scene

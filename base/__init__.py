@@ -1,1 +1,1 @@
-"""What every stage needs and no stage is about: errors, files, processes, terminal, TOML, code hashes."""
+"""What every stage needs: errors, files, processes, terminal; tables, indices, colors, portable arithmetic."""

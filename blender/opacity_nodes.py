@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from hulldown.base.color import LUMINANCE
 from hulldown.blender.add_nodes import add_math, add_node, feed_input
 from hulldown.blender.nodes import group_output, linked_output, material_output
-from hulldown.geometry.color import LUMINANCE
 
 SOCKET = "hulldown opacity"
 

@@ -8,8 +8,8 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from hulldown.base.arrays import checked_array
 from hulldown.camera.intrinsics import Intrinsics, Projected
-from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.transforms import invert_rigid, rotate_vectors, transform_points
 
 NEAR_M = 0.1  # meters along the optical axis; nothing closer is seen: boxes are clipped here and so are renders

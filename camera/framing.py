@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from hulldown.base.arrays import checked_array
+from hulldown.base.portable import exp, hypot, log
+from hulldown.base.uniform import UniformNumbers
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.portable import exp, hypot, log
 from hulldown.geometry.transforms import rotate_vectors, rotation_z, tilt_rotation
-from hulldown.geometry.uniform import UniformNumbers
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 MAX_FRAMING_ROUNDS = 20

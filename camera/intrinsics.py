@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from hulldown.base.portable import arctan2, hypot, tan
 from hulldown.camera.distortion import NONE, along_sides, distort_points, frame_bounds, seen_radius, undistort_points
-from hulldown.geometry.portable import arctan2, hypot, tan
 
 WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
 WINDOW_SIDE_PARTS = 8  # parts of a window's side at whose ends its image is measured
@@ -302,7 +302,7 @@ class Intrinsics:
         -------
         (...) meters along the optical axis; the leading axes broadcast, against those of the cameras too.
         """
-        from hulldown.geometry.arrays import positive_array  # needs more than numpy
+        from hulldown.base.arrays import positive_array  # needs more than numpy
 
         fraction = positive_array(target_fraction, "target_fraction")
         return np.asarray(positive_array(size, "size") * self.focal[..., 1] / (self.height * fraction))

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from hulldown.geometry.color import LUMINANCE, srgb_from_linear
+from hulldown.base.color import LUMINANCE, srgb_from_linear
 
 CARD_ALBEDO = 0.18  # of the gray card
 CARD_LEVEL = 117.64  # of 255: level of a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels

@@ -9,10 +9,10 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.portable import arcsin, arctan2, hypot, sin, sin_cos
+from hulldown.base.arrays import checked_array
+from hulldown.base.portable import arcsin, arctan2, hypot, sin, sin_cos
+from hulldown.base.uniform import UniformNumbers
 from hulldown.geometry.transforms import rigid_matrix
-from hulldown.geometry.uniform import UniformNumbers
 
 
 def camera_pose(

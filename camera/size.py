@@ -9,9 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
+from hulldown.base.arrays import checked_array
+from hulldown.base.portable import hypot
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.portable import hypot
 from hulldown.geometry.transforms import rotate_vectors
 
 Measure = Literal["height", "width", "diagonal", "area"]

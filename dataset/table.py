@@ -15,11 +15,11 @@ from hulldown.annotate.coco_types import Record
 from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
+from hulldown.base.indices import even_sample
 from hulldown.dataset.attributes import SCALES, SIDES, SIZE, image_conditions, label_numbers, seen_sides
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.row_records import image_record, label_records
-from hulldown.geometry.indices import even_sample
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.plan_file import Plan

@@ -10,9 +10,9 @@ import bpy
 import numpy as np
 from PIL import Image
 
+from hulldown.base.color import linear_color
 from hulldown.base.files import atomic_writer
 from hulldown.blender.add_nodes import add_node
-from hulldown.geometry.color import linear_color
 
 Color = str  # "#rrggbb" as a color picker shows it
 TILE_SIZE_M = 3.0  # meters of a paint's image without a UV map

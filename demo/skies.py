@@ -9,8 +9,8 @@ from typing import Any
 import bpy
 import numpy as np
 
+from hulldown.base.color import LUMINANCE
 from hulldown.base.files import atomic_writer, replace_file
-from hulldown.geometry.color import LUMINANCE
 
 SKY_WIDTH_PX = 2048  # pixels around the horizon
 SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats can hold its brightness

@@ -1,1 +1,1 @@
-"""Meshes, rays, transforms, and portable arithmetic, without vehicles, cameras, or Blender."""
+"""Meshes, transforms, hulls, and predicates, without vehicles, cameras, or Blender."""

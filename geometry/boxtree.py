@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.indices import group_and_rank
+from hulldown.base.indices import group_and_rank
 
 TREE_FANOUT = 8
 EDGE_SLACK_SHARE = 1e-14  # relative rounding error of a ray through a box's edge

@@ -10,9 +10,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
+from hulldown.base.arrays import checked_array
 from hulldown.base.errors import AssetError
 from hulldown.geometry.alpha import Cutouts, merged_cutouts
-from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.hulls import extreme_points
 
 FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.base.indices import group_and_rank
 from hulldown.geometry.alpha import HIT_OPACITY, AlphaMap, Cut, Cutouts
 from hulldown.geometry.hulls import hulls_of_groups
-from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.meshes import Mesh
 
 FLAT_HEIGHT_ULPS = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles

@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.portable import sin_cos
+from hulldown.base.arrays import checked_array
+from hulldown.base.portable import sin_cos
 
 # (8, 3) corners of a box from its center, in halves of its size; z changes from one to the next.
 BOX_CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])

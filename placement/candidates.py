@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array
-from hulldown.geometry.uniform import UniformNumbers
+from hulldown.base.arrays import checked_array
+from hulldown.base.uniform import UniformNumbers
 
 
 def sample_candidates(

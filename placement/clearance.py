@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float, UInt8
 from numpy.typing import ArrayLike
 
+from hulldown.base.arrays import checked_array
 from hulldown.camera.cameras import NEAR_M
-from hulldown.geometry.arrays import checked_array
 from hulldown.geometry.transforms import invert_rigid, transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.obstacles import Obstacles

@@ -9,11 +9,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array
+from hulldown.base.arrays import checked_array
+from hulldown.base.indices import group_and_rank
+from hulldown.base.portable import hypot
 from hulldown.geometry.hulls import inner_point
-from hulldown.geometry.indices import group_and_rank
 from hulldown.geometry.meshes import Mesh
-from hulldown.geometry.portable import hypot
 from hulldown.scene.ray_caster import RayCaster
 
 RASTER_CELLS = 128  # cells a side of an underside: 3 to 7 cm under a tank

@@ -20,8 +20,8 @@ from itertools import combinations
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.indices import index_batches
-from hulldown.geometry.portable import hypot
+from hulldown.base.indices import index_batches
+from hulldown.base.portable import hypot
 from hulldown.placement.footprint import Samples
 
 # A center exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance. Moved by

@@ -17,10 +17,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array, whole_number
-from hulldown.geometry.columns import join_rows, put_rows
-from hulldown.geometry.indices import index_batches
-from hulldown.geometry.portable import arctan2, hypot, sin_cos
+from hulldown.base.arrays import checked_array, whole_number
+from hulldown.base.columns import join_rows, put_rows
+from hulldown.base.indices import index_batches
+from hulldown.base.portable import arctan2, hypot, sin_cos
 from hulldown.geometry.transforms import rigid_matrix, upright_rotation
 from hulldown.placement.footprint import Samples, Underside, plate_samples, underside_samples
 from hulldown.placement.rest import Rest, averaged_plane, underside_plane

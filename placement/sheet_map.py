@@ -50,7 +50,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
-from hulldown.geometry.indices import group_and_rank
+from hulldown.base.indices import group_and_rank
 from hulldown.geometry.meshes import first_equal
 
 UNKNOWN_COUNT = 255

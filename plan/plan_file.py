@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import orjson
 
 from hulldown.base.errors import HulldownError
-from hulldown.geometry.indices import even_sample
+from hulldown.base.indices import even_sample
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_planned_library

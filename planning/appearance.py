@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 
 from hulldown.assets.plan_assets import Assets
 from hulldown.base.errors import ConfigError
+from hulldown.base.indices import even_sample
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import FARTHEST_EV, card_radiance, metered_exposures_ev
-from hulldown.geometry.indices import even_sample
 from hulldown.plan.coats import Coat
 from hulldown.plan.config.asset_sections import OWN, PaintEntry
 from hulldown.plan.config.scene_sections import LightSection

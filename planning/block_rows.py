@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.assets.plan_assets import Assets
-from hulldown.geometry.columns import row_objects
+from hulldown.base.columns import row_objects
 from hulldown.plan.coats import Coat
 from hulldown.plan.config.schema import Config
 from hulldown.plan.picture_names import picture_name

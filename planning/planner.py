@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Bool
 
 from hulldown.assets.plan_assets import Assets
+from hulldown.base.columns import take
 from hulldown.base.errors import ConfigError
 from hulldown.dataset.photographs import Photographs, read_photographs
-from hulldown.geometry.columns import take
 from hulldown.plan.config.schema import Config
 from hulldown.plan.given_poses import GivenPoses
 from hulldown.plan.row import Row, encode_rows

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from hulldown.assets.skylight import level_irradiance
+from hulldown.base.color import LUMINANCE
 from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, display_levels, metered_exposures_ev
-from hulldown.geometry.color import LUMINANCE
 
 
 @st.composite

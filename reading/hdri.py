@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight
+from hulldown.base.color import LUMINANCE
 from hulldown.base.errors import AssetError
 from hulldown.base.outside import file_sha256
 from hulldown.camera.response import off_daylight
-from hulldown.geometry.color import LUMINANCE
 from hulldown.reading.cache import entry_name, make_cache, new_folder, seal_entry, unseal_entry
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.geometry.color import LUMINANCE
+from hulldown.base.color import LUMINANCE
 
 MAP_ROWS = 128  # rows of the analyzed map: 1.4 degrees each
 MIN_JUDGED_ROWS = 32  # least rows for a judgment

@@ -19,12 +19,12 @@ from hulldown.annotate.masks import decode_mask, mask_box, mask_iou
 from hulldown.annotate.records import Label
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError, HulldownError
+from hulldown.base.indices import even_sample
 from hulldown.base.terminal import track_items
 from hulldown.dataset.record_checks import Finding, sound_images
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
 from hulldown.dataset.verification.check_plan import unlabeled_vehicle
-from hulldown.geometry.indices import even_sample
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.render.blender.messages import MaskJob

@@ -10,9 +10,9 @@ from typing import TypeVar
 
 from msgspec import structs
 
+from hulldown.base.color import linear_color
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import NEAR_M
-from hulldown.geometry.color import linear_color
 from hulldown.plan.coats import Coat, color_of_material
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan

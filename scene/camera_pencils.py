@@ -8,9 +8,9 @@ from functools import cached_property, partial
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from hulldown.base.indices import rank_batches
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.indices import rank_batches
 from hulldown.geometry.transforms import BOX_CORNERS, compose_affine, invert_rigid, rotate_vectors, transform_points
 from hulldown.scene.rays import NearBlock, RayBatch, RayBlock, RayPiece
 

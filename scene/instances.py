@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array
+from hulldown.base.arrays import checked_array
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.transforms import invert_affine, transform_points

@@ -9,9 +9,9 @@ from itertools import pairwise
 import numpy as np
 from jaxtyping import Bool, Float
 
+from hulldown.base.indices import rank_batches
+from hulldown.base.portable import sin_cos
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.indices import rank_batches
-from hulldown.geometry.portable import sin_cos
 from hulldown.geometry.transforms import BOX_CORNERS, compose_affine, invert_rigid, rotate_vectors, transform_points
 from hulldown.scene.cutouts import Solidity
 from hulldown.scene.instances import InstancedScene

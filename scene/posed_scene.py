@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
-from hulldown.geometry.columns import put_rows
+from hulldown.base.columns import put_rows
 from hulldown.scene.cutouts import make_caster
 from hulldown.scene.ground import Ground, Plane
 from hulldown.scene.instances import InstancedScene

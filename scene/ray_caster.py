@@ -24,7 +24,7 @@ from embreex.rtcore_scene import EmbreeScene
 from jaxtyping import Bool, Float, Float32, Int
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.arrays import checked_array
+from hulldown.base.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 
 _FAR = np.float32(1e37)  # embreex's value for no limit

@@ -13,9 +13,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
+from hulldown.base.columns import take
+from hulldown.base.indices import matching_pairs, rank_batches
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.columns import take
-from hulldown.geometry.indices import matching_pairs, rank_batches
 from hulldown.geometry.transforms import invert_rigid, rotate_vectors, transform_points
 from hulldown.scene.ray_caster import checked_rays
 

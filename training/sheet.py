@@ -10,8 +10,8 @@ from PIL import Image
 
 from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.base.arguments import AnyPath, Count, PngFile
+from hulldown.base.indices import even_sample
 from hulldown.base.terminal import track_items
-from hulldown.geometry.indices import even_sample
 from hulldown.pictures.own_files import claim_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.training.inputs.extra import require_extra

@@ -1,6 +1,6 @@
 """Laws of extinction, contrast, and wetness by rain rate and visibility.
 
-In portable arithmetic (`geometry.portable`), since the results are in plans.
+In portable arithmetic (`base.portable`), since the results are in plans.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.geometry.portable import exp, log
+from hulldown.base.portable import exp, log
 from hulldown.weather.kinds import CONTRAST_THRESHOLD, air_extinction
 
 MIN_LABEL_CONTRAST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from hulldown.base.color import LUMINANCE
 from hulldown.camera.response import off_daylight
-from hulldown.geometry.color import LUMINANCE
 from hulldown.weather.precipitation import Sizes, rain_sizes, snow_sizes
 
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912

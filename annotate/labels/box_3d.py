@@ -13,9 +13,9 @@ from msgspec import Meta, Struct
 from hulldown.annotate.label_type import LabelType, VehicleInCamera
 from hulldown.annotate.record_fields import Pixel, Three, Vectors
 from hulldown.annotate.records import Category, Image, Label
+from hulldown.base.portable import arctan2
 from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.portable import arctan2
 from hulldown.geometry.transforms import matrix_product
 
 DECIMAL_DIGITS = 9  # to a nanometer, so that every processor gives the same

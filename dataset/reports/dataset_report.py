@@ -21,8 +21,10 @@ from scipy.stats import ks_2samp
 from hulldown.annotate.drawing import IGNORED, category_color
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
+from hulldown.base.color import LUMINANCE
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
+from hulldown.base.indices import even_sample
 from hulldown.base.outputs import claim_file
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.attributes import SCALES, SIZE, camera_poses, pose_array
@@ -37,8 +39,6 @@ from hulldown.dataset.reports.charts import (
 )
 from hulldown.dataset.reports.page import Tile, render_page
 from hulldown.dataset.table import CONDITIONS, Dataset
-from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.indices import even_sample
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import read_plan

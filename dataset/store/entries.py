@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from hulldown.annotate.coco_types import Record
+from hulldown.base.arrays import are_numbers
 from hulldown.base.files import stays_inside
 from hulldown.base.outputs import LOCK_NAME, UNFINISHED_NAME
-from hulldown.geometry.arrays import are_numbers
 
 # The dataset's own files: pictures with these names would be removed or overwritten.
 RESERVED = (

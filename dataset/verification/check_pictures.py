@@ -24,12 +24,12 @@ from hulldown.annotate.masks import decode_mask
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Image
 from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
+from hulldown.base.color import LUMINANCE
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.record_checks import Finding
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.placed_pictures import resolve_own_picture
-from hulldown.geometry.color import LUMINANCE
 
 CHECKER_THREADS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
 MAX_PICTURE_PIXELS = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB

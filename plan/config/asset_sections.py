@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from hulldown.geometry.arrays import are_numbers
+from hulldown.base.arrays import are_numbers
 from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, range_check
 from hulldown.reading.pieces.options import TEXTURE_SIZE
 

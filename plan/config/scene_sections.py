@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from hulldown.base.arrays import are_numbers
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
-from hulldown.geometry.arrays import are_numbers
 from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.weather.kinds import KINDS

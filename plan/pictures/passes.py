@@ -22,10 +22,10 @@ from hulldown.assets.scenery import Scenery
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import replace_file
+from hulldown.base.indices import even_sample
 from hulldown.base.outputs import OutputFolder
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import track_items
-from hulldown.geometry.indices import even_sample
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.lines import PlanFile
 from hulldown.plan.pictures.preview import Artist

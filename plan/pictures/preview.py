@@ -12,12 +12,12 @@ from PIL import Image
 from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.assets.plan_assets import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
+from hulldown.base.color import LUMINANCE
 from hulldown.base.errors import ConfigError
+from hulldown.base.indices import even_sample
 from hulldown.base.terminal import track_items
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import CARD_ALBEDO, card_radiance
-from hulldown.geometry.color import LUMINANCE
-from hulldown.geometry.indices import even_sample
 from hulldown.pictures.own_files import claim_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.config.schema import Config

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
+from hulldown.base.color import linear_color
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.color import linear_color
 from hulldown.plan.coats import Coat
 from hulldown.scene.camera_pencils import PixelRays
 from hulldown.scene.posed_scene import Scene

@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.base.errors import ConfigError
-from hulldown.geometry.indices import group_and_rank
+from hulldown.base.indices import group_and_rank
 from hulldown.plan.config.scene_sections import BudgetSection
 from hulldown.plan.given_poses import GivenPoses
 from hulldown.planning.inputs.poses import line_error

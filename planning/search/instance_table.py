@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.annotate.boxes import Boxes
+from hulldown.base.columns import put_rows
+from hulldown.base.indices import matching_pairs
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import pan_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
-from hulldown.geometry.columns import put_rows
-from hulldown.geometry.indices import matching_pairs
 from hulldown.geometry.transforms import compose_affine, transform_points
 from hulldown.plan.config.scene_sections import RenderSection
 from hulldown.plan.row import round_field

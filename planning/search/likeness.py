@@ -18,12 +18,12 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.base.errors import ConfigError
+from hulldown.base.portable import exp, hypot, log, sin_cos
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import pan_to_pixel, turn_cameras_to_boxes
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
 from hulldown.dataset.photographs import Photographs
-from hulldown.geometry.portable import exp, hypot, log, sin_cos
 from hulldown.geometry.transforms import BOX_CORNERS, rotate_vectors
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.plan.config.schema import Config

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.columns import put_rows
-from hulldown.geometry.portable import sin_cos
+from hulldown.base.columns import put_rows
+from hulldown.base.portable import sin_cos
 from hulldown.geometry.transforms import compose_affine, invert_rigid, rigid_matrix, rotation_z, transform_points
 from hulldown.placement.settle import Settled, empty_settled, limit_contact, settle_each, underside_depth
 from hulldown.plan.config.scene_sections import PlacementSection

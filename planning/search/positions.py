@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Bool, Int
 
+from hulldown.base.columns import join_rows, put_rows, take
 from hulldown.base.errors import ConfigError
+from hulldown.base.indices import index_batches, matching_pairs
 from hulldown.camera.cameras import Cameras
-from hulldown.geometry.columns import join_rows, put_rows, take
-from hulldown.geometry.indices import index_batches, matching_pairs
 from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.settle import Settled
 from hulldown.plan.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, rejection_sentence

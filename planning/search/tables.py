@@ -10,11 +10,11 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.boxes import Boxes
+from hulldown.base.columns import take
+from hulldown.base.indices import group_and_rank
+from hulldown.base.portable import sin_cos
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.columns import take
-from hulldown.geometry.indices import group_and_rank
-from hulldown.geometry.portable import sin_cos
 from hulldown.placement.settle import Settled, empty_settled
 from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.plan.config.schema import Config

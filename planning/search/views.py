@@ -14,11 +14,11 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.boxes import Boxes
 from hulldown.annotate.silhouettes import show_pixels
 from hulldown.annotate.visibility import visible_fraction
+from hulldown.base.columns import put_rows, take
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target, pan_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes, shell_place
-from hulldown.geometry.columns import put_rows, take
 from hulldown.geometry.transforms import rigid_matrix
 from hulldown.plan.config.scene_sections import CameraSection, RenderSection
 from hulldown.plan.rejection import Rejection

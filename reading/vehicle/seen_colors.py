@@ -10,7 +10,7 @@ from jaxtyping import Float
 from PIL import Image
 from scipy.ndimage import minimum_filter
 
-from hulldown.geometry.color import srgb_from_linear
+from hulldown.base.color import srgb_from_linear
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.wording import MOST_NAMES, quote_names

@@ -7,12 +7,12 @@ import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.annotate.visibility import visible_fraction
+from hulldown.base.arrays import checked_array, whole_number
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, draw_elevation
 from hulldown.camera.size import solve_distance
-from hulldown.geometry.arrays import checked_array, whole_number
 from hulldown.geometry.meshes import Mesh, first_equal, merge_meshes
 from hulldown.geometry.transforms import invert_rigid, tilt_rotation, transform_points, upright_rotation
 from hulldown.placement.candidates import sample_candidates

@@ -5,8 +5,8 @@ import pytest
 
 from hulldown.assets.plan_assets import Assets
 from hulldown.assets.skylight import SkyLight
+from hulldown.base.color import LUMINANCE
 from hulldown.camera.response import CARD_LEVEL, card_radiance, display_levels
-from hulldown.geometry.color import LUMINANCE
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config
 
 NIGHT = SkyLight((0.01, 0.012, 0.02), 12.5)

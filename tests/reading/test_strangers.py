@@ -10,8 +10,8 @@ from PIL import Image
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
+from hulldown.base.color import LUMINANCE
 from hulldown.base.errors import HulldownError
-from hulldown.geometry.color import LUMINANCE
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library

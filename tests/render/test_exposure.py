@@ -5,9 +5,9 @@ import psutil
 import pytest
 
 from hulldown.assets.skylight import level_irradiance
+from hulldown.base.color import LUMINANCE
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, display_levels, metered_exposures_ev, white_balance
-from hulldown.geometry.color import LUMINANCE
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.render.process import Blender
 from hulldown.tests.builders.blender_plans import drawn, run_script

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from msgspec import UNSET, Struct, UnsetType
 
-from hulldown.geometry.indices import even_sample
+from hulldown.base.indices import even_sample
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.metrics import COUNTS, confusion_matrix, threshold_curves

@@ -11,12 +11,12 @@ import bpy
 import numpy as np
 from jaxtyping import Float, Float32
 
+from hulldown.base.color import linear_from_srgb
 from hulldown.blender.buffers import texture_coordinates
 from hulldown.blender.light_pictures import render_light, see_pixel_centers
 from hulldown.blender.nodes import material_output, nested_trees, upstream_nodes
 from hulldown.blender.opacity_nodes import show_opacity
 from hulldown.geometry.alpha import GRADES, AlphaMap, Extension
-from hulldown.geometry.color import linear_from_srgb
 from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, material_lookup
 
 CYCLES_NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from mathutils import Euler, Matrix
 
+from hulldown.base.color import LUMINANCE, linear_from_srgb, srgb_from_linear
 from hulldown.blender.buffers import image_pixels
 from hulldown.blender.nodes import Stack, material_output, socket_source
 from hulldown.blender.shaders import TRANSPARENT, surface_shaders
 from hulldown.geometry.alpha import AlphaMap, Extension
-from hulldown.geometry.color import LUMINANCE, linear_from_srgb, srgb_from_linear
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.geometry import portable
+from hulldown.base import portable
 
 N = 100_000
 RNG = np.random.default_rng(0)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.color import LUMINANCE, linear_color, linear_from_srgb, srgb_from_linear
+from hulldown.base.color import LUMINANCE, linear_color, linear_from_srgb, srgb_from_linear
 
 
 def test_colors_are_linear_light():
