@@ -16,21 +16,25 @@ from cyclopts.exceptions import CycloptsError
 from rich.markup import escape
 
 from hulldown.base.errors import HulldownError, shorten_text
-from hulldown.base.terminal import STDERR
+from hulldown.base.terminal import STDERR_TERMINAL
 from hulldown.verbs import demo, planning, rendering, training
 from hulldown.verbs.command import named_verb, parser_problem, run_command
 from hulldown.verbs.output import DONE, MISTAKE, STDOUT_NAME, STOPPED, silence_stdout, warnings_in_one_line
 
 LONGEST_LINE = 2000  # characters of a message
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
-REFUSALS = {
+REFUSED_ERRNOS = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room and run the same command again"),
     **dict.fromkeys(
         (errno.EROFS, errno.EACCES, errno.EPERM), "name another place, or give yourself the right to use it"
     ),
     **dict.fromkeys((errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP), "name another file or folder"),
 }
-CHANGED = (errno.ENOENT, errno.EINVAL, errno.ESTALE)  # a named file that is gone, or something else than before
+CHANGED_FILE_ERRNOS = (
+    errno.ENOENT,
+    errno.EINVAL,
+    errno.ESTALE,
+)  # a named file that is gone, or something else than before
 VERBS = planning.VERBS | rendering.VERBS | training.VERBS | demo.VERBS
 
 
@@ -58,16 +62,16 @@ def main(argv: Sequence[str] | None = None) -> int:
         silence_stdout()
         return DONE
     except OSError as error:
-        if error.errno not in REFUSALS and not (error.errno in CHANGED and error.filename):
+        if error.errno not in REFUSED_ERRNOS and not (error.errno in CHANGED_FILE_ERRNOS and error.filename):
             raise
         if error.filename == STDOUT_NAME:
             silence_stdout()
-        remedy = REFUSALS.get(error.errno or 0, "run the same command again")
+        remedy = REFUSED_ERRNOS.get(error.errno or 0, "run the same command again")
         return _print_refusal(f"{error.filename or 'a file cannot be written'}: {error.strerror}; {remedy}")
 
 
 def _print_refusal(problem: str, code: int = MISTAKE) -> int:
-    STDERR.print(f"hulldown: {escape(shorten_text(problem, LONGEST_LINE))}", soft_wrap=True)
+    STDERR_TERMINAL.print(f"hulldown: {escape(shorten_text(problem, LONGEST_LINE))}", soft_wrap=True)
     return code
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 
-EMPTY = np.array([np.inf, np.inf, -np.inf, -np.inf])
+EMPTY_EXTREMES = np.array([np.inf, np.inf, -np.inf, -np.inf])
 
 
 def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "4"]:
     """Return lowest u, lowest v, highest u, highest v; an empty box (inf, inf, -inf, -inf) of no points."""
     u, v = pixels
     if not u.size:
-        return EMPTY
+        return EMPTY_EXTREMES
     return np.array([u.min(), v.min(), u.max(), v.max()])
 
 

@@ -19,13 +19,21 @@ from hulldown.annotate.label_type import Pen
 from hulldown.annotate.record_fields import declared_fields
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by color-blind readers too. Black is left out.
-PALETTE = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
-IGNORED = (170, 170, 170)
+CLASS_COLORS = (
+    (230, 159, 0),
+    (86, 180, 233),
+    (0, 158, 115),
+    (240, 228, 66),
+    (0, 114, 178),
+    (213, 94, 0),
+    (204, 121, 167),
+)
+IGNORED_COLOR = (170, 170, 170)
 
 
 def category_color(category_id: int) -> tuple[int, int, int]:
     """Return the color of a category, the same in every picture."""
-    return PALETTE[(category_id - 1) % len(PALETTE)]
+    return CLASS_COLORS[(category_id - 1) % len(CLASS_COLORS)]
 
 
 @cache
@@ -49,7 +57,7 @@ class Overlay:
     @property
     def color(self) -> tuple[int, int, int]:
         """The color of its lines."""
-        return IGNORED if self.ignored else category_color(self.category_id)
+        return IGNORED_COLOR if self.ignored else category_color(self.category_id)
 
 
 def draw_boxes(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) -> Image.Image:

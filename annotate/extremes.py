@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.clipping import (
-    EMPTY,
+    EMPTY_EXTREMES,
     clip_triangles,
     extremes_of_points,
     next_corner,
@@ -154,7 +154,7 @@ def _curved_extremes(
         for spot, at in zip(*_interior_extremes(view, radius), strict=True):
             if _box_excess(best, at[:, None], at[:, None]).max() > 0.0 and _covers_ray(every, spot):
                 best = union_boxes(best, np.concatenate([at, at]))
-    return np.clip(best, -MAX_COORDINATE_PX, MAX_COORDINATE_PX) if best[0] <= best[2] else EMPTY
+    return np.clip(best, -MAX_COORDINATE_PX, MAX_COORDINATE_PX) if best[0] <= best[2] else EMPTY_EXTREMES
 
 
 def _may_widen(

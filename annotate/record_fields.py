@@ -18,8 +18,8 @@ Size = Annotated[int, Meta(ge=1, le=2**31 - 1)]
 Share = Annotated[float, Meta(ge=0, le=1)]
 Meters = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Box = tuple[Pixel, Pixel, Pixel, Pixel]
-Three = tuple[Meters, Meters, Meters]
-Vectors = tuple[Three, Three, Three]
+Vector3 = tuple[Meters, Meters, Meters]
+Matrix3 = tuple[Vector3, Vector3, Vector3]
 Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
 ROUNDING_PX = 1e-6  # pixels: rounding error of decimal text
 MAX_OVERHANG_PX = 1.0  # pixels that a box may leave its image by without being refused
@@ -35,15 +35,15 @@ class ImageRecord(Struct):
     height: Size
 
 
-class Optics(Struct):
+class CameraRecord(Struct):
     """Fields of an image's camera; see `camera.intrinsics.Intrinsics.of_fields`."""
 
     fov_x_deg: Annotated[float, Meta(ge=1e-6, le=179.999)] | None = None
-    K: Vectors | None = None
+    K: Matrix3 | None = None
     dist: tuple[Meters, Meters, Meters, Meters, Meters] | None = None
 
 
-class View(Optics):
+class RenderedImageRecord(CameraRecord):
     """Fields of an image that renders have; those of other datasets may mean something else."""
 
     world_from_camera: Pose | None = None
@@ -83,7 +83,7 @@ class CategoryRecord(CategoryKeypoints, kw_only=True):
 def declared_fields(record: Record, kind: type[Declared]) -> Declared:
     """Return the declared fields of a record; optional ones that don't have their type and range are left out.
 
-    >>> declared_fields({"scenery": "hills", "fov_x_deg": "wide"}, View).scenery
+    >>> declared_fields({"scenery": "hills", "fov_x_deg": "wide"}, RenderedImageRecord).scenery
     'hills'
     """
     try:

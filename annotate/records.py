@@ -9,7 +9,14 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.record_fields import CategoryKeypoints, Declared, LabelRecord, Optics, Pose, declared_fields
+from hulldown.annotate.record_fields import (
+    CameraRecord,
+    CategoryKeypoints,
+    Declared,
+    LabelRecord,
+    Pose,
+    declared_fields,
+)
 from hulldown.base.outside import parse_value
 from hulldown.camera.intrinsics import Intrinsics
 
@@ -95,7 +102,7 @@ class Image:
     def intrinsics(self) -> Intrinsics | None:
         """The camera; None if the record has none that can be used."""
         try:
-            optics = parse_value(self.record, Optics)
+            optics = parse_value(self.record, CameraRecord)
             return Intrinsics.of_fields(*self.size, fov_x_deg=optics.fov_x_deg, K=optics.K, dist=optics.dist)
         except ValueError:
             return None

@@ -11,7 +11,7 @@ from hulldown.annotate.masks import run_ends
 from hulldown.base.arrays import checked_array
 
 ROUNDING_PX = 1e-5  # pixels: more than sides and angles are rounded by
-_UNIT = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
+_UNIT_CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.ndarray, "5"] | None:
@@ -59,6 +59,6 @@ def rectangle_corners(rectangles: ArrayLike) -> Float[np.ndarray, "... 4 2"]:
     """Return corners of rectangles (..., 5), in order around each; the first two are where its height begins."""
     given = checked_array(rectangles, "rectangles", ("...", 5))
     angle = given[..., 4, None]
-    x, y = np.moveaxis(_UNIT * given[..., None, 2:4], -1, 0)
+    x, y = np.moveaxis(_UNIT_CORNERS * given[..., None, 2:4], -1, 0)
     turned = np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)], axis=-1)
     return given[..., None, :2] + turned

@@ -20,7 +20,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 TOUCHING_M = 1e-3
 # Rays of all cameras whose array work is done at once: enough of each model that occurs to be worth its calls.
 RAYS_PER_BLOCK = 1 << 18
-NOTHING = Scene()
+EMPTY_SCENE = Scene()
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -38,7 +38,7 @@ def visible_fraction(
     subjects: Sequence[PosedVehicle],
     cameras: Cameras,
     *,
-    world: Scene = NOTHING,
+    world: Scene = EMPTY_SCENE,
     rays: int = 256,
     seed: int = 0,
 ) -> Visibility:

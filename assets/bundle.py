@@ -20,24 +20,24 @@ from hulldown.base.files import atomic_writer, open_regular
 from hulldown.base.outside import convert_value
 
 BUNDLE_FORMAT = 12  # also raised when undersides, surfaces, or extreme vertices are computed in another way
-KINDS = {VehicleShape: "vehicle", Scenery: "scenery"}
+BUNDLE_KINDS = {VehicleShape: "vehicle", Scenery: "scenery"}
 # RuntimeError: zipfile takes damaged flags for encryption. MemoryError: a header may claim any shape.
-_DAMAGE = (
+_DAMAGE_ERRORS = (
     *(OSError, ValueError, EOFError, KeyError, TypeError, RuntimeError, MemoryError, zipfile.BadZipFile),
     msgspec.MsgspecError,
 )
-REMEDY = "delete the file, it is made again when it is needed"
+DAMAGED_BUNDLE_REMEDY = "delete the file, it is made again when it is needed"
 Asset = TypeVar("Asset", VehicleShape, Scenery)
-Place = tuple[str | int, ...]  # of an array: its data type, the number of its first element, and its shape
+ArrayPlace = tuple[str | int, ...]  # of an array: its data type, the number of its first element, and its shape
 
 
 def save_asset(path: Path | str, asset: VehicleShape | Scenery) -> None:
     """Write `asset` to `path`, atomically. An array that it has several times, like a texture, is written once."""
-    path, places = Path(path), dict[int, Place]()
+    path, places = Path(path), dict[int, ArrayPlace]()
     stored: dict[str, list[np.ndarray]] = defaultdict(list)
     count: dict[str, int] = defaultdict(int)
 
-    def place(array: np.ndarray) -> Place:
+    def place(array: np.ndarray) -> ArrayPlace:
         if id(array) not in places:
             kind = array.dtype.name
             places[id(array)] = kind, count[kind], *array.shape
@@ -52,7 +52,7 @@ def save_asset(path: Path | str, asset: VehicleShape | Scenery) -> None:
         np.savez(
             file,
             hulldown_bundle=np.int64(BUNDLE_FORMAT),
-            kind=np.str_(KINDS[type(asset)]),
+            kind=np.str_(BUNDLE_KINDS[type(asset)]),
             tree=np.str_(tree),
             **arrays,
         )
@@ -76,11 +76,13 @@ def _load_asset(path: Path, wanted: type[Asset]) -> Asset:
             if any(member.compress_type for member in file.zip.infolist()):
                 raise ValueError("it is compressed, which bundles never are")
             if "hulldown_bundle" not in file or "kind" not in file:
-                raise AssetError("isn't a hulldown bundle", path=path, remedy=REMEDY)
+                raise AssetError("isn't a hulldown bundle", path=path, remedy=DAMAGED_BUNDLE_REMEDY)
             if (version := int(file["hulldown_bundle"])) != BUNDLE_FORMAT:
-                raise AssetError(f"is a bundle of format {version}, this is {BUNDLE_FORMAT}", path=path, remedy=REMEDY)
-            if str(file["kind"]) != KINDS[wanted]:
-                raise AssetError(f"is a bundle of a {file['kind']}, expected a {KINDS[wanted]}", path=path)
+                raise AssetError(
+                    f"is a bundle of format {version}, this is {BUNDLE_FORMAT}", path=path, remedy=DAMAGED_BUNDLE_REMEDY
+                )
+            if str(file["kind"]) != BUNDLE_KINDS[wanted]:
+                raise AssetError(f"is a bundle of a {file['kind']}, expected a {BUNDLE_KINDS[wanted]}", path=path)
             tree, arrays = json.loads(str(file["tree"])), dict(file)
 
         @cache
@@ -90,5 +92,5 @@ def _load_asset(path: Path, wanted: type[Asset]) -> Asset:
         return convert_value(tree, wanted, dec_hook=lambda _, place: view(*place))
     except FileNotFoundError:
         raise AssetError("does not exist", path=path) from None
-    except _DAMAGE as error:
-        raise AssetError(f"cannot be read as a bundle ({error})", path=path, remedy=REMEDY) from error
+    except _DAMAGE_ERRORS as error:
+        raise AssetError(f"cannot be read as a bundle ({error})", path=path, remedy=DAMAGED_BUNDLE_REMEDY) from error

@@ -12,12 +12,12 @@ from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin, Uni
 from PIL.ExifTags import Base
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, MISSING, read_file
+from hulldown.base.outside import DATA, MISSING_FILE, read_file
 
 DECODER_THREADS = 4  # threads that decode pictures
 MOST_PIXELS = 1 << 28  # of a picture that is decoded, which takes 1.9 GB
 # Of Pillow's formats, those of pictures that need no other program, as EPS does.
-FORMATS = ("BMP", "GIF", "JPEG2000", "PPM", "TGA", "TIFF", "WEBP")
+PICTURE_FORMATS = ("BMP", "GIF", "JPEG2000", "PPM", "TGA", "TIFF", "WEBP")
 UPRIGHT_ORIENTATION = 1  # EXIF's orientation for a picture stored as displayed
 _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 
@@ -42,7 +42,7 @@ def read_picture(path: Path, size: tuple[int, int] | None = None, *, largest: in
 
 def _read_picture(path: Path, largest: int | None) -> PictureFile:
     def refuse(problem: object) -> DatasetError:
-        if problem == MISSING:
+        if problem == MISSING_FILE:
             return DatasetError("is missing", path=path, remedy="put it there or delete its record")
         remedy = "render it again or replace it"
         return DatasetError(f"cannot be read as a picture ({problem})", path=path, remedy=remedy)
@@ -124,6 +124,6 @@ def _open_picture(content: bytes) -> ImageFile.ImageFile:
     if content.startswith(b"\xff\xd8\xff"):
         return JpegImagePlugin.JpegImageFile(file)
     try:
-        return Image.open(file, formats=FORMATS)
+        return Image.open(file, formats=PICTURE_FORMATS)
     except UnidentifiedImageError:
         raise ValueError("its format is unknown") from None

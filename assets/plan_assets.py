@@ -12,7 +12,7 @@ import numpy as np
 from msgspec import Struct
 
 from hulldown.assets.scenery import Scenery
-from hulldown.assets.skylight import EVEN, SkyLight
+from hulldown.assets.skylight import EVEN_SKYLIGHT, SkyLight
 from hulldown.assets.vehicle import VehicleShape
 
 GOLDEN_RATIO = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
@@ -59,14 +59,14 @@ def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
     return Fingerprint(topology.hexdigest(), shape / PARTS_PER_M)
 
 
-class Source(Struct, frozen=True, kw_only=True):
+class AssetSource(Struct, frozen=True, kw_only=True):
     """The file of an asset: its path as in the config, and its SHA-256; both empty for an asset made in memory."""
 
     path: str = ""
     sha256: str = ""
 
 
-class GeometrySource(Source, frozen=True, kw_only=True):
+class GeometrySource(AssetSource, frozen=True, kw_only=True):
     """The file of a vehicle or scenery, and what was read from it."""
 
     # SHA-256 of the textures and libraries that it refers to, by their paths from its folder; None: can't be read
@@ -74,7 +74,7 @@ class GeometrySource(Source, frozen=True, kw_only=True):
     geometry: Fingerprint | None = None
 
 
-class HdriSource(Source, frozen=True, kw_only=True):
+class HdriSource(AssetSource, frozen=True, kw_only=True):
     """The file of an HDRI, and the SHA-256 of the mended pixels that are rendered, or empty."""
 
     mended_sha256: str = ""
@@ -90,7 +90,7 @@ class Assets:
     hdris: tuple[str, ...]  # names of the HDRIs, in the order of the config
     # the files they came from, by "vehicles", "distractors", "sceneries", or "hdris", then by name; assets without an
     # entry were made in memory
-    files: Mapping[str, Mapping[str, Source]] = field(default_factory=dict)
+    files: Mapping[str, Mapping[str, AssetSource]] = field(default_factory=dict)
     # shape of each distractor, in the order of the config
     distractors: Mapping[str, VehicleShape] = field(default_factory=dict)
     # light of HDRIs on open land; those without an entry are even skies of radiance 1, made in memory
@@ -105,4 +105,4 @@ class Assets:
 
     def sky(self, hdri: str) -> SkyLight:
         """Light of an HDRI on open land."""
-        return self.skies.get(hdri, EVEN)
+        return self.skies.get(hdri, EVEN_SKYLIGHT)

@@ -40,8 +40,8 @@ def has_suffix(suffix: str) -> Parameter:
     return make_check(f"the name of a {suffix} file", lambda path: Path(path).suffix.lower() == suffix)
 
 
-PATH = make_parser("a path", Path, metavar="PATH")
-AnyPath: TypeAlias = Annotated[str | os.PathLike[str], PATH]
+PATH_PARSER = make_parser("a path", Path, metavar="PATH")
+AnyPath: TypeAlias = Annotated[str | os.PathLike[str], PATH_PARSER]
 PngFile: TypeAlias = Annotated[AnyPath, has_suffix(".png")]
 BlendFile: TypeAlias = Annotated[AnyPath, has_suffix(".blend")]
 HtmlFile: TypeAlias = Annotated[AnyPath, has_suffix(".html")]

@@ -8,24 +8,24 @@ from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parents[1]
-MISSING = "not installed"
+PACKAGE_FOLDER = Path(__file__).resolve().parents[1]
+NOT_INSTALLED = "not installed"
 
 
 @cache
 def code_sha256() -> str:
     """SHA-256 of all modules."""
     digest = hashlib.sha256()
-    folders = [path.parent for path in ROOT.glob("*/__init__.py")]  # the product's, in a checkout too
+    folders = [path.parent for path in PACKAGE_FOLDER.glob("*/__init__.py")]  # the product's, in a checkout too
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
-        digest.update(f"{path.relative_to(ROOT)} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
+        digest.update(f"{path.relative_to(PACKAGE_FOLDER)} {hashlib.sha256(path.read_bytes()).hexdigest()}\n".encode())
     return digest.hexdigest()
 
 
 def package_versions(*packages: str) -> dict[str, str]:
-    """Versions of hulldown, with a hash of its code, and of packages; `MISSING` for one that isn't installed."""
+    """Versions of hulldown, with a hash of its code, and of packages; `NOT_INSTALLED` for one that isn't installed."""
     by_package = {"hulldown": f"{importlib.metadata.version('hulldown')} ({code_sha256()[:8]})"}
-    return by_package | {package: (package_version(package) or MISSING).split("+")[0] for package in packages}
+    return by_package | {package: (package_version(package) or NOT_INSTALLED).split("+")[0] for package in packages}
 
 
 def package_version(package: str) -> str | None:

@@ -29,7 +29,7 @@ UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so tha
 MARK_BYTES = 4096  # of a file's beginning, which contain its mark
 OTHER_FILE = "name another file by -o, or move it away"
 OTHER_FOLDER = "name a new or an empty folder by -o"
-WRITABLE = "choose a folder that you may write to"
+WRITABLE_REMEDY = "choose a folder that you may write to"
 
 
 class OutputError(HulldownError):
@@ -44,7 +44,7 @@ def claim_file(path: Path, what: str, mark: bytes = b"", *, inputs: Iterable[Pat
     """Refuse a folder, an input, and somebody's file: one that isn't empty and doesn't have the `mark`."""
     if path.is_dir():
         raise OutputError("is a folder", path=path, remedy=f"name a file for {what}")
-    with OutputError.raise_for_system("cannot be written", path=path, remedy=WRITABLE):
+    with OutputError.raise_for_system("cannot be written", path=path, remedy=WRITABLE_REMEDY):
         if path.parent.is_file():
             raise NotADirectoryError(errno.ENOTDIR, f"{path.parent} is a file")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -69,7 +69,7 @@ class OutputLock:
         self.path = path
         self._made = [folder for folder in path.parents if not folder.exists()]  # the inner ones first
         self._lock = FileLock(path, timeout=0)
-        with OutputError.raise_for_system("cannot be written", path=output, remedy=WRITABLE):
+        with OutputError.raise_for_system("cannot be written", path=output, remedy=WRITABLE_REMEDY):
             path.parent.mkdir(parents=True, exist_ok=True)
             try:
                 self._lock.acquire()
@@ -108,7 +108,7 @@ class OutputLock:
         self.release()
 
 
-class Done(msgspec.Struct, frozen=True):
+class FinishedMark(msgspec.Struct, frozen=True):
     """What a finished folder contains: the key of what made it, and the SHA-256 of each file."""
 
     key: str
@@ -165,13 +165,13 @@ class OutputFolder(OutputLock):
             unfinished.mkdir()
             yield unfinished
             if key:
-                replace_file(unfinished / DONE_NAME, msgspec.json.encode(Done(key, _file_hashes(unfinished))))
+                replace_file(unfinished / DONE_NAME, msgspec.json.encode(FinishedMark(key, _file_hashes(unfinished))))
             self._move_content()
         except BaseException as error:
             shutil.rmtree(unfinished, ignore_errors=True)
             if isinstance(error, OSError):
                 full = error.errno in (errno.ENOSPC, errno.EDQUOT)
-                remedy = "free some space and run the same command again" if full else WRITABLE
+                remedy = "free some space and run the same command again" if full else WRITABLE_REMEDY
                 problem = f"cannot be written ({error.strerror})"
                 raise OutputError(problem, path=self.folder, remedy=remedy) from error
             raise
@@ -181,7 +181,7 @@ class OutputFolder(OutputLock):
         for home in (self.folder, self._unfinished_folder):
             path = home / DONE_NAME
             with suppress(OutputError):  # damaged, or of an older version
-                done = read_json(path, Done, partial(OutputError, path=path), what="a list of files")
+                done = read_json(path, FinishedMark, partial(OutputError, path=path), what="a list of files")
                 if done.key == key:
                     break
         else:

@@ -25,7 +25,7 @@ from hulldown.base.files import open_regular
 
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
 TEXT, DOCUMENT, DATA = 1 << 20, 1 << 28, 1 << 32
-MISSING = "no such file"
+MISSING_FILE = "no such file"
 MAX_NESTING_DEPTH = 64  # lists and objects in each other
 LONGEST_NUMBER = 300  # characters: float64 ends at 308
 LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
@@ -35,17 +35,19 @@ FOLDER_KINDS = {
     "annotations.json": "a dataset", "journal.jsonl": "a dataset", "run.json": "a run of `train`",
     "study.json": "a study", ".hulldown-done": "an export",
 }  # fmt: skip
-BEGINNINGS = {
+FILE_BEGINNINGS = {
     b'{"hulldown_plan"': "a plan", b"BLENDER": "a .blend file",
     b"\x89PNG": "a picture", b"\xff\xd8\xff": "a picture", b"\x76\x2f\x31\x01": "an HDRI",
 }  # fmt: skip
 FILE_KINDS = {".toml": "a config", ".json": "a JSON file", ".blend": "a .blend file"}
 T = TypeVar("T")
 _ONE_THREAD = threading.RLock()
-Refuse: TypeAlias = Callable[[str], Exception]  # makes an error of a problem, such as partial(ConfigError, path=path)
+MakeError: TypeAlias = Callable[
+    [str], Exception
+]  # makes an error of a problem, such as partial(ConfigError, path=path)
 
 
-def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
+def read_file(path: Path, refuse: MakeError, *, most: int = DOCUMENT) -> bytes:
     """Return a file's content.
 
     `refuse`: makes the error that is raised if it isn't a regular file, is larger than `most` bytes, or can't be read.
@@ -61,7 +63,7 @@ def read_file(path: Path, refuse: Refuse, *, most: int = DOCUMENT) -> bytes:
             # One more byte than it has, since it may grow.
             content = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
     except FileNotFoundError:
-        raise refuse(MISSING) from None
+        raise refuse(MISSING_FILE) from None
     except OSError as error:
         raise refuse(f"cannot be read ({error.strerror})") from None
     except ValueError:  # a zero byte in its name
@@ -82,7 +84,9 @@ def describe_path(path: Path) -> str:
         return "another file"
     kind = FILE_KINDS.get(path.suffix.lower(), "another file")
     kind = "a JSON list" if kind == "a JSON file" and start.startswith(b"[") else kind
-    return next((known for mark, known in BEGINNINGS.items() if start.startswith(mark)), kind if start else "empty")
+    return next(
+        (known for mark, known in FILE_BEGINNINGS.items() if start.startswith(mark)), kind if start else "empty"
+    )
 
 
 def file_sha256(path: Path) -> str:
@@ -94,7 +98,7 @@ def file_sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def read_text(path: Path, refuse: Refuse, *, most: int = TEXT) -> str:
+def read_text(path: Path, refuse: MakeError, *, most: int = TEXT) -> str:
     """Return a file's text, which is UTF-8 with or without a mark; see `read_file`."""
     try:
         return read_file(path, refuse, most=most).decode("utf-8-sig")
@@ -102,7 +106,7 @@ def read_text(path: Path, refuse: Refuse, *, most: int = TEXT) -> str:
         raise refuse("isn't UTF-8 text") from None
 
 
-def read_json(path: Path, kind: type[T], refuse: Refuse, *, what: str, most: int = DOCUMENT) -> T:
+def read_json(path: Path, kind: type[T], refuse: MakeError, *, what: str, most: int = DOCUMENT) -> T:
     """Return the value of a JSON file as a `kind`; `what` names it in errors, see `read_file`."""
     content = read_file(path, refuse, most=most)
     try:
@@ -151,7 +155,7 @@ def parse_toml(text: str) -> dict[str, Any]:
         raise ValueError("it is nested too deeply") from None
 
 
-class _Loader(yaml.SafeLoader):
+class _PlainYamlLoader(yaml.SafeLoader):
     """A loader without aliases, which reads unknown tags, such as OpenCV's for a matrix, as tables."""
 
     depth = 0
@@ -171,7 +175,7 @@ class _Loader(yaml.SafeLoader):
         return node
 
 
-_Loader.add_multi_constructor("", lambda loader, _, node: loader.construct_mapping(node, deep=True))
+_PlainYamlLoader.add_multi_constructor("", lambda loader, _, node: loader.construct_mapping(node, deep=True))
 
 
 def parse_yaml(text: str) -> object:
@@ -179,7 +183,7 @@ def parse_yaml(text: str) -> object:
     if len(text) > LONGEST_YAML:
         raise ValueError(f"it has more than {LONGEST_YAML >> 10} KiB")
     try:
-        return yaml.load(text, Loader=_Loader)
+        return yaml.load(text, Loader=_PlainYamlLoader)
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from None
     except (ArithmeticError, AttributeError, LookupError, TypeError) as error:  # of a tag whose value doesn't fit it

@@ -30,7 +30,7 @@ class Terminal(Console):
         raise BrokenPipeError
 
 
-STDERR = Terminal(stderr=True, highlight=False)
+STDERR_TERMINAL = Terminal(stderr=True, highlight=False)
 
 
 def escape_controls(text: str) -> str:
@@ -49,18 +49,18 @@ def escape_controls(text: str) -> str:
 
 def print_message(line: str) -> None:
     """Print a message on stderr."""
-    STDERR.print(escape(line), soft_wrap=True)
+    STDERR_TERMINAL.print(escape(line), soft_wrap=True)
 
 
 def print_warning(line: str) -> None:
     """Print a warning on stderr."""
-    STDERR.print(f"[yellow]warning:[/] {escape(line)}", soft_wrap=True)
+    STDERR_TERMINAL.print(f"[yellow]warning:[/] {escape(line)}", soft_wrap=True)
 
 
 @contextmanager
 def reading_status() -> Iterator[Callable[[str], None]]:
     """Show a status line on stderr; yields a function that takes the path being read."""
-    with STDERR.status("reading assets") as status:
+    with STDERR_TERMINAL.status("reading assets") as status:
         yield lambda path: status.update(f"reading {escape(path)}")
 
 
@@ -72,7 +72,7 @@ def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *measured, TimeElapsedColumn(),
         TimeRemainingColumn(),
     )  # fmt: skip
-    bar = Progress(*columns, console=STDERR, speed_estimate_period=SPEED_S)
+    bar = Progress(*columns, console=STDERR_TERMINAL, speed_estimate_period=SPEED_S)
     task = bar.add_task("", total=None, speed="")
 
     def advance(title: str, done: int, total: int) -> None:
@@ -129,4 +129,4 @@ def track_items(title: str, items: Iterable[Item], total: int) -> Iterator[Item]
 
 def is_interactive() -> bool:
     """Return whether stderr is a terminal or a notebook."""
-    return STDERR.is_terminal or STDERR.is_jupyter
+    return STDERR_TERMINAL.is_terminal or STDERR_TERMINAL.is_jupyter

@@ -15,13 +15,13 @@ from pydantic_core import ErrorDetails
 from hulldown.base.errors import ConfigError, shorten_value
 from hulldown.base.outside import describe_path, parse_toml, read_text
 
-TEXTS = ("a config", "a JSON file", "another file", "empty")  # that may be a config
-Model = TypeVar("Model", bound=BaseModel)
+TEXT_FILE_KINDS = ("a config", "a JSON file", "another file", "empty")  # that may be a config
+Document = TypeVar("Document", bound=BaseModel)
 
 
 def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
     """Read a TOML file; `remedy` is what to do if it can't be read."""
-    if path.exists() and (kind := describe_path(path)) not in TEXTS:
+    if path.exists() and (kind := describe_path(path)) not in TEXT_FILE_KINDS:
         raise ConfigError(f"is {kind}, not a config", path=path, remedy=remedy or "name a .toml file")
     text = read_text(path, partial(ConfigError, path=path, remedy=remedy))
     try:
@@ -31,12 +31,12 @@ def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
 
 
 def validate_model(
-    model: type[Model],
+    model: type[Document],
     data: Mapping[str, object],
     path: Path | None,
     *,
     removed: Mapping[str, str] = MappingProxyType({}),
-) -> Model:
+) -> Document:
     """Return the model of a file's data; `removed` tells what to use instead of keys and values of earlier versions."""
     try:
         return model.model_validate(dict(data))
@@ -47,7 +47,7 @@ def validate_model(
 
 
 # Pydantic's terms for Python types, as TOML's.
-_ALLOWED = {
+_ALLOWED_TYPES = {
     "too_short": "expected at least one",
     "tuple_type": "expected a list",
     "model_type": "expected a table",
@@ -75,7 +75,7 @@ def _explain_error(error: ErrorDetails, top: type[BaseModel], removed: Mapping[s
         return f"unknown key {key}; {hint}"
     if error["type"] == "missing":
         return f"{key} is missing" if key else "is empty"
-    allowed = _ALLOWED.get(error["type"]) or error["msg"].removeprefix("Value error, ")
+    allowed = _ALLOWED_TYPES.get(error["type"]) or error["msg"].removeprefix("Value error, ")
     allowed = allowed.replace("Input should be", "expected").replace("String should have", "expected")
     return f"{key}{value}: {allowed}" if key else allowed
 

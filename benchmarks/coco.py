@@ -16,7 +16,7 @@ import orjson
 
 from hulldown.benchmarks.tables import table
 from hulldown.dataset.coco import MERGE_SHARE, CocoDataset
-from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, write_coco
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, write_coco_document
 
 APPEND_COUNT = 200
 REWRITTEN_AT_MOST = 100_000  # images; the dictionaries of a million do not fit into an ordinary machine's memory
@@ -159,7 +159,7 @@ def _fill(folder: Path, n: int) -> None:
     annotations = ({"id": i + 1, "image_id": i + 1, "category_id": 1, **_annotation(i)} for i in range(n))
     head = {"categories": [{"id": 1, "name": "tank", "supercategory": "vehicle"}]}
     with (folder / ANNOTATIONS_NAME).open("wb") as file:
-        write_coco(file, head, map(orjson.dumps, images), map(orjson.dumps, annotations))
+        write_coco_document(file, head, map(orjson.dumps, images), map(orjson.dumps, annotations))
     with (folder / JOURNAL_NAME).open("wb") as file:
         file.write(orjson.dumps(head) + b"\n")
         for i in range(n):

@@ -16,12 +16,20 @@ from pathlib import Path
 from typing import Any
 
 from hulldown.base.files import atomic_writer
-from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, GLOSS, PLAIN, SCENERY_FILES, TANK
+from hulldown.demo.catalog import (
+    CAMOUFLAGE_MATERIALS,
+    CAR_COLORS,
+    DISTRACTORS,
+    PLAIN_COLORS,
+    SCENERY_FILES,
+    TANK_CLASS,
+    VEHICLE_CLASSES,
+)
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.config_keys import config_text
 
 TOWNS = ("sceneries/town_1.blend", "sceneries/town_2.blend")
-CAR_COLORS = ["own", *GLOSS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]
+CAR_COLORS = ["own", *CAR_COLORS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]
 NEEDS = """\
 make photographs needs labeled photographs in COCO folders `train` and `dev`; {lacking} is missing.
 Name their folder with PHOTOGRAPHS=DIR. Those behind the figures in docs/study.md are 320 photographs from Open Images
@@ -80,10 +88,10 @@ SETS = {
             {
                 "path": f"vehicles/{name}.blend",
                 "category": "tank",
-                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], "colors": PLAIN}],
+                "paint": [{"materials": [CAMOUFLAGE_MATERIALS.get(name, "Camouflage")], "colors": PLAIN_COLORS}],
             }
-            for name, category in CATEGORY.items()
-            if category == TANK
+            for name, category in VEHICLE_CLASSES.items()
+            if category == TANK_CLASS
         ],
         distractors=[
             *({"path": f"distractors/{name}.blend"} for name in ("civilian_car", "panel_van", "container")),

@@ -19,7 +19,7 @@ import numpy as np
 
 from hulldown.assets.plan_assets import Assets
 from hulldown.benchmarks.scenes import vehicles
-from hulldown.demo.project import CONFIG, create_project, project_text
+from hulldown.demo.project import CONFIG_NAME, create_project, project_text
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.schema import Config
@@ -63,7 +63,7 @@ def _case(images: int, rays: int, cells: int) -> tuple[Any, Assets]:
 
 def _init_case(folder: str, images: int, vehicles: int, distractors: int, woods: bool) -> tuple[Any, Assets]:
     """The config that `hulldown init` writes, or one that differs from it in these numbers."""
-    config = Config.read(Path(folder) / CONFIG)
+    config = Config.read(Path(folder) / CONFIG_NAME)
     assets = load_library(config).assets
     classes = len(set(assets.categories.values()))
     placement, budget = config.placement, config.budget
@@ -225,7 +225,7 @@ def run(quick: bool, project: Path | None = None) -> dict[str, Any]:
         folder = str(project or made)
         if not project:
             create_project(folder)
-        load_library(Config.read(Path(folder) / CONFIG))  # reads them into the cache
+        load_library(Config.read(Path(folder) / CONFIG_NAME))  # reads them into the cache
         # The case that the others are compared with, before and after them.
         results["alone"] = [_apart(_plan, _case, alone, 256, cells)]
         results["init"] = [_apart(_plan, _init_case, folder, n, 1, 3, True) for n in images]

@@ -13,7 +13,7 @@ from mathutils import Matrix
 
 from hulldown.benchmarks.reading_cases import Case, Truth, build, cases, file_from_vehicle, world_from_written
 from hulldown.benchmarks.reading_things import LITTER_PART, PARTS, Model, Thing, node
-from hulldown.demo.vehicles import LOOK, write_vehicle
+from hulldown.demo.vehicles import VEHICLE_LOOKS, build_vehicle_file
 from hulldown.geometry.transforms import transform_points
 from hulldown.reading.blender.depsgraph import evaluate_scene
 from hulldown.reading.blender.importers import Opened, open_file
@@ -27,8 +27,8 @@ def corpus(each: Sequence[int]) -> Iterator[tuple[Case, Truth, Opened, Evaluated
     """Each case with `each` files of every demo vehicle and group: its truth, what the importer says, what is drawn."""
     with TemporaryDirectory() as temporary:
         folder = Path(temporary)
-        for name in LOOK:
-            write_vehicle(name, folder, rng=np.random.default_rng(0))
+        for name in VEHICLE_LOOKS:
+            build_vehicle_file(name, folder, rng=np.random.default_rng(0))
         bases = {file.stem: _base(file) for file in sorted(folder.glob("*.blend"))}
         for case in cases(list(bases), each=each):
             model, path = build(bases[case.vehicle], case), folder / f"case{case.suffix}"

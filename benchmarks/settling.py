@@ -17,7 +17,7 @@ from hulldown.benchmarks.tables import table
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rotation_z
 from hulldown.placement.candidates import sample_candidates
-from hulldown.placement.rest import NUDGE, OTHER_WAYS
+from hulldown.placement.rest import OTHER_WAYS, PLANE_NUDGE
 from hulldown.placement.settle import SettleRules, settle
 from hulldown.placement.terrain import Terrain
 
@@ -99,7 +99,7 @@ def _resting(samples: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, floa
     upper = hull.equations[:, 2] > 1e-12
     nx, ny, nz, offset = hull.equations[upper].T
     planes = np.column_stack([-nx / nz, -ny / nz, -offset / nz])
-    ways = np.concatenate([[[1.0, 1.0]], OTHER_WAYS]) * NUDGE * SIZE[:2]
+    ways = np.concatenate([[[1.0, 1.0]], OTHER_WAYS]) * PLANE_NUDGE * SIZE[:2]
     above = [int(np.argmin(planes[:, 2] + planes[:, :2] @ way)) for way in ways]
     corners = samples[hull.simplices[upper][above[0]]]
     side = np.roll(corners, -1, axis=0) - corners

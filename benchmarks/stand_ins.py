@@ -24,9 +24,9 @@ from PIL import Image, ImageFilter
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.base.files import atomic_writer
 from hulldown.dataset.exports.export import export_dataset
-from hulldown.dataset.exports.split import SPLITS
+from hulldown.dataset.exports.split import SPLIT_NAMES
 from hulldown.dataset.store.document import COCO_NAME, read_coco
-from hulldown.demo.catalog import CATEGORY
+from hulldown.demo.catalog import VEHICLE_CLASSES
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.config_keys import config_text
 from hulldown.plan.config.schema import Config
@@ -100,7 +100,7 @@ SYNTHETIC = Side(
 def write_side(side: Side, folder: Path) -> Path:
     """Write the config of one half into the folder of the demo's assets."""
     text = config_text(
-        vehicles=[{"path": f"vehicles/{name}.blend", "category": CATEGORY[name]} for name in side.vehicles],
+        vehicles=[{"path": f"vehicles/{name}.blend", "category": VEHICLE_CLASSES[name]} for name in side.vehicles],
         sceneries=[{"path": f"sceneries/{side.scenery}.blend"}],
         hdris=[f"hdris/{name}.exr" for name in side.hdris],
         values={
@@ -146,7 +146,7 @@ def write_stand_ins(dataset: Path, out: Path, shares: tuple[float, float, float]
     unfinished = out.with_name(f"{out.name}.unfinished")
     shutil.rmtree(unfinished, ignore_errors=True)
     export_dataset(dataset, unfinished, layout="coco", fractions=shares)
-    for split in SPLITS:
+    for split in SPLIT_NAMES:
         coco = read_coco(unfinished / split)
         images = []
         for image in coco["images"]:

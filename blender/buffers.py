@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 # By type of attribute: the property of its elements, how they are stored, how many numbers each.
-STORED = {
+STORED_TYPES = {
     "FLOAT": ("value", np.float32, 1),
     "INT": ("value", np.int32, 1),
     "BOOLEAN": ("value", np.bool_, 1),

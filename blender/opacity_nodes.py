@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.blender.add_nodes import add_math, add_node, feed_input
 from hulldown.blender.nodes import group_output, linked_output, material_output
 
-SOCKET = "hulldown opacity"
+OPACITY_SOCKET = "hulldown opacity"
 
 
 def opacity_socket(material: Any) -> Any:
@@ -37,7 +37,7 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
         return _shader_opacity(tree, node.inputs[0], made)
     if kind == "ShaderNodeBsdfTransparent":
         if linked_output(color := node.inputs["Color"]) is None:  # Cycles' luminance of white is 1.000001
-            return 1.0 - float(LUMINANCE @ color.default_value[:3])
+            return 1.0 - float(LUMINANCE_WEIGHTS @ color.default_value[:3])
         return add_math(tree, "SUBTRACT", 1.0, add_node(tree, "RGBToBW", {0: _own_source(color)}).outputs[0])
     if kind == "ShaderNodeBsdfPrincipled":
         return _clamp_value(tree, _own_source(node.inputs["Alpha"]))
@@ -55,7 +55,7 @@ def _of_output(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     if kind == "ShaderNodeGroup" and node.node_tree is not None:
         return _of_group(tree, node, given, made)
     if kind == "NodeGroupInput":
-        return _interface_socket(tree, f"{SOCKET} of {given.identifier}", "INPUT", node)
+        return _interface_socket(tree, f"{OPACITY_SOCKET} of {given.identifier}", "INPUT", node)
     return 1.0
 
 
@@ -64,14 +64,14 @@ def _of_group(tree: Any, node: Any, given: Any, made: dict[Any, Any]) -> Any:
     end = group_output(inner)
     if end is None:
         return 1.0
-    name = f"{SOCKET} of {given.identifier}"
+    name = f"{OPACITY_SOCKET} of {given.identifier}"
     if name not in [item.name for item in inner.interface.items_tree]:
         below = next(socket for socket in end.inputs if socket.identifier == given.identifier)
         opacity = _shader_opacity(inner, below, made)
         _interface_socket(inner, name, "OUTPUT", end)
         feed_input(inner, end.inputs[name], opacity)
     for shader in [socket for socket in node.inputs if socket.type == "SHADER"]:
-        wanted = node.inputs.get(f"{SOCKET} of {shader.identifier}")
+        wanted = node.inputs.get(f"{OPACITY_SOCKET} of {shader.identifier}")
         if wanted is not None and not wanted.is_linked:
             feed_input(tree, wanted, _shader_opacity(tree, shader, made))
     return node.outputs[name]

@@ -13,9 +13,9 @@ import bpy
 from bpy.app.handlers import persistent
 
 WORKING_SPACE = "Linear Rec.709"  # of HDRIs and of all colors in hulldown
-IMPORTS = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # of files that no rendering needs, drawn as shapes
-UNKNOWN = "NodeTreeUndefined"
-SIMULATED = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
+IMPORT_NODES = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # of files that no rendering needs, drawn as shapes
+UNKNOWN_NODE_TREE = "NodeTreeUndefined"
+SIMULATION_MODIFIERS = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
 
 
 def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str]:
@@ -76,12 +76,14 @@ def disarm_file() -> list[str]:
     left_out = []
     for obj in bpy.data.objects:
         for modifier in list(obj.modifiers):
-            if modifier.type in SIMULATED or not all(_disable_disk_cache(cache) for cache in _cache_settings(modifier)):
+            if modifier.type in SIMULATION_MODIFIERS or not all(
+                _disable_disk_cache(cache) for cache in _cache_settings(modifier)
+            ):
                 kind = modifier.type.lower().replace("_", " ")
                 left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache isn't in the file")
                 obj.modifiers.remove(modifier)
     for tree in bpy.data.node_groups:
-        if odd := [node for node in tree.nodes if node.bl_idname in IMPORTS]:
+        if odd := [node for node in tree.nodes if node.bl_idname in IMPORT_NODES]:
             left_out.append(
                 f"the text or table that the nodes {tree.name!r} import is left out, since it isn't a model or picture"
             )
@@ -106,7 +108,7 @@ def _replace_unknown_nodes() -> list[str]:
     """Give materials new nodes for those of a kind that this Blender lacks, with which Cycles crashes."""
     left_out = []
     for material in list(bpy.data.materials):
-        if material.node_tree and material.node_tree.bl_idname == UNKNOWN:
+        if material.node_tree and material.node_tree.bl_idname == UNKNOWN_NODE_TREE:
             name, new = material.name, bpy.data.materials.new(material.name)
             left_out.append(
                 f"the nodes of the material {name!r} are left out, since this Blender doesn't know their kind"
@@ -114,7 +116,7 @@ def _replace_unknown_nodes() -> list[str]:
             material.user_remap(new)
             bpy.data.materials.remove(material)
             new.name = name
-    bpy.data.batch_remove([tree for tree in bpy.data.node_groups if tree.bl_idname == UNKNOWN])
+    bpy.data.batch_remove([tree for tree in bpy.data.node_groups if tree.bl_idname == UNKNOWN_NODE_TREE])
     return left_out
 
 

@@ -8,11 +8,11 @@ from typing import Any
 from hulldown.blender.nodes import Stack, material_output, socket_source
 
 SEEN_THROUGH = 0.5  # least transmission of a transparent surface
-TRANSPARENT = "BSDF_TRANSPARENT"
-REFRACTING = ("BSDF_GLASS", "BSDF_REFRACTION")
-GLOSSY = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC")
+TRANSPARENT_SHADER = "BSDF_TRANSPARENT"
+REFRACTION_SHADERS = ("BSDF_GLASS", "BSDF_REFRACTION")
+GLOSSY_SHADERS = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC")
 BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
-MIXED = ("MIX_SHADER", "ADD_SHADER")
+MIXING_SHADERS = ("MIX_SHADER", "ADD_SHADER")
 
 
 def is_volume(material: Any) -> bool:
@@ -33,10 +33,10 @@ def is_clear(material: Any) -> bool:
     if not output:
         return False
     shaders = [shader for shader, _ in surface_shaders(material)]
-    if any(shader.type in REFRACTING or _transmits_light(shader) for shader in shaders):
+    if any(shader.type in REFRACTION_SHADERS or _transmits_light(shader) for shader in shaders):
         return True
-    thin = all(shader.type in (TRANSPARENT, *GLOSSY) for shader in shaders)
-    clear = any(shader.type == TRANSPARENT for shader in shaders)
+    thin = all(shader.type in (TRANSPARENT_SHADER, *GLOSSY_SHADERS) for shader in shaders)
+    clear = any(shader.type == TRANSPARENT_SHADER for shader in shaders)
     return thin and (clear or bool(output.inputs["Volume"].is_linked))
 
 
@@ -57,7 +57,7 @@ def _shader_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
     if found is None or not found[0].is_output:
         return
     node, stack = found[0].node, found[1]
-    if node.type not in MIXED:
+    if node.type not in MIXING_SHADERS:
         yield node, stack
         return
     for behind in node.inputs:

@@ -22,7 +22,7 @@ from functools import lru_cache
 
 import numpy as np
 
-NONE = (0.0, 0.0, 0.0, 0.0, 0.0)
+NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
 SEEN_FOLD_SHARE = 0.999  # share of the radius of the fold that is seen: at the fold itself, a pixel's ray isn't defined
 MAX_NEWTON_STEPS = 60  # of Newton's method, which takes 4 to 8 but beside the fold
 MAX_INVERSE_RESIDUAL = 1e-13  # relative: what an inverse may miss its point by

@@ -133,7 +133,7 @@ def frame_target(
         cut = np.where(cuts.at_high[rows], size - inside * extent, (inside - 1.0) * extent)
         return np.where(cuts.is_cut[rows], cut, place[rows] * (size - extent))
 
-    search = _Search(cameras, points, rolls, corner)
+    search = _FramingSearch(cameras, points, rolls, corner)
     return search.by_secants(first, box) if truncated[1] > 0.0 else search.by_iteration(first, box)
 
 
@@ -170,12 +170,12 @@ def turn_cameras_to_boxes(
         kinds = [cut_low[rows] & cut_high[rows], cut_low[rows], cut_high[rows]]
         return np.select(kinds, places, np.clip(middle, np.minimum(room, 0.0), np.maximum(room, 0.0)))
 
-    search = _Search(cameras, points, rolls, corner)
+    search = _FramingSearch(cameras, points, rolls, corner)
     return search.by_iteration(first, _projected_box(first, points))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Search:
+class _FramingSearch:
     """Cameras to be turned until each box has its upper left corner where `corner` wants it for a box of that size."""
 
     cameras: Cameras

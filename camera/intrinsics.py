@@ -16,9 +16,19 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hulldown.base.portable import arctan2, hypot, tan
-from hulldown.camera.distortion import NONE, along_sides, distort_points, frame_bounds, seen_radius, undistort_points
+from hulldown.camera.distortion import (
+    NO_DISTORTION,
+    along_sides,
+    distort_points,
+    frame_bounds,
+    seen_radius,
+    undistort_points,
+)
 
-WHOLE = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
+WHOLE_NUMBER_TYPES = (
+    int,
+    np.integer,
+)  # built once: building the union for each camera would take longer than the checks
 WINDOW_SIDE_PARTS = 8  # parts of a window's side at whose ends its image is measured
 
 
@@ -69,12 +79,12 @@ class Intrinsics:
     height: int
     fov_x: float | np.ndarray
     pinhole: tuple[float, float, float, float] | None = None
-    distortion: tuple[float, float, float, float, float] = NONE
+    distortion: tuple[float, float, float, float, float] = NO_DISTORTION
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, WHOLE) or value < 1:
+            if isinstance(value, bool) or not isinstance(value, WHOLE_NUMBER_TYPES) or value < 1:
                 raise ValueError(f"{name}: expected a whole number of pixels, at least 1, got {value!r}")
         possible = (self.fov_x > 0.0) & (self.fov_x < math.pi)
         if not (possible.all() if isinstance(possible, np.ndarray) else possible):
@@ -90,7 +100,7 @@ class Intrinsics:
 
     @classmethod
     def calibrated(
-        cls, width: int, height: int, pinhole: Sequence[float], distortion: Sequence[float] = NONE
+        cls, width: int, height: int, pinhole: Sequence[float], distortion: Sequence[float] = NO_DISTORTION
     ) -> Intrinsics:
         """Return the intrinsics of a calibrated camera.
 
@@ -129,7 +139,7 @@ class Intrinsics:
         """Return the intrinsics in the fields of a row or an image record: `K` and `dist`, or else `fov_x_deg`."""
         if K is not None:
             (fx, _, cx), (_, fy, cy), _ = K
-            return cls.calibrated(width, height, (fx, fy, cx, cy), dist or NONE)
+            return cls.calibrated(width, height, (fx, fy, cx, cy), dist or NO_DISTORTION)
         if fov_x_deg is None:
             raise ValueError("fov_x_deg: expected a number of degrees, got None")
         return cls(width, height, math.radians(fov_x_deg))

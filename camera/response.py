@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from hulldown.base.color import LUMINANCE, srgb_from_linear
+from hulldown.base.color import LUMINANCE_WEIGHTS, srgb_from_linear
 
 CARD_ALBEDO = 0.18  # of the gray card
 CARD_LEVEL = 117.64  # of 255: level of a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels
@@ -22,22 +22,24 @@ FARTHEST_EV = 32.0  # what Blender's view settings allow
 # Blender's AgX without a look: matrix, curve over 16.5 stops, matrix, sRGB. Fitted to 3000 colors that Blender 5.0 has
 # transformed, from 2^-9 to 2^6 and up to saturated; on 3144 others the largest error of a channel is 1.5 of 255 in the
 # mean, below 4.5 for 99 %.
-_IN = np.array([[0.48953, 0.25038, 0.07277], [0.08819, 0.63193, 0.0971], [0.07342, 0.14333, 0.59868]])
-_OUT = np.array([[27.72894, -9.143, -2.25037], [-2.71474, 19.84961, -0.85207], [-2.60696, -3.90831, 22.83187]])
-_CURVE = (-8.86642, 39.66201, -61.55681, 36.89593, -1.72526, -6.12759, 2.24129, -0.22737)
+_AGX_IN = np.array([[0.48953, 0.25038, 0.07277], [0.08819, 0.63193, 0.0971], [0.07342, 0.14333, 0.59868]])
+_AGX_OUT = np.array([[27.72894, -9.143, -2.25037], [-2.71474, 19.84961, -0.85207], [-2.60696, -3.90831, 22.83187]])
+_AGX_CURVE = (-8.86642, 39.66201, -61.55681, 36.89593, -1.72526, -6.12759, 2.24129, -0.22737)
 _LOWEST, _STOPS = -12.47393, 16.5
 _LEVEL_POWER = 2.2
 _EXPOSURE_HALVINGS = 48  # of the range of exposures that is searched: to 1e-13 EV
-_XYZ = np.array([[0.41239, 0.35758, 0.18048], [0.21264, 0.71517, 0.07219], [0.01933, 0.11919, 0.95053]])
+_XYZ_FROM_RGB = np.array([[0.41239, 0.35758, 0.18048], [0.21264, 0.71517, 0.07219], [0.01933, 0.11919, 0.95053]])
 _BLACK_BODY = ((0.5267, 0.4133), (0.4770, 0.4137), (0.4369, 0.4041))  # xy at 2000, 2500, and 3000 K
-_CONES = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ
+_CONES_FROM_RGB = (
+    np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ_FROM_RGB
+)
 
 
 def display_levels(radiance: np.ndarray) -> np.ndarray:
     """Levels from 0 to 255 of linear Rec. 709 radiance in a picture."""
-    stops = (np.log2(np.maximum(radiance @ _IN.T, 1e-10)) - _LOWEST) / _STOPS
-    curved = np.polyval(_CURVE, np.clip(stops, 0.0, 1.0))
-    linear = np.clip(np.sign(curved) * np.abs(curved) ** _LEVEL_POWER @ _OUT.T, 0.0, 1.0)
+    stops = (np.log2(np.maximum(radiance @ _AGX_IN.T, 1e-10)) - _LOWEST) / _STOPS
+    curved = np.polyval(_AGX_CURVE, np.clip(stops, 0.0, 1.0))
+    linear = np.clip(np.sign(curved) * np.abs(curved) ** _LEVEL_POWER @ _AGX_OUT.T, 0.0, 1.0)
     return 255.0 * srgb_from_linear(linear)
 
 
@@ -52,9 +54,9 @@ def white_balance(offset_k: float) -> np.ndarray:
     """
     if offset_k == 0.0:
         return np.eye(3)
-    cones = _CONES @ np.linalg.inv(_XYZ)
+    cones = _CONES_FROM_RGB @ np.linalg.inv(_XYZ_FROM_RGB)
     seen, wanted = (cones @ _daylight_xyz(kelvin) for kelvin in (NEUTRAL_K + offset_k, NEUTRAL_K))
-    return np.linalg.inv(_CONES) @ np.diag(wanted / seen) @ _CONES
+    return np.linalg.inv(_CONES_FROM_RGB) @ np.diag(wanted / seen) @ _CONES_FROM_RGB
 
 
 def _daylight_xyz(kelvin: float) -> np.ndarray:
@@ -82,7 +84,7 @@ def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
     daylight = [_daylight_xyz(kelvin) for kelvin in kelvins if kelvin >= warmest]
     sunsets = [_chromaticity_xyz(x, y) for x, y in _BLACK_BODY if warmest < 4000.0]
     places = np.stack([_chromaticity_uv(color) for color in (*sunsets, *daylight)])
-    place, start, along = _chromaticity_uv(_XYZ @ light), places[:-1], np.diff(places, axis=0)
+    place, start, along = _chromaticity_uv(_XYZ_FROM_RGB @ light), places[:-1], np.diff(places, axis=0)
     share = np.clip(((place - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
     return float(np.linalg.norm(start + share[:, None] * along - place, axis=1).min())
 
@@ -98,7 +100,7 @@ def metered_exposures_ev(radiance: np.ndarray) -> np.ndarray:
     low, high = (np.full(len(radiance), end) for end in (-FARTHEST_EV, FARTHEST_EV))
     for _ in range(_EXPOSURE_HALVINGS):
         middle = (low + high) / 2.0
-        dark = display_levels(radiance * np.exp2(middle)[:, None]) @ LUMINANCE < CARD_LEVEL
+        dark = display_levels(radiance * np.exp2(middle)[:, None]) @ LUMINANCE_WEIGHTS < CARD_LEVEL
         low, high = np.where(dark, middle, low), np.where(dark, high, middle)
     return (low + high) / 2.0
 

@@ -15,8 +15,8 @@ from hulldown.base.arguments import Count, make_check
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import print_message
 
-HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
-RESOURCE = "render"  # of workers that render, declared by `dask worker --resources "render=1"`
+LOCAL_HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
+RENDER_RESOURCE = "render"  # of workers that render, declared by `dask worker --resources "render=1"`
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # number of workers that share this machine's cores and memory
 LOST_S = 60  # a worker silent for this long is lost
 
@@ -100,11 +100,11 @@ def local_cluster(workers: int, *, port: int) -> Iterator[str]:
             cluster = LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                resources={RESOURCE: 1},
+                resources={RENDER_RESOURCE: 1},
                 memory_limit=0,  # Dask sees only its own process; `render.process` watches Blender
-                host=HOST,
+                host=LOCAL_HOST,
                 scheduler_port=port,
-                dashboard_address=f"{HOST}:0",
+                dashboard_address=f"{LOCAL_HOST}:0",
                 worker_dashboard_address=None,
             )
         except (OSError, RuntimeError) as error:

@@ -35,7 +35,7 @@ Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, slots=True)
-class Answer(Generic[Result]):
+class TaskResult(Generic[Result]):
     """A task's answer."""
 
     value: Result
@@ -85,7 +85,7 @@ class Cluster:
     def run(
         self,
         jobs: Iterable[Job],
-        call: Callable[[Job], Callable[[], Answer[Result] | str]],
+        call: Callable[[Job], Callable[[], TaskResult[Result] | str]],
         *,
         lost: Result,
         stopping: Callable[[], bool] = lambda: False,
@@ -218,7 +218,7 @@ class Cluster:
         self.client.close(timeout=5)
 
 
-def _do_task(call: Callable[[], Answer[Result] | str]) -> tuple[str, Answer[Result] | str]:
+def _do_task(call: Callable[[], TaskResult[Result] | str]) -> tuple[str, TaskResult[Result] | str]:
     """Do a task on a worker; return its address, and the answer or the reason why it can't do tasks."""
     address = str(get_worker().address)
     try:

@@ -12,11 +12,11 @@ from jaxtyping import Float, Int
 from msgspec import UNSET, Struct, UnsetType
 
 from hulldown.annotate.labels.box_3d import BoxInCamera
-from hulldown.annotate.record_fields import LabelRecord, Pose, View, declared_fields
+from hulldown.annotate.record_fields import LabelRecord, Pose, RenderedImageRecord, declared_fields
 from hulldown.annotate.records import Image, Label
 from hulldown.camera.shell import shell_place
 
-SIDES = ("front", "side", "rear")
+SEEN_SIDES = ("front", "side", "rear")
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ def _bin_scale(name: str, title: str, unit: str, *edges: float) -> Scale:
     return Scale(name, title, unit, (0.0, *edges), names)
 
 
-SIZE = _bin_scale("box_size", "box size (root of its area)", "px", 16.0, 32.0, 64.0, 96.0, 192.0, 384.0)
+BOX_SIZE_SCALE = _bin_scale("box_size", "box size (root of its area)", "px", 16.0, 32.0, 64.0, 96.0, 192.0, 384.0)
 SCALES = (
     _bin_scale("distance", "distance", "m", 25.0, 50.0, 100.0, 200.0, 400.0, 800.0),
     Scale(
@@ -94,7 +94,7 @@ def viewing_angles(
 
 
 def seen_sides(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """Return which of `SIDES`, 90 degrees each, is seen from azimuths in degrees; -1 for nan."""
+    """Return which of `SEEN_SIDES`, 90 degrees each, is seen from azimuths in degrees; -1 for nan."""
     turned = np.abs(azimuth)
     return np.select([turned <= 45.0, turned < 135.0, turned <= 180.0], [0, 1, 2], -1)
 
@@ -112,7 +112,7 @@ class _Weather(Struct):
     visibility_m: float | None = None
 
 
-class Conditions(View):
+class Conditions(RenderedImageRecord):
     """Fields of an image's record about its scenery, light, and air."""
 
     position: float | None = None
@@ -142,7 +142,7 @@ def image_conditions(images: Sequence[Image]) -> list[Conditions]:
 
 def camera_poses(images: Sequence[Image]) -> Float[np.ndarray, "n 4 4"]:
     """Return the poses of images' cameras; nan if there is none."""
-    return pose_array([declared_fields(image.record, View).world_from_camera for image in images])
+    return pose_array([declared_fields(image.record, RenderedImageRecord).world_from_camera for image in images])
 
 
 def pose_array(given: Sequence[Pose | None]) -> Float[np.ndarray, "n 4 4"]:

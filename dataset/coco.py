@@ -26,7 +26,7 @@ from hulldown.dataset.store.entries import (
     normal_name,
     plain_json,
 )
-from hulldown.dataset.store.journal import MERGED, Journal
+from hulldown.dataset.store.journal import MERGED_LINE, Journal
 from hulldown.dataset.store.reservations import Reservation
 
 MERGE_EVERY_S = 30.0
@@ -228,7 +228,7 @@ class CocoDataset:
         start = time.monotonic()
         if self._document.pending or not path.exists():
             self._document.write(path)
-            self._journal.append_bytes(MERGED)
+            self._journal.append_bytes(MERGED_LINE)
             self._document.pending = 0
         self._merged_at = time.monotonic()
         self._merge_took = self._merged_at - start

@@ -21,7 +21,7 @@ from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import TEXT, parse_value, parse_xml, parse_yaml, read_file, read_text
 
-PICTURES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
+PICTURE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
 
 _Name = Annotated[str, Meta(min_length=1)] | int | float  # YAML takes a class called 2 for a number
@@ -68,7 +68,7 @@ def _yolo_folders(folder: Path) -> tuple[tuple[Path, Path], ...]:
 
 
 def _picture_files(folder: Path) -> list[Path]:
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURES)
+    return sorted(path for path in folder.iterdir() if path.suffix.lower() in PICTURE_SUFFIXES)
 
 
 def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:

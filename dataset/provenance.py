@@ -16,7 +16,7 @@ from hulldown.dataset.store.journal import read_journal, replace_journal
 
 FAILURES_NAME = "failures.jsonl"
 PROVENANCE_NAME = "provenance.json"
-GROWING = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
+GROWING_LISTS = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
 
 
 class Provenance(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -58,7 +58,7 @@ def add_provenance(folder: Path, plans: Mapping[str, Provenance]) -> None:
     known = read_provenance(folder)
     for key, new in plans.items():
         before = known.get(key, new)
-        grown = {name: sorted({*getattr(before, name), *getattr(new, name)}) for name in GROWING}
+        grown = {name: sorted({*getattr(before, name), *getattr(new, name)}) for name in GROWING_LISTS}
         known[key] = replace(new, **grown)
     with replace_journal(folder / PROVENANCE_NAME) as file:
         file.write(orjson.dumps({"plans": to_builtins(known)}, option=orjson.OPT_INDENT_2))

@@ -24,7 +24,7 @@ from hulldown.annotate.record_fields import (
     CategoryRecord,
     ImageRecord,
     LabelRecord,
-    View,
+    RenderedImageRecord,
     declared_fields,
     invalid_fields,
 )
@@ -150,7 +150,7 @@ def _recorded_fields(kind: type[Struct], *declared: type[Struct]) -> type[Struct
     return defstruct(kind.__name__, [(key, hints[key], None) for key in keys])
 
 
-ROW_FIELDS = _recorded_fields(Row, View, ImageRecord)
+ROW_FIELDS = _recorded_fields(Row, RenderedImageRecord, ImageRecord)
 VEHICLE_FIELDS = _recorded_fields(PlannedVehicle, LabelRecord)
 
 
@@ -158,10 +158,10 @@ def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
     """Find fields of a render's view that don't fit; those of other datasets may mean something else."""
     for image in images:
         row_fields = invalid_fields(image, ROW_FIELDS) if PICTURE_KEY in image else ()
-        problems = [*invalid_fields(image, View), *row_fields]
+        problems = [*invalid_fields(image, RenderedImageRecord), *row_fields]
         if (
             not (problems or any(invalid_fields(image, ImageRecord)))
-            and (view := declared_fields(image, View)).K is not None
+            and (view := declared_fields(image, RenderedImageRecord)).K is not None
         ):
             try:
                 Intrinsics.of_fields(image["width"], image["height"], K=view.K, dist=view.dist)

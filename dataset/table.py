@@ -16,7 +16,7 @@ from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.indices import even_sample
-from hulldown.dataset.attributes import SCALES, SIDES, SIZE, image_conditions, label_numbers, seen_sides
+from hulldown.dataset.attributes import BOX_SIZE_SCALE, SCALES, SEEN_SIDES, image_conditions, label_numbers, seen_sides
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.row_records import image_record, label_records
@@ -24,8 +24,12 @@ from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.plan_file import Plan
 
-Columns = dict[str, Shaped[np.ndarray, " n"]]
-CONDITIONS = {"scenery": "scenery", "hdri": "HDRI", "weather": "weather"}  # columns that name an image's, with titles
+DatasetColumns = dict[str, Shaped[np.ndarray, " n"]]
+CONDITION_TITLES = {
+    "scenery": "scenery",
+    "hdri": "HDRI",
+    "weather": "weather",
+}  # columns that name an image's, with titles
 
 
 class Dataset(ShownInNotebooks):
@@ -156,7 +160,7 @@ class Dataset(ShownInNotebooks):
         return self.sheet(count=6, columns=3, tile_width=320)
 
     @cached_property
-    def labels(self) -> Columns:
+    def labels(self) -> DatasetColumns:
         """A table of labels: columns by name, one row per label, for pandas, polars, and NumPy.
 
         ``image`` is the row of `of_images`. Unknown numbers are nan, unknown names empty; lengths are in meters
@@ -171,17 +175,17 @@ class Dataset(ShownInNotebooks):
             "id": np.array([label.id for _, label in rows], dtype=np.int64),
             "category": np.array([label.category for _, label in rows], dtype=str),
             **dict(zip(("x", "y", "width", "height"), boxes.T, strict=True)),
-            SIZE.name: np.sqrt(np.abs(boxes[:, 2] * boxes[:, 3])),
+            BOX_SIZE_SCALE.name: np.sqrt(np.abs(boxes[:, 2] * boxes[:, 3])),
             "crowd": np.array([label.crowd for _, label in rows], dtype=bool),
             **{scale.name: numbers[scale.name] for scale in SCALES},
             "azimuth": numbers["azimuth"],
-            "side": np.array([*SIDES, ""])[seen_sides(numbers["azimuth"])],
+            "side": np.array([*SEEN_SIDES, ""])[seen_sides(numbers["azimuth"])],
             "vehicle": np.array([label.vehicle or "" for _, label in rows], dtype=str),
-            **{key: self.of_images[key][index] for key in CONDITIONS},
+            **{key: self.of_images[key][index] for key in CONDITION_TITLES},
         }
 
     @cached_property
-    def of_images(self) -> Columns:
+    def of_images(self) -> DatasetColumns:
         """A table of images, like `labels`."""
         conditions = image_conditions(self.images)
         scalars = (("id", np.int64), ("file_name", str), ("width", np.int64), ("height", np.int64))

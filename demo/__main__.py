@@ -10,24 +10,27 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.demo import hills, skies, steppe, vehicles
-from hulldown.demo.catalog import CATEGORY, DISTRACTORS, SCENERIES, SKIES, STUDIO_HDRIS
-from hulldown.demo.make_assets import BUILT
+from hulldown.demo.catalog import DISTRACTORS, SCENERY_NAMES, SKY_NAMES, STUDIO_HDRIS, VEHICLE_CLASSES
+from hulldown.demo.make_assets import BUILT_LINE_PREFIX
 
-SCENERY = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
+SCENERY_BUILDERS = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
 
 
 def _asset_jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
     """Yield each asset's name and maker; each has random numbers of its own, so that none depends on its neighbors."""
-    for k, name in enumerate(CATEGORY):
-        yield name, partial(vehicles.write_vehicle, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k]))
+    for k, name in enumerate(VEHICLE_CLASSES):
+        yield (
+            name,
+            partial(vehicles.build_vehicle_file, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k])),
+        )
     for name in DISTRACTORS:
         yield name, partial(vehicles.write_distractor, name, folder / "distractors")
-    for k, name in enumerate(SCENERIES):
+    for k, name in enumerate(SCENERY_NAMES):
         path = folder / "sceneries" / f"{name}.blend"
-        yield name, partial(SCENERY[name], path, rng=np.random.default_rng([seed, 2, k]))
+        yield name, partial(SCENERY_BUILDERS[name], path, rng=np.random.default_rng([seed, 2, k]))
     for name in STUDIO_HDRIS:
         yield name, partial(skies.copy_studio_hdri, name, folder / "hdris")
-    for name in SKIES:
+    for name in SKY_NAMES:
         yield name, partial(skies.write_sky, name, folder / "hdris")
 
 
@@ -42,7 +45,7 @@ def main() -> None:
     arguments = parser.parse_args()
     for name, build in _asset_jobs(arguments.folder, arguments.seed):
         if not arguments.only or name in arguments.only:
-            print(f"{BUILT}{build()}", flush=True)
+            print(f"{BUILT_LINE_PREFIX}{build()}", flush=True)
 
 
 if __name__ == "__main__":

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-TANK = "main battle tank"
-TRUCK = "military truck"
-LAUNCHER = "surface-to-air missile system"
+TANK_CLASS = "main battle tank"
+TRUCK_CLASS = "military truck"
+LAUNCHER_CLASS = "surface-to-air missile system"
 
 # Vehicle -> class. The file is vehicles/<name>.blend, nose along +x, z up.
-CATEGORY = {
-    "mbt_wedge": TANK,
-    "mbt_dome": TANK,
-    "mbt_slab": TANK,
-    "mbt_classic": TANK,
-    "truck_canvas": TRUCK,
-    "truck_cargo": TRUCK,
-    "truck_tanker": TRUCK,
-    "sam_canister": LAUNCHER,
-    "sam_rails": LAUNCHER,
-    "sam_turret": LAUNCHER,
+VEHICLE_CLASSES = {
+    "mbt_wedge": TANK_CLASS,
+    "mbt_dome": TANK_CLASS,
+    "mbt_slab": TANK_CLASS,
+    "mbt_classic": TANK_CLASS,
+    "truck_canvas": TRUCK_CLASS,
+    "truck_cargo": TRUCK_CLASS,
+    "truck_tanker": TRUCK_CLASS,
+    "sam_canister": LAUNCHER_CLASS,
+    "sam_rails": LAUNCHER_CLASS,
+    "sam_turret": LAUNCHER_CLASS,
 }
 # Army vehicles keep their camouflage as often as not, or wear one plain color.
-PLAIN = ["own", "own", "own", "#5b6146", "#94835e", "#4d5154"]
-CAMOUFLAGE = {"mbt_slab": "Desert_Blocks", "sam_turret": "Forest_Blocks"}  # where the material has another name
-GLOSS = ["#d9dad6", "#8d9194", "#2b2d30", "#16191c", "#7d1f1c", "#23406e", "#3b4a3a", "#b9ad92"]
+PLAIN_COLORS = ["own", "own", "own", "#5b6146", "#94835e", "#4d5154"]
+CAMOUFLAGE_MATERIALS = {
+    "mbt_slab": "Desert_Blocks",
+    "sam_turret": "Forest_Blocks",
+}  # where the material has another name
+CAR_COLORS = ["#d9dad6", "#8d9194", "#2b2d30", "#16191c", "#7d1f1c", "#23406e", "#3b4a3a", "#b9ad92"]
 # What is no target: distractor -> the keys that the config gives it. The file is distractors/<name>.blend.
 DISTRACTORS: dict[str, dict[str, object]] = {
-    "civilian_car": {"weight": 1.5, "paint": [{"materials": ["Paint"], "colors": GLOSS}]},
-    "panel_van": {"paint": [{"materials": ["Paint"], "colors": ["own", "own", *GLOSS]}]},
+    "civilian_car": {"weight": 1.5, "paint": [{"materials": ["Paint"], "colors": CAR_COLORS}]},
+    "panel_van": {"paint": [{"materials": ["Paint"], "colors": ["own", "own", *CAR_COLORS]}]},
     "container": {"paint": [{"materials": ["Paint"], "colors": ["own", "#7d3a1c", "#6b6a1f", "#23406e", "#8d9194"]}]},
     "bale_stack": {"forward": "+x", "sceneries": ["temperate_hills"]},
     "tractor_trailer": {
@@ -35,12 +38,12 @@ DISTRACTORS: dict[str, dict[str, object]] = {
     },
     "burnt_hull": {"turret": "", "gun": ""},
 }
-SCENERIES = ("temperate_hills", "dry_steppe")
+SCENERY_NAMES = ("temperate_hills", "dry_steppe")
 # Blender's own HDRIs that show the open air, then the skies computed here, which add crisp sunlight.
 STUDIO_HDRIS = ("city", "forest", "sunrise", "sunset")
-SKIES = ("sky_noon", "sky_morning", "sky_evening", "sky_overcast")
+SKY_NAMES = ("sky_noon", "sky_morning", "sky_evening", "sky_overcast")
 
-VEHICLE_FILES = tuple(f"vehicles/{name}.blend" for name in CATEGORY)
+VEHICLE_FILES = tuple(f"vehicles/{name}.blend" for name in VEHICLE_CLASSES)
 DISTRACTOR_FILES = tuple(f"distractors/{name}.blend" for name in DISTRACTORS)
-SCENERY_FILES = tuple(f"sceneries/{name}.blend" for name in SCENERIES)
-HDRI_FILES = tuple(f"hdris/{name}.exr" for name in (*STUDIO_HDRIS, *SKIES))
+SCENERY_FILES = tuple(f"sceneries/{name}.blend" for name in SCENERY_NAMES)
+HDRI_FILES = tuple(f"hdris/{name}.exr" for name in (*STUDIO_HDRIS, *SKY_NAMES))

@@ -11,7 +11,7 @@ from hulldown.demo.land import Land, highest_surface, level_road, make_mound, ma
 from hulldown.demo.planting import Planting
 from hulldown.demo.relief import Course, Noise, make_sheet, smoothstep
 
-SOIL = earth.Soil(
+MEADOW_SOIL = earth.Soil(
     cover=("#37471d", "#545f2b", "#857c4a"),
     bare=("#6b5335", "#85704d"),
     rock=("#6e6a60", "#8d8778"),
@@ -21,13 +21,13 @@ SOIL = earth.Soil(
     tufts=0.10,
     clumps=1.0,
 )
-ROAD = [(-249, -110), (-170, -60), (-90, -95), (-10, -30), (60, 40), (150, 30), (190, 110), (249, 135)]
+ROAD_COURSE = [(-249, -110), (-170, -60), (-90, -95), (-10, -30), (60, 40), (150, 30), (190, 110), (249, 135)]
 
 
 def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     """Meadows, a wooded hill with a steep flank, a crest to hide behind, a dirt road, 500 m square."""
     land, noise = Land(250.0), Noise(rng)
-    course = Course(ROAD)
+    course = Course(ROAD_COURSE)
 
     def rolling(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 5.5 * noise(x, y, 170.0, octaves=2) + 0.7 * noise(x + 90, y, 28.0, octaves=2) + 0.1 * noise(x, y, 7.0)
@@ -37,7 +37,10 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     hill = make_mound((-90.0, 110.0), (115.0, 85.0), 20.0, 27.0, meadow, steep=1.9)
     knoll = make_mound((120.0, -110.0), (70.0, 55.0), -35.0, 15.0, meadow, steep=1.7)
     crest = make_mound((40.0, 150.0), (105.0, 24.0), -12.0, 4.6, meadow, steep=1.3)
-    grass, hillside = earth.ground_material("Meadow_Ground", SOIL), earth.ground_material("Hill_Ground", SOIL)
+    grass, hillside = (
+        earth.ground_material("Meadow_Ground", MEADOW_SOIL),
+        earth.ground_material("Hill_Ground", MEADOW_SOIL),
+    )
     field = np.linspace(-land.half, land.half, 201)
     land.add("Ground_Meadow", make_sheet(field, field, meadow), grass, home="Terrain")
     wooded = land.add("Ground_Hill", make_patch((-90, 110), 125, hill), hillside, home="Terrain")
@@ -49,7 +52,9 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 70 + 110 * noise(x, y, 900.0, octaves=4, rough=0.45)
 
-    land.surroundings(meadow, mountains, earth.ground_material("Far_Ground", SOIL, far=True), rise=(250.0, 2600.0))
+    land.surroundings(
+        meadow, mountains, earth.ground_material("Far_Ground", MEADOW_SOIL, far=True), rise=(250.0, 2600.0)
+    )
     planting = Planting(land, highest_surface(meadow, hill, knoll, crest), rng)
     _add_plants(planting, noise, course, wooded)
     land.camera((-20.0, -150.0, 14.0), 5.0)

@@ -12,9 +12,9 @@ from hulldown.base.errors import AssetError
 from hulldown.demo.catalog import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
 from hulldown.reading.libraries import library_remedy
 
-FILES = (*VEHICLE_FILES, *DISTRACTOR_FILES, *SCENERY_FILES, *HDRI_FILES)
+ASSET_FILES = (*VEHICLE_FILES, *DISTRACTOR_FILES, *SCENERY_FILES, *HDRI_FILES)
 MAX_ATTEMPTS = 3  # Blender crashes now and then; what it had built stays
-BUILT = "hulldown built "  # starts a line of the child process that names a file
+BUILT_LINE_PREFIX = "hulldown built "  # starts a line of the child process that names a file
 
 
 def build_demo_assets(
@@ -23,10 +23,10 @@ def build_demo_assets(
     """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`; existing files are kept."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    left, attempts = [file for file in FILES if not os.path.lexists(folder / file)], MAX_ATTEMPTS
+    left, attempts = [file for file in ASSET_FILES if not os.path.lexists(folder / file)], MAX_ATTEMPTS
     while left:
         code, output = _run_blender(
-            folder.resolve(), seed, left, lambda: progress and progress(len(FILES) - len(left), len(FILES))
+            folder.resolve(), seed, left, lambda: progress and progress(len(ASSET_FILES) - len(left), len(ASSET_FILES))
         )
         attempts -= 1
         if not left or (code < 0 and attempts):
@@ -35,7 +35,7 @@ def build_demo_assets(
             raise AssetError("building demo assets needs Blender", remedy=remedy)
         last = output[-1].strip() if output else f"exit status {code}"
         raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
-    return tuple(folder / file for file in FILES)
+    return tuple(folder / file for file in ASSET_FILES)
 
 
 def _run_blender(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
@@ -53,8 +53,8 @@ def _run_blender(folder: Path, seed: int, left: list[str], step: Callable[[], ob
     ) as child:
         for line in child.stdout or ():
             output = [*output[-20:], line]
-            if line.startswith(BUILT):
-                file = Path(line.removeprefix(BUILT).strip()).relative_to(folder).as_posix()
+            if line.startswith(BUILT_LINE_PREFIX):
+                file = Path(line.removeprefix(BUILT_LINE_PREFIX).strip()).relative_to(folder).as_posix()
                 if file in left:
                     left.remove(file)
                     step()

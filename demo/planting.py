@@ -15,7 +15,7 @@ from hulldown.demo.land import Land
 from hulldown.demo.materials import Color
 from hulldown.demo.relief import Height
 
-Share = Callable[[np.ndarray, np.ndarray], np.ndarray]  # how likely a plant stands at x, y: 0 to 1
+PlantDensity = Callable[[np.ndarray, np.ndarray], np.ndarray]  # how likely a plant stands at x, y: 0 to 1
 MIN_SLOPE_COSINE = 0.8  # least cosine of the slope of ground that geometry nodes strew things on
 
 
@@ -32,7 +32,7 @@ class Planting:
         home: str,
         kinds: Sequence[Any],
         n: int,
-        share: Share,
+        share: PlantDensity,
         *,
         gap: float,
         scale: tuple[float, float],
@@ -43,7 +43,7 @@ class Planting:
         """Add up to n copies of these meshes or curves to the collection `home`, at least `gap` meters apart."""
         self._copies(home, kinds, self._spots(self.land.half, n, share, gap=gap), scale, sink, tilt=tilt, lying=lying)
 
-    def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: Share) -> list[Any]:
+    def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: PlantDensity) -> list[Any]:
         """Stones of these shapes and n places, and ten boulders between which a vehicle is small; their meshes."""
         kinds = [
             vegetation.make_boulder(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)
@@ -56,7 +56,14 @@ class Planting:
         return kinds
 
     def grass(
-        self, name: str, tones: tuple[Color, Color], heights: Sequence[float], n: int, share: Share, *, clumps: int
+        self,
+        name: str,
+        tones: tuple[Color, Color],
+        heights: Sequence[float],
+        n: int,
+        share: PlantDensity,
+        *,
+        clumps: int,
     ) -> None:
         """Patches of grass some meters wide that lie on the ground, `clumps` in each."""
         blades = earth.leaf_material(f"{name}_Blades", tones)
@@ -68,7 +75,9 @@ class Planting:
         ]
         self.strew("Grass", patches, n, share, gap=4.0, scale=(0.75, 1.3), sink=0.02, lying=True)
 
-    def outskirts(self, name: str, plants: Sequence[Any], n: int, share: Share, *, reach: float, group: int) -> None:
+    def outskirts(
+        self, name: str, plants: Sequence[Any], n: int, share: PlantDensity, *, reach: float, group: int
+    ) -> None:
         """Plant groups on the surroundings, `reach` meters from the middle and farther than the ground's edge."""
         spots = self._spots(reach, n, share, gap=12.0, inside=self.land.half + 10)
         members = bpy.data.collections.new(name)
@@ -101,7 +110,7 @@ class Planting:
         plant.scale = (size, size, size)
         _by_nodes(ground, plant, density=density, seed=int(self.rng.integers(1000)), scale=scale)
 
-    def _spots(self, half: float, n: int, share: Share, *, gap: float, inside: float = 0.0) -> np.ndarray:
+    def _spots(self, half: float, n: int, share: PlantDensity, *, gap: float, inside: float = 0.0) -> np.ndarray:
         """Return up to n places (k, 2) in the square of side 2 * half, outside that of `inside`, `gap` apart."""
         xy = self.rng.uniform(-half, half, (6 * n, 2))
         xy = xy[(np.abs(xy).max(axis=1) >= inside) & (self.rng.random(len(xy)) < share(xy[:, 0], xy[:, 1]))]

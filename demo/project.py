@@ -17,7 +17,16 @@ from hulldown.base.files import atomic_writer
 from hulldown.base.outputs import claim_file
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.store.document import is_own
-from hulldown.demo.catalog import CAMOUFLAGE, CATEGORY, DISTRACTORS, LAUNCHER, PLAIN, SCENERY_FILES, TANK, TRUCK
+from hulldown.demo.catalog import (
+    CAMOUFLAGE_MATERIALS,
+    DISTRACTORS,
+    LAUNCHER_CLASS,
+    PLAIN_COLORS,
+    SCENERY_FILES,
+    TANK_CLASS,
+    TRUCK_CLASS,
+    VEHICLE_CLASSES,
+)
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.asset_sections import CACHE_NAME
 from hulldown.plan.config.config_keys import bare_text, config_text
@@ -25,14 +34,14 @@ from hulldown.planning.inputs.camera_file import read_camera
 from hulldown.planning.inputs.found_assets import asset_files, found_config, keep_doubts, missing_kinds, read_found
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
-CONFIG = "hulldown.toml"
-NOTHING: Mapping[str, object] = MappingProxyType({})  # beyond the defaults; else see `config_text`
+CONFIG_NAME = "hulldown.toml"
+NO_KEYS: Mapping[str, object] = MappingProxyType({})  # beyond the defaults; else see `config_text`
 # A look at everything in minutes on two cores: few images, small, rather near and from a standing eye's height to a
 # treetop's, as photographs are taken, under the skies that suit open country in daylight.
-SMALL = {
+SMALL_PLAN_KEYS = {
     "placement.distractors_per_image": [0, 2],
     "placement.distractor_distance": [0.0, 25.0],
-    "budget.images_per_class": {TANK: 4, TRUCK: 3, LAUNCHER: 3},
+    "budget.images_per_class": {TANK_CLASS: 4, TRUCK_CLASS: 3, LAUNCHER_CLASS: 3},
     "budget.background_share": 0.16,
     "budget.background_distractors": 0.5,
     "budget.images_per_position": 1,
@@ -59,7 +68,7 @@ SMALL = {
     "render.height": 270,
 }
 # From the air: a drone's camera, oblique to straight down, at any heading.
-AERIAL = {
+AERIAL_KEYS = {
     "camera.elevation_deg": [45.0, 90.0],
     "camera.elevation_sampling": "sphere",
     "camera.roll_deg": [-180.0, 180.0],
@@ -76,7 +85,7 @@ AERIAL = {
 
 def write_config(folder: Path, text: str) -> Path:
     """Write a config into `folder`, and return its path."""
-    config = folder / CONFIG
+    config = folder / CONFIG_NAME
     refuse_config(config)
     with atomic_writer(config) as file:
         file.write(text.encode())
@@ -132,11 +141,11 @@ def create_project(
     folder = Path(folder)
     if bare + small + (source is not None) > 1:
         raise HulldownError("--bare, --small, and --from exclude each other", remedy="give one of them")
-    values = {**(AERIAL if aerial else {}), **(read_camera(Path(camera)) if camera else {})}
+    values = {**(AERIAL_KEYS if aerial else {}), **(read_camera(Path(camera)) if camera else {})}
     if source is not None:
         return _write_project(Path(source), folder, values, limits)
-    refuse_config(folder / CONFIG)
-    claim_file(folder / CONFIG, "a config")
+    refuse_config(folder / CONFIG_NAME)
+    claim_file(folder / CONFIG_NAME, "a config")
     if bare:
         return write_config(folder, bare_text(values))
     with progress_bar("building demo assets") as advance:
@@ -145,7 +154,7 @@ def create_project(
 
 
 def _write_project(source: Path, folder: Path, values: Mapping[str, object], limits: ReadLimits) -> Path:
-    refuse_config(folder / CONFIG)
+    refuse_config(folder / CONFIG_NAME)
     files = asset_files(source)
     cache, new = folder / CACHE_NAME, not folder.exists()
     try:
@@ -155,7 +164,7 @@ def _write_project(source: Path, folder: Path, values: Mapping[str, object], lim
             shutil.rmtree(cache)
             folder.rmdir()
         raise
-    claim_file(folder / CONFIG, "a config")
+    claim_file(folder / CONFIG_NAME, "a config")
     config = write_config(folder, found_config(source, found, folder, values))
     keep_doubts(found, source, config, cache)
     for word in missing_kinds(found):
@@ -165,19 +174,19 @@ def _write_project(source: Path, folder: Path, values: Mapping[str, object], lim
     return config
 
 
-def project_text(*, small: bool = False, values: Mapping[str, object] = NOTHING) -> str:
+def project_text(*, small: bool = False, values: Mapping[str, object] = NO_KEYS) -> str:
     """Return the config that `create_project` writes."""
     return config_text(
         vehicles=[
             {
                 "path": f"vehicles/{name}.blend",
                 "category": category,
-                "paint": [{"materials": [CAMOUFLAGE.get(name, "Camouflage")], "colors": PLAIN}],
+                "paint": [{"materials": [CAMOUFLAGE_MATERIALS.get(name, "Camouflage")], "colors": PLAIN_COLORS}],
             }
-            for name, category in CATEGORY.items()
+            for name, category in VEHICLE_CLASSES.items()
         ],
         distractors=[{"path": f"distractors/{name}.blend", **keys} for name, keys in DISTRACTORS.items()],
         sceneries=[{"path": path} for path in SCENERY_FILES],
         hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],  # the others show a street, a wood, a quay
-        values={**(SMALL if small else {}), **values},
+        values={**(SMALL_PLAN_KEYS if small else {}), **values},
     )

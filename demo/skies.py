@@ -9,7 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.files import atomic_writer, replace_file
 
 SKY_WIDTH_PX = 2048  # pixels around the horizon
@@ -30,7 +30,7 @@ class Sky:
     drift: float  # where in the endless pattern its clouds are
 
 
-SKIES = {
+SKY_RECIPES = {
     "sky_noon": Sky(54.0, 0.80, (1.0, 0.96, 0.90), 1.2, (0.53, 0.68), (1.0, 1.0, 1.0), 2.0, 0.0),
     "sky_morning": Sky(26.0, 0.74, (1.0, 0.87, 0.70), 1.6, (0.50, 0.72), (1.0, 0.96, 0.90), 1.5, 7.0),
     "sky_evening": Sky(11.0, 0.60, (1.0, 0.70, 0.44), 2.0, (0.52, 0.70), (1.0, 0.84, 0.70), 1.0, 21.0),
@@ -48,8 +48,8 @@ def copy_studio_hdri(name: str, folder: Path) -> Path:
 
 
 def write_sky(name: str, folder: Path) -> Path:
-    """Compute one of `SKIES` and save it as folder/<name>.exr, an equirectangular image of scene-linear radiance."""
-    sky = SKIES[name]
+    """Compute one of `SKY_RECIPES` and save it as folder/<name>.exr, equirectangular, in scene-linear radiance."""
+    sky = SKY_RECIPES[name]
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     world = scene.world = bpy.data.worlds.new(name)
@@ -112,7 +112,7 @@ def _build_sky(tree: Any, sky: Sky) -> None:
     billow = node("TexNoise", plane, None, 0.9, 9.0, 0.56, 2.0, None, None, 0.35)[0]
     shape = node("MapRange", billow, *sky.clouds, interpolation_type="SMOOTHSTEP")[0]
     core = node("MapRange", node("TexNoise", plane, None, 2.3, 8.0, 0.6)[0], 0.3, 0.75, 1.15, 0.72)[0]
-    bright = node("VectorMath", air, tuple(LUMINANCE), operation="DOT_PRODUCT")["Value"]
+    bright = node("VectorMath", air, tuple(LUMINANCE_WEIGHTS), operation="DOT_PRODUCT")["Value"]
     zenith = 2.8 if sky.sun_share else 1.2  # clouds beside blue sky outshine it
     glow = node("Math", node("Math", bright, zenith, operation="MULTIPLY")[0], core, operation="MULTIPLY")[0]
     cloud = node("VectorMath", sky.cloud_color, node("CombineXYZ", glow, glow, glow)[0], operation="MULTIPLY")[0]

@@ -12,7 +12,7 @@ from hulldown.demo.land import Land, highest_surface, level_road, make_mound, ma
 from hulldown.demo.planting import Planting
 from hulldown.demo.relief import Course, Height, Noise, make_sheet, smoothstep
 
-SOIL = earth.Soil(
+STEPPE_SOIL = earth.Soil(
     cover=("#836a45", "#b29a70", "#725c3d"),
     bare=("#96784e", "#bfa97f"),
     rock=("#66563f", "#a08b6a"),
@@ -22,7 +22,7 @@ SOIL = earth.Soil(
     tufts=0.05,
     clumps=0.45,
 )
-SAND = earth.Soil(
+SAND_SOIL = earth.Soil(
     cover=("#c2a674", "#c9b082", "#b89a66"),
     bare=("#c2a674", "#cdb68a"),
     rock=("#b4966a", "#c4aa7c"),
@@ -32,14 +32,14 @@ SAND = earth.Soil(
     tufts=0.03,
     clumps=0.0,
 )
-WADI = [(-330, 60), (-220, 90), (-130, 20), (-40, 60), (40, 10), (120, 60), (210, 20), (330, 70)]
-TRACK = [(-299, -155), (-180, -110), (-60, -150), (50, -90), (160, -130), (299, -75)]
+WADI_COURSE = [(-330, 60), (-220, 90), (-130, 20), (-40, 60), (40, 10), (120, 60), (210, 20), (330, 70)]
+TRACK_COURSE = [(-299, -155), (-180, -110), (-60, -150), (50, -90), (160, -130), (299, -75)]
 
 
 def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     """Return a plain with dunes, a wadi with steep banks, rocks and shrubs, a gravel track, 600 m square."""
     land, noise = Land(300.0), Noise(rng)
-    wadi, course = Course(WADI), Course(TRACK)
+    wadi, course = Course(WADI_COURSE), Course(TRACK_COURSE)
 
     def plain(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 3.5 * noise(x, y, 240.0, octaves=2) + 0.5 * noise(x, y + 70, 30.0, octaves=3)
@@ -62,7 +62,7 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
 
     mesa = make_mound((-190.0, 200.0), (75.0, 60.0), 10.0, 24.0, ground, steep=1.6)
     field = np.linspace(-land.half, land.half, 241)
-    earthy, sand = earth.ground_material("Steppe_Ground", SOIL), earth.ground_material("Dune_Sand", SAND)
+    earthy, sand = earth.ground_material("Steppe_Ground", STEPPE_SOIL), earth.ground_material("Dune_Sand", SAND_SOIL)
     plain_mesh = land.add("Ground_Plain", make_sheet(field, field, ground), earthy, home="Terrain")
     dunes = make_sheet(np.linspace(-40, 280, 161), np.linspace(90, 280, 96), dune)
     land.add("Sand_Dunes", dunes, sand, home="Terrain")
@@ -73,7 +73,9 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 40 + 120 * np.abs(noise(x, y, 1100.0, octaves=4))
 
-    land.surroundings(ground, mountains, earth.ground_material("Far_Ground", SOIL, far=True), rise=(300.0, 3000.0))
+    land.surroundings(
+        ground, mountains, earth.ground_material("Far_Ground", STEPPE_SOIL, far=True), rise=(300.0, 3000.0)
+    )
 
     def dry(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         clear = course.clear(x, y, 5.0) * (dune(x, y) < ground(x, y))

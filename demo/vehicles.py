@@ -13,47 +13,47 @@ from hulldown.demo import cars, farm, launchers, leftovers, materials, tanks_cas
 from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
 
-OLIVE = ("#4d5237", "#3c402b")
-NATO = ("#4c5a3c", "#54412f", "#25272a")
-STEPPE = ("#8a7a55", "#5a5a3a")
-SAND = ("#b39a6b", "#8a6f48")
-SPRING = ("#55633a", "#8d8257", "#30352a")
-DUSTS = {"earth": "#7d6b50", "sand": "#b59b74"}
+OLIVE_PAINT = ("#4d5237", "#3c402b")
+NATO_PAINT = ("#4c5a3c", "#54412f", "#25272a")
+STEPPE_PAINT = ("#8a7a55", "#5a5a3a")
+SAND_PAINT = ("#b39a6b", "#8a6f48")
+SPRING_PAINT = ("#55633a", "#8d8257", "#30352a")
+DUST_COLORS = {"earth": "#7d6b50", "sand": "#b59b74"}
 
-LOOK = {  # paint colors, dust, size of the patches, file units in a meter
-    "mbt_wedge": (tanks_plated.mbt_wedge, NATO, "earth", 1.0, 1.0),
-    "mbt_dome": (tanks_cast.mbt_dome, OLIVE, "earth", 1.2, 1.0),
-    "mbt_slab": (tanks_plated.mbt_slab, SAND, "sand", 1.0, 1.0),
-    "mbt_classic": (tanks_cast.mbt_classic, STEPPE, "earth", 1.1, 1.0),
-    "truck_canvas": (trucks.truck_canvas, OLIVE, "earth", 1.3, 1.0),
-    "truck_cargo": (trucks.truck_cargo, NATO, "earth", 1.0, 1.0),
-    "truck_tanker": (trucks.truck_tanker, SAND, "sand", 1.3, 100.0),
-    "sam_canister": (launchers.sam_canister, SPRING, "earth", 1.2, 1.0),
+VEHICLE_LOOKS = {  # paint colors, dust, size of the patches, file units in a meter
+    "mbt_wedge": (tanks_plated.mbt_wedge, NATO_PAINT, "earth", 1.0, 1.0),
+    "mbt_dome": (tanks_cast.mbt_dome, OLIVE_PAINT, "earth", 1.2, 1.0),
+    "mbt_slab": (tanks_plated.mbt_slab, SAND_PAINT, "sand", 1.0, 1.0),
+    "mbt_classic": (tanks_cast.mbt_classic, STEPPE_PAINT, "earth", 1.1, 1.0),
+    "truck_canvas": (trucks.truck_canvas, OLIVE_PAINT, "earth", 1.3, 1.0),
+    "truck_cargo": (trucks.truck_cargo, NATO_PAINT, "earth", 1.0, 1.0),
+    "truck_tanker": (trucks.truck_tanker, SAND_PAINT, "sand", 1.3, 100.0),
+    "sam_canister": (launchers.sam_canister, SPRING_PAINT, "earth", 1.2, 1.0),
     "sam_rails": (launchers.sam_rails, ("#59603f", "#3f4630"), "earth", 1.2, 1.0),
-    "sam_turret": (launchers.sam_turret, OLIVE, "earth", 1.0, 1.0),
+    "sam_turret": (launchers.sam_turret, OLIVE_PAINT, "earth", 1.0, 1.0),
 }
 
 
 # Vehicles painted from an image: its file beside the .blend, and the colors of its blocks.
-TEXTURES = {
+VEHICLE_TEXTURES = {
     "mbt_slab": ("desert_blocks.png", ("#b8a074", "#9c8156", "#c9b68d", "#7d6748")),
     "sam_turret": ("forest_blocks.png", ("#566043", "#3d4531", "#6d6f4f", "#2b2f27")),
 }
 
 
 DISTRACTORS = {  # what builds it, and the material of its body
-    "civilian_car": (cars.civilian_car, lambda: materials.gloss_paint("#7d1f1c", dust=DUSTS["earth"])),
-    "panel_van": (cars.panel_van, lambda: materials.gloss_paint("#d9dad6", dust=DUSTS["earth"])),
+    "civilian_car": (cars.civilian_car, lambda: materials.gloss_paint("#7d1f1c", dust=DUST_COLORS["earth"])),
+    "panel_van": (cars.panel_van, lambda: materials.gloss_paint("#d9dad6", dust=DUST_COLORS["earth"])),
     "container": (
         leftovers.add_container,
         lambda: materials.rusted_paint("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
     ),
     "bale_stack": (farm.bale_stack, lambda: materials.straw_material(("#8f7440", "#c6a868"))),
-    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss_paint("#2e6b34", dust=DUSTS["earth"])),
+    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss_paint("#2e6b34", dust=DUST_COLORS["earth"])),
     "burnt_hull": (leftovers.burnt_hull, lambda: materials.burnt_steel("Burnt_Steel")),
 }
 # Where one differs from `_vehicle_paints`: a part's name there, and the material in its place.
-OTHER = {
+OTHER_BUILDERS = {
     "civilian_car": {"canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03)},
     "panel_van": {"canvas": lambda: materials.plain_material("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
     "container": {"canvas": lambda: materials.plain_material("Lettering", "#dedad0", rough=0.6, mottle=0.1)},
@@ -78,20 +78,22 @@ def write_distractor(name: str, folder: Path) -> Path:
     """Model one thing that is no target and save it as folder/<name>.blend."""
     build, body = DISTRACTORS[name]
     model = BlendModel(name)
-    build(model, replace(_vehicle_paints(body()), **{part: make() for part, make in OTHER.get(name, {}).items()}))
+    build(
+        model, replace(_vehicle_paints(body()), **{part: make() for part, make in OTHER_BUILDERS.get(name, {}).items()})
+    )
     return _save_model(model, name, folder)
 
 
-def write_vehicle(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
+def build_vehicle_file(name: str, folder: Path, *, rng: np.random.Generator) -> Path:
     """Model one vehicle and save it as folder/<name>.blend, and its texture, if it has one, in folder/textures."""
-    if name in TEXTURES:
-        file, blocks = TEXTURES[name]
+    if name in VEHICLE_TEXTURES:
+        file, blocks = VEHICLE_TEXTURES[name]
         materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
-    build, colors, dust, size, unit = LOOK[name]
+    build, colors, dust, size, unit = VEHICLE_LOOKS[name]
     model = BlendModel(name, unit=unit)
     build(
         model,
-        _vehicle_paints(materials.camouflage_paint("Camouflage", colors, dust=DUSTS[dust], unit=unit, size=size)),
+        _vehicle_paints(materials.camouflage_paint("Camouflage", colors, dust=DUST_COLORS[dust], unit=unit, size=size)),
         folder,
     )
     return _save_model(model, name, folder)

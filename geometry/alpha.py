@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Float32, Int, UInt8
 HIT_OPACITY = 0.5  # opacity from which a point is a hit, for masks and nearest hits
 OPACITY_TOLERANCE = 1e-3  # faces this close to opaque or clear need no lookups
 LOOKUP_ROUNDING_TEXELS = 1e-3  # texels by which rounding may move a lookup beyond a face's edge
-GRADES = np.linspace(0.0, 1.0, 16 * 255 + 1, dtype=np.float32)  # texel values at which curves are sampled
+TEXEL_GRADES = np.linspace(0.0, 1.0, 16 * 255 + 1, dtype=np.float32)  # texel values at which curves are sampled
 
 
 class Extension(IntEnum):
@@ -39,7 +39,7 @@ class AlphaMap:
     texels: np.ndarray
     extension: Extension = Extension.REPEAT  # how the image continues beyond its edges
     smooth: bool = True  # whether values between texels are interpolated; the nearest counts if not
-    # monotone: the opacity, from 0 to 1, at interpolated values of `GRADES`; None: the values themselves
+    # monotone: the opacity, from 0 to 1, at interpolated values of `TEXEL_GRADES`; None: the values themselves
     curve: Float32[np.ndarray, " g"] | None = None
 
     def __post_init__(self) -> None:
@@ -78,7 +78,7 @@ class AlphaMap:
         """Opacity at interpolated values of texels."""
         if self.curve is None:
             return np.clip(values, np.float32(0.0), np.float32(1.0))
-        return np.interp(values, GRADES, self.curve).astype(np.float32)
+        return np.interp(values, TEXEL_GRADES, self.curve).astype(np.float32)
 
     def graded_texels(self) -> Float32[np.ndarray, "h w"]:
         """Opacity at the middle of every texel."""

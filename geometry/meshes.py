@@ -15,7 +15,7 @@ from hulldown.base.errors import AssetError
 from hulldown.geometry.alpha import Cutouts, merged_cutouts
 from hulldown.geometry.hulls import extreme_points
 
-FORMATS = (".ply", ".stl", ".obj", ".gltf", ".glb")
+MESH_SUFFIXES = (".ply", ".stl", ".obj", ".gltf", ".glb")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -173,8 +173,10 @@ class Mesh:
 
 
 def _refuse_format(path: Path) -> None:
-    if path.suffix.lower() not in FORMATS:
-        raise AssetError(f"has the ending {path.suffix!r}", path=path, remedy=f"use a mesh file: {', '.join(FORMATS)}")
+    if path.suffix.lower() not in MESH_SUFFIXES:
+        raise AssetError(
+            f"has the ending {path.suffix!r}", path=path, remedy=f"use a mesh file: {', '.join(MESH_SUFFIXES)}"
+        )
 
 
 def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:

@@ -10,15 +10,15 @@ from PIL.PngImagePlugin import PngInfo
 from hulldown.base.files import atomic_writer
 from hulldown.base.outputs import claim_file
 
-SOFTWARE = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
-_MARK = b"tEXtSoftware\0hulldown"
+SOFTWARE_TEXT = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
+_SOFTWARE_CHUNK = b"tEXtSoftware\0hulldown"
 
 
 def save_picture(picture: Image.Image, path: Path) -> None:
     """Write a picture of ours, in one step."""
     claim_picture(path)
     notes = PngInfo()
-    for key, text in SOFTWARE.items():
+    for key, text in SOFTWARE_TEXT.items():
         notes.add_text(key, text)
     with atomic_writer(path) as file:
         picture.save(file, format="PNG", pnginfo=notes)
@@ -26,4 +26,4 @@ def save_picture(picture: Image.Image, path: Path) -> None:
 
 def claim_picture(path: Path) -> None:
     """Make room for a picture before the long work, and refuse to replace one that we didn't draw."""
-    claim_file(path, "a picture", _MARK)
+    claim_file(path, "a picture", _SOFTWARE_CHUNK)

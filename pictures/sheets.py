@@ -8,8 +8,8 @@ from PIL import Image, ImageDraw, ImageFont
 
 from hulldown.annotate.drawing import label_font
 
-BACKGROUND = (24, 26, 30)
-INK = (236, 236, 236)
+BACKGROUND_COLOR = (24, 26, 30)
+TEXT_COLOR = (236, 236, 236)
 
 
 def contact_sheet(
@@ -37,7 +37,9 @@ def contact_sheet(
     ]
     rows = [tiles[i : i + columns] for i in range(0, len(tiles), columns)]
     heights = [max(tile.height for tile in row) + caption_height for row in rows]
-    sheet = Image.new("RGB", (columns * (tile_width + gap) + gap, sum(heights) + gap * (len(rows) + 1)), BACKGROUND)
+    sheet = Image.new(
+        "RGB", (columns * (tile_width + gap) + gap, sum(heights) + gap * (len(rows) + 1)), BACKGROUND_COLOR
+    )
     pen = ImageDraw.Draw(sheet)
     top = gap
     for r, (row, height) in enumerate(zip(rows, heights, strict=True)):
@@ -45,7 +47,7 @@ def contact_sheet(
             left = gap + c * (tile_width + gap)
             sheet.paste(tile, (left, top))
             if captions is not None:
-                pen.text((left + gap, top + tile.height + gap // 2), lines[r * columns + c], fill=INK, font=font)
+                pen.text((left + gap, top + tile.height + gap // 2), lines[r * columns + c], fill=TEXT_COLOR, font=font)
         top += height + gap
     return sheet
 

@@ -19,7 +19,7 @@ from hulldown.geometry.meshes import first_equal
 from hulldown.geometry.predicates import exact_heights as exact_heights
 from hulldown.geometry.predicates import exact_normals as exact_normals
 from hulldown.geometry.predicates import orientation_sign
-from hulldown.placement.ground_faces import GroundFaces, Hits, upward_normals
+from hulldown.placement.ground_faces import GroundFaceHits, GroundFaces, upward_normals
 
 _POINTS_PER_BLOCK = 1 << 11  # points looked at together, so that intermediate arrays stay in cache
 
@@ -54,10 +54,12 @@ class ExactGround:
             on_edge[batch] = np.bincount(over.point[(over.sides == 0).any(axis=1)], minlength=n) > 0
         return faces, ~on_edge
 
-    def top_hits(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]) -> Hits:
+    def top_hits(
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], proposal: Int[np.ndarray, " n"]
+    ) -> GroundFaceHits:
         """Return the highest ground face at each point, of ties the lowest; `proposal`: faces that may be it, or -1."""
         n = len(x)
-        tops = Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))
+        tops = GroundFaceHits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, np.int32))
         for batch, over in self._containing_faces(x, y, self._certain_height(x, y, proposal)):
             here = x[batch], y[batch]
             over = self._highest_pairs(here, over)

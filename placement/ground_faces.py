@@ -22,7 +22,7 @@ _MIN_EXACT_PRODUCT = 1e-120
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Hits:
+class GroundFaceHits:
     """The ground under n points."""
 
     z: Float[np.ndarray, " n"]  # height in meters; nan where there is no ground

@@ -26,7 +26,7 @@ from hulldown.placement.footprint import Samples
 
 # A center exactly on a line through two samples (always so on a regular grid) leaves the triangle to chance. Moved by
 # these shares of the footprint, no line through two samples meets it.
-NUDGE = np.array([1.0e-6, 1.0e-6 * (math.sqrt(5.0) - 1) / 2])
+PLANE_NUDGE = np.array([1.0e-6, 1.0e-6 * (math.sqrt(5.0) - 1) / 2])
 OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
 MIN_CONTACT_WEIGHT = 1e-4  # least share of the weight on a sample; below it the center counts as on an edge
 _ROWS_PER_BLOCK = 64  # whose triangles are compared together, so that they stay in cache
@@ -87,7 +87,7 @@ def support_plane(
     top = heights.max(axis=1, initial=-np.inf)
     top[np.isneginf(top)] = 0.0
     heights -= top[:, None]
-    nudge = NUDGE * np.ptp(samples_xy, axis=0) if len(samples_xy) else NUDGE
+    nudge = PLANE_NUDGE * np.ptp(samples_xy, axis=0) if len(samples_xy) else PLANE_NUDGE
     contacts = _highest_triangles(samples_xy, heights, nudge)
     found = contacts[:, 0] >= 0
     heights, contacts = heights[found], contacts[found]

@@ -26,7 +26,7 @@ from hulldown.placement.footprint import Samples, Underside, plate_samples, unde
 from hulldown.placement.rest import Rest, averaged_plane, underside_plane
 from hulldown.placement.terrain import Terrain
 
-RULES = ("averaged", "support")
+REST_RULES = ("averaged", "support")
 BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
 
 
@@ -61,8 +61,8 @@ class SettleRules:
     max_penetration: float = math.inf
 
     def __post_init__(self) -> None:
-        if self.rule not in RULES:
-            raise ValueError(f"rule: expected one of {', '.join(RULES)}, got {self.rule!r}")
+        if self.rule not in REST_RULES:
+            raise ValueError(f"rule: expected one of {', '.join(REST_RULES)}, got {self.rule!r}")
         if not 2 <= whole_number(self.n, "n") <= 9:
             raise ValueError(f"n: expected 2 to 9 rays a side, got {self.n}")
         if whole_number(self.contact_n, "contact_n") < 0:

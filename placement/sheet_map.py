@@ -60,7 +60,7 @@ _MOST_PIECES = 1 << 21
 _MOST_REGIONS = 1 << 12
 
 # For each point, how many faces contain it, and whether it lies strictly inside every one of them.
-Count = Callable[
+CountSheets = Callable[
     [Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]
 ]
 
@@ -73,7 +73,7 @@ class SheetMap:
         vertices: Float[np.ndarray, "v 3"],
         corners: Int[np.ndarray, "3 f"],
         bounds: Float[np.ndarray, "2 2"],
-        count: Count,
+        count: CountSheets,
     ) -> None:
         self._low, self._high = bounds
         extent = self._high - self._low
@@ -105,7 +105,7 @@ class SheetMap:
         """Return the coordinates of columns or rows, fractions included."""
         return self._low[axis] + cells / self._per_meter[axis]
 
-    def _count_cells(self, touched: Bool[np.ndarray, "r c"], count: Count) -> UInt8[np.ndarray, "r c"]:
+    def _count_cells(self, touched: Bool[np.ndarray, "r c"], count: CountSheets) -> UInt8[np.ndarray, "r c"]:
         regions, n = ndimage.label(~touched)
         counts = np.full(n + 1, UNKNOWN_COUNT, dtype=np.uint8)
         if n:

@@ -10,7 +10,7 @@ from hulldown.base.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
 from hulldown.placement.exact import ExactGround
-from hulldown.placement.ground_faces import HEIGHT_ULPS, GroundFaces, Hits, plane_heights, upward_normals
+from hulldown.placement.ground_faces import HEIGHT_ULPS, GroundFaceHits, GroundFaces, plane_heights, upward_normals
 from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
 from hulldown.scene.ray_caster import RayCaster, bounds_within_reach, coherent_blocks
 
@@ -73,7 +73,7 @@ class Terrain:
         """Lowest and highest corner of the ground; infinite in x and y for a plane."""
         return self._bounds.copy()
 
-    def top_hits(self, xy: ArrayLike) -> Hits:
+    def top_hits(self, xy: ArrayLike) -> GroundFaceHits:
         """Return the highest ground at each point: the exact face, its height, and its normal.
 
         The height is within 8 ulp of the ground's largest |z|, and the normal within 1e-12 radians.
@@ -92,17 +92,17 @@ class Terrain:
         n = len(points)
         if self._plane:
             up = np.tile([0.0, 0.0, 1.0], (n, 1))
-            return Hits(np.full(n, self._bounds[0, 2]), up, np.zeros(n, dtype=np.int32))
+            return GroundFaceHits(np.full(n, self._bounds[0, 2]), up, np.zeros(n, dtype=np.int32))
         if self._missing:
-            return Hits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
-        hits = Hits(np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int32))
+            return GroundFaceHits(np.full(n, np.nan), np.full((n, 3), np.nan), np.full(n, -1, dtype=np.int32))
+        hits = GroundFaceHits(np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int32))
         # Some points are so far away that only their being outside can be computed.
         with np.errstate(over="ignore", invalid="ignore"):
             for i in coherent_blocks(points):
                 self._accept_hits(points, i, hits)
         return hits
 
-    def _accept_hits(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: Hits) -> None:
+    def _accept_hits(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: GroundFaceHits) -> None:
         x, y = _point_columns(points, i)
         proposal = self._caster.top_face(x, y).astype(np.intp)
         accepted, z, slope = self._certainly_inside(proposal, x, y)
@@ -169,7 +169,7 @@ class Terrain:
 
     def _write_hits(
         self,
-        hits: Hits,
+        hits: GroundFaceHits,
         i: Int[np.ndarray, " k"],
         face: Int[np.ndarray, " k"],
         z: Float[np.ndarray, " k"],
@@ -177,13 +177,13 @@ class Terrain:
     ) -> None:
         hits.z[i] = z
         # As one 24-byte item a row: several times as fast as rows of three.
-        hits.normal.view(_ROW)[:, 0][i] = normal.view(_ROW)[:, 0]
+        hits.normal.view(_VERTEX_BYTES)[:, 0][i] = normal.view(_VERTEX_BYTES)[:, 0]
         mesh_face = self._ground.mesh_face[face]
         mesh_face[face < 0] = -1
         hits.face[i] = mesh_face
 
 
-_ROW = np.dtype("V24")
+_VERTEX_BYTES = np.dtype("V24")
 
 
 def _point_columns(

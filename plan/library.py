@@ -13,7 +13,7 @@ import numpy as np
 
 from hulldown.annotate.labels.keypoints import category_fields
 from hulldown.assets.bundle import load_scenery, load_vehicle
-from hulldown.assets.plan_assets import Assets, GeometrySource, HdriSource, Source, asset_fingerprint
+from hulldown.assets.plan_assets import Assets, AssetSource, GeometrySource, HdriSource, asset_fingerprint
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.arguments import AnyPath
 from hulldown.base.code import package_version
@@ -157,7 +157,7 @@ def load_library(
 
     kinds = {"vehicles": VehicleEntry, "distractors": DistractorEntry, "sceneries": SceneryEntry}
     prints = {name: print_of(asset) for name, asset in (read_shapes | read_lands).items()}
-    sources: dict[str, dict[str, Source]] = {
+    sources: dict[str, dict[str, AssetSource]] = {
         key: {
             e.name: GeometrySource(
                 path=e.path,
@@ -200,7 +200,7 @@ def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
 def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> None:
     for entry in (*config.assets.vehicles, *config.assets.distractors):
         materials = models[entry.name].report.materials
-        if (pattern := unmatched_pattern(entry.paint, materials)) is not None:
+        if (pattern := unmatched_paint_pattern(entry.paint, materials)) is not None:
             raise ConfigError(
                 f"paint of {entry.name!r}: {pattern!r} matches none of its materials: "
                 f"{quote_names(row.name for row in materials) or 'it has none'}",
@@ -209,7 +209,7 @@ def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> N
             )
 
 
-def unmatched_pattern(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> str | None:
+def unmatched_paint_pattern(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> str | None:
     """Return the first pattern of a vehicle's `paint` that matches none of its materials."""
     patterns = [pattern for entry in paint for pattern in entry.materials]
     return next((p for p in patterns if not any(is_named(row.name, p) for row in materials)), None)
@@ -275,7 +275,7 @@ def _as_given(path: Path, config: Config) -> str:
 def refuse_changed(plan: PlanFile, assets: Assets) -> None:
     """Refuse assets whose files have changed since planning, or whose geometry is read differently here."""
     for kind in ("vehicles", "distractors", "sceneries", "hdris"):
-        planned: Mapping[str, Source] = getattr(plan.header, kind)
+        planned: Mapping[str, AssetSource] = getattr(plan.header, kind)
         files = assets.files.get(kind, {})
         for name, was in planned.items():
             if name not in files or (was.sha256 and _source_digests(files[name]) != _source_digests(was)):
@@ -299,11 +299,11 @@ def refuse_changed(plan: PlanFile, assets: Assets) -> None:
                 )
 
 
-def _source_digests(source: Source) -> tuple[str, str]:
+def _source_digests(source: AssetSource) -> tuple[str, str]:
     return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
 
 
-def _changed_file(was: Source, now: Source) -> str:
+def _changed_file(was: AssetSource, now: AssetSource) -> str:
     """Return the first texture or library that has changed; empty if there is none, or the plan doesn't list any."""
     if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.files):
         return ""
@@ -311,7 +311,7 @@ def _changed_file(was: Source, now: Source) -> str:
     return next((each for each in names if was.files.get(each, "") != now.files.get(each, "")), "")
 
 
-def _reads_the_same(was: Source, now: Source) -> bool:
+def _reads_the_same(was: AssetSource, now: AssetSource) -> bool:
     if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.geometry and now.geometry):
         return True
     return was.geometry.agrees_with_other(now.geometry)

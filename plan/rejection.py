@@ -61,9 +61,9 @@ class Rejection(IntEnum):
 
 
 _PLACING_TOO = (Rejection.WATER, Rejection.DARK)
-PLACING = tuple(r for r in Rejection if Rejection.NONE < r <= Rejection.NO_VIEW or r in _PLACING_TOO)
-AIMING = tuple(r for r in Rejection if r not in (Rejection.NONE, *PLACING))
-KINDS = max(Rejection) + 1
+PLACE_REJECTIONS = tuple(r for r in Rejection if Rejection.NONE < r <= Rejection.NO_VIEW or r in _PLACING_TOO)
+CAMERA_REJECTIONS = tuple(r for r in Rejection if r not in (Rejection.NONE, *PLACE_REJECTIONS))
+REJECTION_KINDS = max(Rejection) + 1
 BY_KEY = {r.key: r for r in Rejection}
 
 
@@ -71,7 +71,7 @@ def count_rejections(
     codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int
 ) -> Int[np.ndarray, "rows kinds"]:
     """Return how often each code occurs with each row."""
-    return np.bincount(row * KINDS + codes, minlength=rows * KINDS).reshape(rows, KINDS)
+    return np.bincount(row * REJECTION_KINDS + codes, minlength=rows * REJECTION_KINDS).reshape(rows, REJECTION_KINDS)
 
 
 def first_accepted(

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
 
-from hulldown.assets.plan_assets import GeometrySource, HdriSource, Source
+from hulldown.assets.plan_assets import AssetSource, GeometrySource, HdriSource
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.plan.coats import Coat
@@ -89,7 +89,7 @@ class OnMap(Struct, frozen=True, kw_only=True, gc=False):
 
 Name = Annotated[str, _field_kind("a name", max_length=4096)]
 NameOrNone = Annotated[Annotated[str, Meta(max_length=4096)] | None, _field_kind("a name or null")]
-Label = Literal["full", "ignored", "none"]
+LabelState = Literal["full", "ignored", "none"]
 RoleName = Annotated[Literal["target", "companion", "distractor"], _field_kind('"target", "companion" or "distractor"')]
 Count = Annotated[int, _field_kind("a whole number >= 0", ge=0, le=2**53)]
 Number = Annotated[int, _field_kind("a whole number >= 1", ge=1, le=2**53 + 1)]
@@ -99,22 +99,22 @@ Seed = Annotated[int, _field_kind("a whole number", ge=-(2**63), le=2**63 - 1)]
 Share = Annotated[float, _field_kind("a number from 0 to 1", "1e-9", _round_to_decimals(9), ge=0, le=1)]
 AtLeastZero = Annotated[float, _field_kind("a number >= 0", "1e-9", _round_to_decimals(9), ge=0, le=1e9)]
 Slope = Annotated[float, _field_kind("a number from 0 to 90", "1e-9 degrees", _round_to_decimals(9), ge=0, le=90)]
-Turn = Annotated[
+HeadingRadians = Annotated[
     float, _field_kind("a number from -360 to 360", "1e-9 degrees", _round_to_decimals(9), ge=-360, le=360)
 ]
 FieldOfView = Annotated[
     float, _field_kind("a number from 1e-6 to 179.999", "1e-12 degrees", _round_to_decimals(12), ge=1e-6, le=179.999)
 ]
 Pose = Annotated[np.ndarray, _field_kind("a 4x4 matrix (rigid)", "1e-9 m, rotation to 1e-12", _round_poses)]
-_FRAME = "[x, y, width, height]"
-FrameOrNone = Annotated[Box | None, _field_kind(f"{_FRAME} or null", "1e-6 pixels", _round_boxes)]
+_BOX_FORMAT = "[x, y, width, height]"
+FrameOrNone = Annotated[Box | None, _field_kind(f"{_BOX_FORMAT} or null", "1e-6 pixels", _round_boxes)]
 _Pinhole = Annotated[float, Meta(ge=-1e9, le=1e9)]
 _Three = tuple[_Pinhole, _Pinhole, _Pinhole]
 _Bend = Annotated[float, Meta(ge=-1e6, le=1e6)]
 MatrixOrNone = Annotated[tuple[_Three, _Three, _Three] | None, _field_kind("a 3x3 matrix")]
 LensOrNone = Annotated[tuple[_Bend, _Bend, _Bend, _Bend, _Bend] | None, _field_kind("[k1, k2, p1, p2, k3]")]
 Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _field_kind("a number from 0 to 90, or null")]
-EV = Annotated[float, _field_kind("a number from -32 to 32", "1e-4", _round_to_decimals(4), ge=-32, le=32)]
+ExposureValue = Annotated[float, _field_kind("a number from -32 to 32", "1e-4", _round_to_decimals(4), ge=-32, le=32)]
 Kelvin = Annotated[
     float, _field_kind("a number from -2500 to 13500", "1e-3 K", _round_to_decimals(3), ge=-2500, le=13500)
 ]
@@ -122,10 +122,10 @@ Angles = Annotated[
     dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]],
     _field_kind("angles by name", "1e-12 radians", _round_to_decimals(12)),
 ]
-Air = Annotated[
+RowWeather = Annotated[
     Weather | None, _field_kind('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _round_to_decimals(9))
 ]
-Room = Annotated[Bounds, _field_kind("[[x, y, z], [x, y, z]]", "1e-9 m", _round_to_decimals(9))]
+VehicleBounds = Annotated[Bounds, _field_kind("[[x, y, z], [x, y, z]]", "1e-9 m", _round_to_decimals(9))]
 Reasons = Annotated[dict[str, Annotated[int, Meta(ge=0)]], _field_kind("counts by reason")]
 Coats = Annotated[list[Coat], _field_kind("a list of coats of paint")]
 PlaceOrNone = Annotated[OnMap | None, _field_kind('{"crs": a name, "easting": meters, ...}')]
@@ -133,7 +133,7 @@ FileName = Annotated[str, _field_kind("a path like images/1.png", pattern=PICTUR
 _Files = _field_kind("files by name")
 
 
-class Followed(Struct, frozen=True):
+class FollowedPhotograph(Struct, frozen=True):
     """File names of an image's sampled photograph, and of the one followed in its place; None: configured ranges."""
 
     sampled: str
@@ -159,9 +159,9 @@ class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit
     penetration: Annotated[AtLeastZero, _plan_only("largest height of the ground above its underside, in meters")]
     tries: Annotated[Count, _plan_only("places tried for it, including its own")]
     label: Annotated[
-        Label, _field_kind('"full", "ignored" or "none"'), _plan_only("its label; ignored if it shows too little")
+        LabelState, _field_kind('"full", "ignored" or "none"'), _plan_only("its label; ignored if it shows too little")
     ]
-    bounds: Annotated[Room, _plan_only("lowest and highest corner in its own frame, parts turned")]
+    bounds: Annotated[VehicleBounds, _plan_only("lowest and highest corner in its own frame, parts turned")]
     paint: Annotated[Coats, _field_meaning("`materials`, `color`")]
     air_contrast: Annotated[Share, _field_meaning("share of its contrast left after haze")]
     geo: Annotated[PlaceOrNone, _field_meaning("place on the map, on a [GeoTIFF](terrain.md)")] = None
@@ -187,7 +187,7 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     ] = None
     dist: Annotated[LensOrNone, _field_meaning("OpenCV's distortion coefficients; only with `K`")] = None
     like: Annotated[
-        Followed | None,
+        FollowedPhotograph | None,
         _field_kind("two names"),
         _plan_only(
             "file names: `sampled`, and `photograph`, which the camera follows (another one, or null, where limits "
@@ -200,14 +200,14 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     width: Annotated[Size, _field_meaning("of the picture, in pixels")]
     height: Annotated[Size, _field_meaning("of the picture, in pixels")]
     hdri: Annotated[Name, _field_meaning("the HDRI's name")]
-    hdri_yaw_deg: Annotated[Turn, _field_meaning("its turn, counterclockwise seen from above")]
+    hdri_yaw_deg: Annotated[HeadingRadians, _field_meaning("its turn, counterclockwise seen from above")]
     strength: Annotated[AtLeastZero, _field_meaning("factor on its brightness")]
     horizon_deg: Annotated[
         Horizon, _field_meaning("elevation whose color continues below it; null: the whole HDRI is visible")
     ]
-    exposure_ev: Annotated[EV, _field_meaning("exposure of the picture")]
+    exposure_ev: Annotated[ExposureValue, _field_meaning("exposure of the picture")]
     white_balance_k: Annotated[Kelvin, _field_meaning("white balance minus 6500 K; more is warmer")]
-    weather: Annotated[Air, _field_meaning("null: clear and dry")]
+    weather: Annotated[RowWeather, _field_meaning("null: clear and dry")]
     sample_seed: Annotated[Seed, _field_meaning("seed of Cycles' noise")]
     background: Annotated[
         bool, _field_kind("true or false"), _field_meaning("whether the image shows no target (see below)")
@@ -304,7 +304,7 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
         list[LeftOut], _field_kind("a list of pairs"), _field_meaning("without a place: `vehicle`, `scenery`, `why`")
     ]
     photographs: Annotated[
-        Source | None, _field_kind("a file"), _field_meaning("`path` and `sha256`; only with `camera.like`")
+        AssetSource | None, _field_kind("a file"), _field_meaning("`path` and `sha256`; only with `camera.like`")
     ] = None
     poses: Annotated[
         GivenPoses | None,
@@ -320,7 +320,7 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class RowField:
     """The declaration of one field."""
 
     expected: str
@@ -332,14 +332,14 @@ class Field:
 
 
 @cache
-def row_fields(kind: type[Struct]) -> dict[str, Field]:
+def row_fields(kind: type[Struct]) -> dict[str, RowField]:
     """Return the fields of a declared type in the order of a line."""
     hints = get_type_hints(kind, include_extras=True)
     declared = {}
     for field in msgspec.structs.fields(kind):
         metas: tuple[Meta, ...] = hints[field.name].__metadata__
         extra = {key: value for meta in metas for key, value in (meta.extra or {}).items()}
-        declared[field.name] = Field(meaning=metas[-1].description or "", optional=field.default is None, **extra)
+        declared[field.name] = RowField(meaning=metas[-1].description or "", optional=field.default is None, **extra)
     return declared
 
 

@@ -17,19 +17,19 @@ from scipy.special import chdtrc
 
 from hulldown.camera.shell import shell_place
 from hulldown.geometry.transforms import transform_points
-from hulldown.plan.config.asset_sections import OWN
-from hulldown.plan.rejection import AIMING, BY_KEY, PLACING
+from hulldown.plan.config.asset_sections import OWN_COLOR
+from hulldown.plan.rejection import BY_KEY, CAMERA_REJECTIONS, PLACE_REJECTIONS
 from hulldown.plan.row import LeftOut, Row
-from hulldown.weather.kinds import KINDS
+from hulldown.weather.kinds import WEATHER_KINDS
 
 # COCO's classes of size, by area in square pixels.
-SIZES = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
-COUNTED = (
+SIZE_CLASSES_PX2 = {"small": 32.0**2, "medium": 96.0**2, "large": math.inf}
+COUNTED_FIELDS = (
     *("backgrounds", "companions", "distractors", "paints", "labels", "sceneries", "hdris", "weather", "rejected"),
     "like",
 )
 # Title and edges of the bins of each quantity of targets.
-QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
+HISTOGRAM_QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "slope_deg": ("slope of the vehicle (degrees)", np.linspace(0.0, 90.0, 91)),
     "distance_m": ("distance of the camera (m)", np.logspace(0.0, 4.0, 65)),
     "elevation_deg": ("elevation of the camera (degrees)", np.linspace(-90.0, 90.0, 91)),
@@ -39,11 +39,11 @@ QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "air_contrast": ("contrast after haze, images with weather only", np.linspace(0.0, 1.0, 21)),
     "box_px": ("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
 }
-_BARS = " ▁▂▃▄▅▆▇█"
+_BAR_CHARACTERS = " ▁▂▃▄▅▆▇█"
 MIN_EXPECTED_IMAGES = 5.0  # expected images of a class below which values are merged
 FALSE_POSITIVE_RATE = 1e-4  # false positive rate for one variable
 MIN_CRAMERS_V = 0.1  # Cramér's V below which a dependency doesn't help a detector
-REMEDIES = {
+REJECTION_REMEDIES = {
     "box height": 'camera.size_measure = "height" gives all classes the same',
     "scenery": "let all classes be planned on all sceneries",
     "paint": "give all classes the same paints",
@@ -82,7 +82,7 @@ class Histogram:
         """Return the used bins as a line of blocks."""
         counts = self.bin_counts[self.used_bins]
         groups = [int(part.sum()) for part in np.array_split(counts, min(width, len(counts)) or 1)]
-        return "".join(_BARS[math.ceil(8 * n / max(*groups, 1))] for n in groups)
+        return "".join(_BAR_CHARACTERS[math.ceil(8 * n / max(*groups, 1))] for n in groups)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -93,13 +93,13 @@ class Summary:
     positions: int
     classes: Mapping[str, Counter[str]]  # classes, sizes: images of each class, by vehicle and by COCO size
     sizes: Mapping[str, Counter[str]]
-    # occurrences of each name, by the keys in `COUNTED`. A background counts as the distractor in its target's place,
-    # or "". Paints are those of all vehicles, by color. Rejections are tries.
+    # occurrences of each name, by `COUNTED_FIELDS`. A background counts as the distractor in its target's place, or "".
+    # Paints are those of all vehicles, by color. Rejections are tries.
     counts: Mapping[str, Counter[str]]
     open_sky: int  # images of rain or snow while the config names no overcast HDRIs
     no_room: int  # companions left out for want of room, counted once per position
     left_out: tuple[LeftOut, ...]  # vehicles that aren't planned on a scenery
-    histograms: Mapping[str, Histogram]  # by the keys of `QUANTITIES`
+    histograms: Mapping[str, Histogram]  # by the keys of `HISTOGRAM_QUANTITIES`
     shortcuts: tuple[str, ...]
 
     def to_json(self) -> dict[str, object]:
@@ -148,10 +148,10 @@ class Summary:
 
     def _class_table(self) -> Table:
         table = _empty_table(
-            f"{self.images:,} images at {self.positions:,} positions", "class", "vehicles", "images", *SIZES
+            f"{self.images:,} images at {self.positions:,} positions", "class", "vehicles", "images", *SIZE_CLASSES_PX2
         )
         for category, models in self.classes.items():
-            sizes = [f"{self.sizes[category][size]:,}" for size in SIZES]
+            sizes = [f"{self.sizes[category][size]:,}" for size in SIZE_CLASSES_PX2]
             table.add_row(escape(category), _counts_line(models.items()), f"{models.total():,}", *sizes)
         for title, key in (
             ("no target", "backgrounds"),
@@ -180,7 +180,10 @@ class Summary:
 
     def _rejection_table(self) -> Table:
         table = _empty_table("rejected tries", "tries that", "times", "share")
-        for kinds, taken, what in ((PLACING, self.positions, "places"), (AIMING, self.images, "cameras")):
+        for kinds, taken, what in (
+            (PLACE_REJECTIONS, self.positions, "places"),
+            (CAMERA_REJECTIONS, self.images, "cameras"),
+        ):
             rejected = {kind.phrase: n for kind in kinds if (n := self.counts["rejected"][kind.key])}
             total = taken + sum(rejected.values())
             for phrase, n in [("were taken", taken), *sorted(rejected.items(), key=lambda item: -item[1])]:
@@ -192,20 +195,20 @@ def summarize_plan(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), ove
     """Count over all rows of a plan, in about 64 bytes per row; `overcast` tells whether overcast HDRIs are named."""
     images = positions = open_sky = no_room = 0
     classes, sizes = defaultdict[str, Counter[str]](Counter), defaultdict[str, Counter[str]](Counter)
-    counts: dict[str, Counter[str]] = {key: Counter() for key in COUNTED}
-    values = {key: array("d") for key in QUANTITIES}
+    counts: dict[str, Counter[str]] = {key: Counter() for key in COUNTED_FIELDS}
+    values = {key: array("d") for key in HISTOGRAM_QUANTITIES}
     nuisance: dict[str, dict[str, Counter[str]]] = {}
     for row in rows:
         images += 1
         positions += row.shot == 0
         no_room += row.left_out if row.shot == 0 else 0
-        open_sky += not overcast and row.weather is not None and KINDS[row.weather.kind].overcast
+        open_sky += not overcast and row.weather is not None and WEATHER_KINDS[row.weather.kind].overcast
         counts["sceneries"][row.scenery] += 1
         counts["hdris"][row.hdri] += 1
         counts["weather"][row.weather.kind if row.weather else "clear"] += 1
         counts["companions"].update(companion.vehicle for companion in row.companions)
         counts["distractors"].update(distractor.vehicle for distractor in row.distractors)
-        counts["paints"].update(coat.color or OWN for vehicle in row.vehicles for coat in vehicle.paint)
+        counts["paints"].update(coat.color or OWN_COLOR for vehicle in row.vehicles for coat in vehicle.paint)
         counts["labels"].update(vehicle.label for vehicle in row.labeled)
         counts["rejected"].update(row.rejected)
         target = row.target
@@ -220,7 +223,7 @@ def summarize_plan(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), ove
         classes[category][target.vehicle] += 1
         for variable, value in nuisance_values(row).items():
             nuisance.setdefault(variable, {}).setdefault(category, Counter())[value] += 1
-        sizes[category][next(name for name, limit in SIZES.items() if area < limit)] += 1
+        sizes[category][next(name for name, limit in SIZE_CLASSES_PX2.items() if area < limit)] += 1
         center = np.mean([target.bounds.low, target.bounds.high], axis=0)
         center = transform_points(target.world_from_vehicle, center[None])[0]
         distance, _, elevation = shell_place(row.world_from_camera[:3, 3] - center)
@@ -234,7 +237,7 @@ def summarize_plan(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), ove
             if key != "air_contrast" or row.weather:
                 column.append(derived[key] if key in derived else getattr(target, key))
     counts["rejected"] = Counter({key: counts["rejected"][key] for key in BY_KEY if counts["rejected"][key]})
-    histograms = {key: Histogram(*QUANTITIES[key], np.array(column)) for key, column in values.items()}
+    histograms = {key: Histogram(*HISTOGRAM_QUANTITIES[key], np.array(column)) for key, column in values.items()}
     warnings = tuple(shortcut_notes(nuisance))
     return Summary(images, positions, classes, sizes, counts, open_sky, no_room, tuple(left_out), histograms, warnings)
 
@@ -263,7 +266,7 @@ def nuisance_values(row: Row) -> dict[str, str]:
     }
     if row.shot:
         return of_image
-    paint = ", ".join(coat.color or OWN for coat in target.paint)
+    paint = ", ".join(coat.color or OWN_COLOR for coat in target.paint)
     return of_image | {
         "scenery": row.scenery,
         "number of companions": str(len(row.companions)),
@@ -277,7 +280,7 @@ def shortcut_notes(counts: Counts) -> list[str]:
     lines = []
     for variable, by_class in counts.items():
         if dependency := _describe_dependency(by_class):
-            remedy = f"; {REMEDIES[variable]}" if variable in REMEDIES else ""
+            remedy = f"; {REJECTION_REMEDIES[variable]}" if variable in REJECTION_REMEDIES else ""
             lines.append(f"{variable} tells classes apart: {dependency}{remedy}")
     return lines
 

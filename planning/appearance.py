@@ -17,7 +17,7 @@ from hulldown.base.indices import even_sample
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.response import FARTHEST_EV, card_radiance, metered_exposures_ev
 from hulldown.plan.coats import Coat
-from hulldown.plan.config.asset_sections import OWN, PaintEntry
+from hulldown.plan.config.asset_sections import OWN_COLOR, PaintEntry
 from hulldown.plan.config.scene_sections import LightSection
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
@@ -25,7 +25,7 @@ from hulldown.plan.row import Row, round_field
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList
-from hulldown.weather.kinds import KINDS, Weather
+from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
 MAX_EXAMINED_IMAGES = 1000  # images spread over the plan
 RAY_COLUMNS, RAY_ROWS = 24, 16  # rays through an image
@@ -70,7 +70,9 @@ def draw_lights(
     """Draw light and exposure of images by weights of HDRIs; all but the HDRI don't depend on rotation and weather."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
-    overcast = np.array([weather is not None and KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)
+    overcast = np.array(
+        [weather is not None and WEATHER_KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64
+    )
     hdris = [assets.hdris[i] for i in choose_weighted(weights[overcast], u[:, 0]).tolist()]
     skies = {name: assets.sky(name) for name in set(hdris)}
     strength = round_field("strength", scale_uniform(*light.strength, u[:, 2]))
@@ -132,4 +134,4 @@ def draw_coats(
 
 def _choose_coat(entry: PaintEntry, choice: int) -> Coat:
     color = entry.colors[choice]
-    return Coat(list(entry.materials), None if color == OWN else color)
+    return Coat(list(entry.materials), None if color == OWN_COLOR else color)

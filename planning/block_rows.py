@@ -15,17 +15,17 @@ from hulldown.plan.coats import Coat
 from hulldown.plan.config.schema import Config
 from hulldown.plan.picture_names import picture_name
 from hulldown.plan.rejection import Rejection
-from hulldown.plan.row import Bounds, Box, Followed, Label, OnMap, PlannedVehicle, Row, round_field
+from hulldown.plan.row import Bounds, Box, FollowedPhotograph, LabelState, OnMap, PlannedVehicle, Row, round_field
 from hulldown.planning.appearance import COMPANIONS, DISTRACTORS, draw_coats, draw_lights
 from hulldown.planning.search.instance_table import Instances, articulated_boxes
 from hulldown.planning.search.likeness import Following
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
-from hulldown.planning.search.tables import MOST_EXTRAS, Block, Role, Views
+from hulldown.planning.search.tables import MOST_EXTRAS, Block, InstanceRole, Views
 from hulldown.reading.scenery.geotiff import on_map
 
-_NAMES = {Role.COMPANION: "companion", Role.DISTRACTOR: "distractor"}
+_EXTRA_ROLES = {InstanceRole.COMPANION: "companion", InstanceRole.DISTRACTOR: "distractor"}
 LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
 
 
@@ -34,7 +34,7 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
     block, views, table = planned.block, planned.views, planned.table
     config, draws, image, owner, held = block.config, block.draws, block.image, block.owner, block.positions
     instances = _instance_columns(planned)
-    target = np.flatnonzero(table.role == Role.TARGET)
+    target = np.flatnonzero(table.role == InstanceRole.TARGET)
     background = held.background[owner].tolist()
     roles, labels = ["target"] * len(image), ["none" if is_empty else "full" for is_empty in background]
     targets = _in_images(instances, target[owner], views, roles=roles, labels=labels)
@@ -56,7 +56,10 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
         "sequence": block.given_poses(image).name.tolist(),
         "sample_seed": (draws.random_bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
         "background": background,
-        "planned": [[each, *extras[j, Role.COMPANION], *extras[j, Role.DISTRACTOR]] for j, each in enumerate(targets)],
+        "planned": [
+            [each, *extras[j, InstanceRole.COMPANION], *extras[j, InstanceRole.DISTRACTOR]]
+            for j, each in enumerate(targets)
+        ],
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
         "left_out": np.bincount(table.row[~table.is_placed], minlength=len(target))[owner].tolist(),
     }
@@ -73,13 +76,13 @@ def _camera_columns(config: Config) -> dict[str, object]:
     return size | {"K": matrix} | ({"dist": camera.distortion} if config.camera.distortion else {})
 
 
-def _followed_photographs(block: Block, views: Views) -> list[Followed | None]:
-    followed: list[Followed | None] = [None] * len(views.sampled)
+def _followed_photographs(block: Block, views: Views) -> list[FollowedPhotograph | None]:
+    followed: list[FollowedPhotograph | None] = [None] * len(views.sampled)
     if block.likeness is not None:
         photographs = block.likeness.photographs
         for i in np.flatnonzero(views.following != Following.RANGES).tolist():
             sampled, box = (photographs.file_names[photographs.image[of[i]]] for of in (views.sampled, views.followed))
-            followed[i] = Followed(sampled, box if views.following[i] == Following.PHOTOGRAPH else None)
+            followed[i] = FollowedPhotograph(sampled, box if views.following[i] == Following.PHOTOGRAPH else None)
     return followed
 
 
@@ -103,13 +106,13 @@ def _image_extras(
     seen, views = planned.seen, planned.seen.views
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
     labels = extra_labels(views, seen.pixels, planned.block.config)
-    vehicles = _in_images(instances, seen.instance, views, roles=[_NAMES[role] for role in roles], labels=labels)
+    vehicles = _in_images(instances, seen.instance, views, roles=[_EXTRA_ROLES[role] for role in roles], labels=labels)
     for image, role, vehicle in zip(seen.image.tolist(), roles, vehicles, strict=True):
         extras[image, role].append(vehicle)
     return extras
 
 
-def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[Label]:
+def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[LabelState]:
     """Return the labels of n companions and distractors that have a class and cover `pixels`, within the limits."""
     given, camera = config.annotate, config.camera
     least_px, least_visible = given.min_box_px, given.min_visible_fraction
@@ -124,7 +127,7 @@ def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -
     )
     full &= round_field("truncated_fraction", views.boxes.truncated_fraction) <= most_cut
     full &= round_field("air_contrast", views.air_contrast) >= config.weather.min_contrast
-    below: Label = "ignored" if given.below == "ignored" else "none"
+    below: LabelState = "ignored" if given.below == "ignored" else "none"
     pairs = zip(pixels.tolist(), full.tolist(), strict=True)
     return [("full" if enough else below) if shown else "none" for shown, enough in pairs]
 
@@ -152,7 +155,7 @@ def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
 
 def _track_numbers(planned: Planned) -> list[int | None]:
     block, table = planned.block, planned.table
-    number = 1 + (block.positions.number[table.row] * len(Role) + table.role) * MOST_EXTRAS + table.number
+    number = 1 + (block.positions.number[table.row] * len(InstanceRole) + table.role) * MOST_EXTRAS + table.number
     named = block.given_poses(block.positions.first_image).in_sequence[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
@@ -161,7 +164,7 @@ def _instance_coats(planned: Planned) -> list[list[Coat]]:
     """Draw the coats of each instance, by its number among the instances of its role with a place."""
     block, table = planned.block, planned.table
     places = np.zeros(len(table), dtype=np.int64)
-    for role, first in ((Role.COMPANION, COMPANIONS), (Role.DISTRACTOR, DISTRACTORS)):
+    for role, first in ((InstanceRole.COMPANION, COMPANIONS), (InstanceRole.DISTRACTOR, DISTRACTORS)):
         placed = np.flatnonzero(table.is_placed & (table.role == role))
         rank = np.arange(len(placed)) - np.searchsorted(table.row[placed], table.row[placed])
         places[placed] = first + rank

@@ -20,7 +20,7 @@ from hulldown.camera.cameras import Cameras
 from hulldown.placement.settle import gap_and_penetration
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan, read_plan
-from hulldown.plan.row import Label, PlannedVehicle, Row, encode_line, round_field, row_fields
+from hulldown.plan.row import LabelState, PlannedVehicle, Row, encode_line, round_field, row_fields
 from hulldown.planning.block_rows import bounds_in_rows, extra_labels, geo_in_rows, view_columns
 from hulldown.planning.planner import BLOCK_POSITIONS, Planner
 from hulldown.planning.search.instance_table import Instances
@@ -156,7 +156,7 @@ def relabel_row(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> 
     columns = _label_columns(row, site, vehicles, stage)
     values = zip(row.planned, *columns.values(), strict=True)
     target, *extras = (replace(vehicle, **dict(zip(columns, own, strict=True))) for vehicle, *own in values)
-    label: Label = "none" if row.background else "full"
+    label: LabelState = "none" if row.background else "full"
     return replace(row, planned=[replace(target, label=label), *extras])
 
 

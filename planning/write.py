@@ -20,8 +20,8 @@ from typing import Annotated
 import numpy as np
 from msgspec.structs import asdict
 
-from hulldown.assets.plan_assets import Assets, HdriSource, Source
-from hulldown.base.arguments import PATH, AnyPath, Count
+from hulldown.assets.plan_assets import Assets, AssetSource, HdriSource
+from hulldown.base.arguments import PATH_PARSER, AnyPath, Count
 from hulldown.base.code import package_version
 from hulldown.base.errors import ConfigError
 from hulldown.base.outputs import claim_file
@@ -39,14 +39,14 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.asset_report import refuse_lost
 from hulldown.reading.pieces.doubt import Doubt, file_warnings
 
-Progress = Callable[[int, int], None]
-PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
+ReportProgress = Callable[[int, int], None]
+HEADER_PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
 _BLOCKS_AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
 _SMALLEST_BLOCK = 64
 
 
 def plan_dataset(
-    config: Annotated[Config | str | os.PathLike[str], PATH],
+    config: Annotated[Config | str | os.PathLike[str], PATH_PARSER],
     output: AnyPath,
     *,
     workers: Count | None = None,
@@ -54,7 +54,7 @@ def plan_dataset(
     poses: AnyPath | None = None,
     cache: AnyPath | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
-    progress: Progress | None = None,
+    progress: ReportProgress | None = None,
 ) -> Plan:
     """Plan every pose of a dataset.
 
@@ -155,7 +155,7 @@ def write_plan(
     strict: bool = False,
     poses: GivenPoses | None = None,
     photographs: Photographs | None = None,
-    progress: Progress | None = None,
+    progress: ReportProgress | None = None,
 ) -> Plan:
     """Plan with assets in memory and write the plan, or continue it; parameters as of `plan_dataset` and `Planner`."""
     if workers < 1:
@@ -185,8 +185,8 @@ def make_header(planner: Planner, path: str | Path) -> Header:
     """Return the first line of a planner's plan with this name."""
     config, assets = planner.config, planner.assets
 
-    def recorded(kind: str, name: str) -> Source:
-        return assets.files.get(kind, {}).get(name, Source())
+    def recorded(kind: str, name: str) -> AssetSource:
+        return assets.files.get(kind, {}).get(name, AssetSource())
 
     photographs = planner.photographs
     return Header(
@@ -210,10 +210,12 @@ def make_header(planner: Planner, path: str | Path) -> Header:
         },
         versions={
             "python": platform.python_version(),
-            **{package: package_version(package) or "unknown" for package in PACKAGES},
+            **{package: package_version(package) or "unknown" for package in HEADER_PACKAGES},
         },
         left_out=list(planner.pairs.left_out),
-        photographs=None if photographs is None else Source(path=str(config.camera.like), sha256=photographs.sha256),
+        photographs=None
+        if photographs is None
+        else AssetSource(path=str(config.camera.like), sha256=photographs.sha256),
         poses=planner.poses,
     )
 

@@ -5,7 +5,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
-from hulldown.reading.pieces.naming import GROUND, GUN, HELPERS, TURRET, first_match, name_words
+from hulldown.reading.pieces.naming import GROUND_WORDS, GUN_WORDS, HELPER_WORDS, TURRET_WORDS, first_match, name_words
 from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
@@ -21,12 +21,14 @@ def test_numbers_added_by_blender_change_nothing(name: str, number: int) -> None
     assume(name[-4:-3] != ".")
     numbered = f"{name}.{number:03}"
     assert name_words(numbered) == name_words(name)
-    for patterns in (TURRET, GUN, GROUND, HELPERS):
+    for patterns in (TURRET_WORDS, GUN_WORDS, GROUND_WORDS, HELPER_WORDS):
         assert first_match(numbered, patterns) == first_match(name, patterns)
 
 
 @given(
-    st.sampled_from(TURRET + GUN + GROUND), st.sampled_from(["_", "-", " ", ".", ""]), st.sampled_from(["Left", "Old"])
+    st.sampled_from(TURRET_WORDS + GUN_WORDS + GROUND_WORDS),
+    st.sampled_from(["_", "-", " ", ".", ""]),
+    st.sampled_from(["Left", "Old"]),
 )
 def test_a_word_is_found_in_any_spelling(word: str, gap: str, other: str) -> None:
     for name in (

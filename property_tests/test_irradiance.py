@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from scipy import integrate
 
 from hulldown.assets.skylight import level_irradiance
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, display_levels, metered_exposures_ev
 
 
@@ -62,6 +62,6 @@ COLORS = st.tuples(*[st.floats(0.2, 1.0)] * 3)
 def test_a_metered_card_is_mid_gray_in_any_light(color, power):
     card = CARD_ALBEDO * np.array([color]) * 2.0**power
     (ev,) = metered_exposures_ev(card)
-    assert display_levels(card[0] * 2.0**ev) @ LUMINANCE == pytest.approx(CARD_LEVEL, abs=1e-6)
+    assert display_levels(card[0] * 2.0**ev) @ LUMINANCE_WEIGHTS == pytest.approx(CARD_LEVEL, abs=1e-6)
     (brighter,) = metered_exposures_ev(2.0 * card)
     assert brighter == pytest.approx(ev - 1.0, abs=1e-9)

@@ -18,7 +18,7 @@ from hulldown.dataset.attributes import label_numbers
 from hulldown.dataset.row_records import Segmenter, image_record, label_records
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
-from hulldown.plan.config.asset_sections import OWN
+from hulldown.plan.config.asset_sections import OWN_COLOR
 from hulldown.plan.summary import summarize_plan
 from hulldown.planning.check import known_poses, relabel_row
 from hulldown.planning.planner import Planner
@@ -32,7 +32,7 @@ from hulldown.tests.builders.planning_assets import (
     to_camera,
 )
 from hulldown.tests.builders.shapes import vertices_at
-from hulldown.weather.kinds import KINDS
+from hulldown.weather.kinds import WEATHER_KINDS
 
 # Rounding of rows: see plan/row.py.
 ROUNDED, ROTATION, PIXELS = 1e-9, 1e-12, 1e-6
@@ -120,8 +120,8 @@ def planned(config):
 @pytest.fixture(scope="module", autouse=True)
 def give_up_soon():
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 4)
-        patch.setattr("hulldown.planning.search.positions.CROWDED_PLACES", 4)
+        patch.setattr("hulldown.planning.search.positions.MAX_PLACES_WITHOUT_CAMERA", 4)
+        patch.setattr("hulldown.planning.search.positions.MAX_PLACES_WITHOUT_ROOM", 4)
         yield
 
 
@@ -294,7 +294,7 @@ def camera_within_limits(row, config):
 def painted_within_limits(vehicle, config):
     for coat, entry in zip(vehicle.paint, config.vehicle_paint(vehicle.vehicle), strict=True):
         assert coat.materials == list(entry.materials)
-        assert (coat.color or OWN) in entry.colors
+        assert (coat.color or OWN_COLOR) in entry.colors
 
 
 def light_within_limits(row, config):
@@ -304,8 +304,8 @@ def light_within_limits(row, config):
     if row.weather is not None:
         assert getattr(config.weather, kind) > 0.0
         for key, value in (
-            (KINDS[kind].visibility, row.weather.visibility_m),
-            (KINDS[kind].rate, row.weather.rain_mm_h),
+            (WEATHER_KINDS[kind].visibility, row.weather.visibility_m),
+            (WEATHER_KINDS[kind].rate, row.weather.rain_mm_h),
         ):
             assert not key or within(value, getattr(config.weather, key))
     assert row.target.air_contrast >= config.weather.min_contrast - ROUNDED

@@ -20,7 +20,7 @@ from hulldown.reading.pieces.asset_report import PartRow, Thing, format_xyz
 from hulldown.reading.pieces.doubt import Doubt
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
-from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_pattern
+from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_role_pattern
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
 from hulldown.reading.vehicle.nose import forward_text
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
@@ -32,7 +32,7 @@ from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
 KILOMETER_M = 1000.0
-NAMES = (
+NAME_CLUES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
 
@@ -163,9 +163,10 @@ def build_scenery(
 ) -> tuple[Scenery, tuple[str, ...]]:
     """Ground and obstacles about an origin in whole kilometers, and ground pieces whose mesh is partly water."""
     meshes, pieces = drawn.meshes, drawn.pieces
-    if wrong := unmatched_pattern(pieces, options):
+    if wrong := unmatched_role_pattern(pieces, options):
         raise AssetError(
-            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_similar_names(wrong[1], pieces)}", remedy=NAMES
+            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_similar_names(wrong[1], pieces)}",
+            remedy=NAME_CLUES,
         )
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
     obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]

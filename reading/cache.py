@@ -36,7 +36,7 @@ NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32
 Note = TypeVar("Note")
-Print = tuple[int, int, str]  # of a file: its size, its time, and its content's digest
+FilePrint = tuple[int, int, str]  # of a file: its size, its time, and its content's digest
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +45,7 @@ class _Note:
 
     path: str
     report: FileReport
-    files: dict[str, Print | None]  # that it refers to; None: such a file can't be read
+    files: dict[str, FilePrint | None]  # that it refers to; None: such a file can't be read
     namesakes: list[str]  # see `_namesakes`
 
 
@@ -193,7 +193,7 @@ def _secret_key() -> bytes:
     return key
 
 
-def _file_print(file: Path, asset: Path, *, known: Print | None = None) -> Print | None:
+def _file_print(file: Path, asset: Path, *, known: FilePrint | None = None) -> FilePrint | None:
     """Size, time, and content of a file that an asset refers to; None where the confined reader couldn't open it."""
     if not (unconfined_reason() or is_inside(file, asset_folders(asset))):
         return None
@@ -206,6 +206,6 @@ def _file_print(file: Path, asset: Path, *, known: Print | None = None) -> Print
         return None
 
 
-def _is_unchanged(file: Path, was: Print | None, asset: Path) -> bool:
+def _is_unchanged(file: Path, was: FilePrint | None, asset: Path) -> bool:
     now = _file_print(file, asset, known=was)
     return now is was if now is None or was is None else now[2] == was[2]

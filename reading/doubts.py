@@ -21,7 +21,7 @@ SMALLEST_SCENERY = 20.0
 LARGEST_SCENERY = 200_000.0
 MAX_UPRIGHT_GROUND_SHARE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
 LIKELY_LENGTHS = (2.0, 20.0)
-Used = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
+UsedPieces = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
@@ -78,7 +78,7 @@ def scenery_doubts(
 
 
 def _role_doubts(
-    used: Used, options: Options, wet: Sequence[str], parked: Mapping[str, Sequence[str]]
+    used: UsedPieces, options: Options, wet: Sequence[str], parked: Mapping[str, Sequence[str]]
 ) -> Iterator[Doubt]:
     if not any(role.use == "ground" for _, role in used):
         text = "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
@@ -108,7 +108,7 @@ def _role_doubts(
             yield Doubt(DoubtKind.NOT_GROUND, f"{piece.name!r} isn't used as ground, {role.why}")
 
 
-def _shape_doubts(used: Used) -> Iterator[Doubt]:
+def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
     grounds = [piece for piece, role in used if role.use == "ground"]
     if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < MIN_LEVEL_SHARE:
         steep = f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep"

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.assets.skylight import SkyLight
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import AssetError
 from hulldown.base.outside import file_sha256
 from hulldown.camera.response import off_daylight
@@ -20,7 +20,7 @@ from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import first_bytes
 from hulldown.reading.reader_process import Job, ask_reader, found_answer
 
-MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
+HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME = "mended.exr"
 CHECKS_VERSION = 8  # raised when the checks or repairs of a file change
 MAX_RADIANCE = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
@@ -29,9 +29,12 @@ FEW_PIXELS = 4  # of a small picture
 MAX_NEGATIVE_SHARE = (
     0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
 )
-MEAN = (1e-4, 1e5)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
+MEAN_RADIANCE_RANGE = (
+    1e-4,
+    1e5,
+)  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
 MAX_TINT_UV = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
-REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
+BACKDROP_REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
 BATCH_PICTURES = 16  # pictures that one process reads, one after the other
 
 
@@ -62,7 +65,7 @@ class Hdri:
     @property
     def misfits(self) -> tuple[Doubt, ...]:
         """Doubts about whether it fits open land, with a remedy."""
-        return tuple(Doubt(DoubtKind.NO_OPEN_LAND, f"{misfit}; {REMEDY}") for misfit in self.light.misfits)
+        return tuple(Doubt(DoubtKind.NO_OPEN_LAND, f"{misfit}; {BACKDROP_REMEDY}") for misfit in self.light.misfits)
 
     @property
     def doubts(self) -> tuple[Doubt, ...]:
@@ -101,8 +104,8 @@ def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray,
     if np.ptp(pixels, axis=(0, 1)).max() == 0.0:
         raise AssetError("has one color everywhere, so it isn't a sky")
     mean = mean_luminance(pixels)
-    if not MEAN[0] <= mean <= MEAN[1]:
-        allowed = f"{MEAN[0]:g} to {MEAN[1]:g}"
+    if not MEAN_RADIANCE_RANGE[0] <= mean <= MEAN_RADIANCE_RANGE[1]:
+        allowed = f"{MEAN_RADIANCE_RANGE[0]:g} to {MEAN_RADIANCE_RANGE[1]:g}"
         raise AssetError(f"has a mean luminance of {mean:.3g}, expected {allowed}", remedy="scale it, or leave it out")
     return pixels, tuple(notes)
 
@@ -110,7 +113,7 @@ def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray,
 def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
     """Return mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
     height = len(pixels)
-    rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE
+    rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE_WEIGHTS
     weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
     return float(rows @ weight / weight.sum())
 
@@ -152,7 +155,7 @@ def read_hdris(
 
 def refuse_no_hdri(path: Path) -> None:
     """Raise if a file doesn't begin like an HDRI."""
-    if not first_bytes(path).startswith(MAGIC):
+    if not first_bytes(path).startswith(HDRI_MAGIC):
         raise AssetError("isn't an OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 
 

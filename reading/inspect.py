@@ -26,12 +26,14 @@ from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.scene.rays import Hits, Kind, RayList
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
-COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
-OBSTACLE = np.array([150.0, 150.0, 150.0])
+ROLE_COLORS = np.array(
+    [(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float
+)
+OBSTACLE_COLOR = np.array([150.0, 150.0, 150.0])
 FULL_SIZE_ASSETS = 12  # assets in one picture; more are drawn half as large
 FRONT_LEFT = "from the front left"
 # Name, direction of sight, direction that is up in the picture.
-VIEWS = (
+SHEET_VIEWS = (
     ("from the left", (0.0, -1.0, 0.0), (0.0, 0.0, 1.0)),
     ("from the front", (-1.0, 0.0, 0.0), (0.0, 0.0, 1.0)),
     (FRONT_LEFT, (-1.0, -1.0, -0.7), (0.0, 0.0, 1.0)),
@@ -82,22 +84,22 @@ def draw_asset(
             Scene(vehicles=[PosedVehicle(VehicleCaster(asset), np.eye(4)[None], {})]),
             asset.surface[0].bounds,
         )
-        colors = dict(zip(asset.part_names, COLORS, strict=False))
+        colors = dict(zip(asset.part_names, ROLE_COLORS, strict=False))
     else:
         world = Scene.of(asset)
         bounds = _worth_seeing(asset, world.obstacles.bounds)
         ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
-        colors = {ground: COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE}
+        colors = {ground: ROLE_COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE_COLOR}
 
     sheet = Image.new("RGB", (2 * size, 2 * size), (int(BACKGROUND_LEVEL),) * 3)
-    for i, (title, sight, up) in enumerate(VIEWS):
+    for i, (title, sight, up) in enumerate(SHEET_VIEWS):
         at = (i % 2 * size, i // 2 * size)
         if title == FRONT_LEFT and picture is not None:
             tile = Image.fromarray(read_pixels(picture)).resize((size, size), Image.Resampling.BICUBIC)
             _name_tile(tile, f"{title}, as rendered")
             sheet.paste(tile, at)
             continue
-        view = _View(np.array(sight), np.array(up), bounds, size)
+        view = _SheetView(np.array(sight), np.array(up), bounds, size)
         hits, light = view.shade_view(world)
         number = hits.part if isinstance(asset, VehicleShape) else (hits.kind == Kind.OBSTACLE).astype(int)
         shaded = np.array(list(colors.values()))[number] * light[:, None]
@@ -133,7 +135,7 @@ def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[
     return np.array([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
 
-class _View:
+class _SheetView:
     """An orthographic view of a box that fills a square picture."""
 
     def __init__(
@@ -167,7 +169,7 @@ class _View:
         return self.size / 2 + x * self.scale, self.size / 2 - y * self.scale
 
 
-def _mark_pivots(tile: Image.Image, view: _View, shape: VehicleShape) -> None:
+def _mark_pivots(tile: Image.Image, view: _SheetView, shape: VehicleShape) -> None:
     pen = ImageDraw.Draw(tile)
     reach = 0.15 * float(shape.size_xyz.max())
     for pivot, axis in zip(shape.part_pivot[1:], shape.part_axis[1:], strict=True):
@@ -181,7 +183,7 @@ def _name_tile(tile: Image.Image, title: str) -> None:
     ImageDraw.Draw(tile).text((10, 8), title, fill=(0, 0, 0), font=label_font(14))
 
 
-def _draw_bar(tile: Image.Image, view: _View) -> None:
+def _draw_bar(tile: Image.Image, view: _SheetView) -> None:
     pen, font = ImageDraw.Draw(tile), label_font(14)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))

@@ -26,7 +26,7 @@ SYSTEM_LIBRARIES = {
     "libGL.so.1": "libgl1",
     "libEGL.so.1": "libegl1",  # opened when a grease pencil is drawn, without which Blender aborts
 }
-INSTALL = f"apt-get install {' '.join(SYSTEM_LIBRARIES.values())}"
+INSTALL_COMMAND = f"apt-get install {' '.join(SYSTEM_LIBRARIES.values())}"
 
 
 def missing_libraries() -> tuple[str, ...]:
@@ -49,7 +49,7 @@ def library_remedy(output: str) -> str | None:
     if "No module named 'bpy'" in output:
         return "install hulldown[blender]"
     if re.search(r"ImportError: lib\S+: cannot open shared object file", output):
-        return f"Blender needs system libraries: run `{INSTALL}` as root"
+        return f"Blender needs system libraries: run `{INSTALL_COMMAND}` as root"
     return None
 
 
@@ -59,13 +59,13 @@ def main() -> int:
         return 0
     if os.geteuid() == 0 and shutil.which("apt-get"):
         quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-        command = [*INSTALL.split(), "--yes", "--quiet", "--no-install-recommends"]
+        command = [*INSTALL_COMMAND.split(), "--yes", "--quiet", "--no-install-recommends"]
         for step in (["apt-get", "update", "--quiet"], command):
             if subprocess.run(step, env=quiet, stdout=subprocess.DEVNULL, check=False).returncode:
                 break
         if not (missing := missing_libraries()):
             return 0
-    print(f"Blender needs {', '.join(missing)}. On Debian or Ubuntu: sudo {INSTALL}", file=sys.stderr)
+    print(f"Blender needs {', '.join(missing)}. On Debian or Ubuntu: sudo {INSTALL_COMMAND}", file=sys.stderr)
     return 2
 
 

@@ -20,11 +20,11 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, run_l
 from hulldown.reading.libraries import library_remedy
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.formats import file_format
-from hulldown.reading.pieces.options import DEFAULTS, Options
+from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
 
-ANSWER = "answer.json"
-PICTURE = "picture.png"
-DIFFERENCES = "differences.png"
+ANSWER_NAME = "answer.json"
+PICTURE_NAME = "picture.png"
+DIFFERENCES_NAME = "differences.png"
 Found = TypeVar("Found")
 
 
@@ -71,7 +71,7 @@ def export_asset(
     folder: Path | str,
     *,
     kind: str | None = None,
-    options: Options = DEFAULTS,
+    options: Options = DEFAULT_OPTIONS,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Exported:
     """Read `path` once as its kind (None: judged by contents), and write bundle and tidy twin into `folder`."""
@@ -80,7 +80,7 @@ def export_asset(
     return finished_export(job)
 
 
-def reader_job(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULTS) -> Job:
+def reader_job(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULT_OPTIONS) -> Job:
     """Return the reader's job; arguments as of `export_asset`."""
     kind_of_file = file_format(path)
     refuse_odd_references(path, kind_of_file)
@@ -97,8 +97,8 @@ def finished_export(job: Job) -> Exported:
 
 def folder_export(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
     """Return the export whose files are in a folder."""
-    picture = folder / PICTURE if report.kind == "vehicle" else None
-    differences = folder / DIFFERENCES if (folder / DIFFERENCES).is_file() else None
+    picture = folder / PICTURE_NAME if report.kind == "vehicle" else None
+    differences = folder / DIFFERENCES_NAME if (folder / DIFFERENCES_NAME).is_file() else None
     return Exported(report, folder / "bundle.npz", folder / "tidy.blend", picture, differences, tuple(files))
 
 
@@ -108,7 +108,7 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> N
     with tempfile.TemporaryDirectory(prefix="tmp-", dir=jobs[0].folder, ignore_cleanup_errors=True) as temporary:
         job_files = [Path(temporary, f"{number}.json") for number in range(len(jobs))]
         for job, job_file in zip(jobs, job_files, strict=True):
-            job.file(ANSWER).unlink(missing_ok=True)
+            job.file(ANSWER_NAME).unlink(missing_ok=True)
             job_file.write_text(json.dumps(asdict(job)), encoding="utf-8")
         # -P: a folder `reading` in the working directory must not be imported. The matrices here are 4x4, for which
         # OpenBLAS would wake all its threads each time.
@@ -119,7 +119,7 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> N
             limits=limits,
         )
     for job in jobs:
-        if not job.file(ANSWER).is_file():  # it was at this one when it ended
+        if not job.file(ANSWER_NAME).is_file():  # it was at this one when it ended
             _raise_reason(job.path, *ended)
 
 
@@ -135,7 +135,7 @@ def found_answer(job: Job, kind: type[Found]) -> Found:
     """Return what the reading process found in a file, as the type that it tells."""
     # Its process had opened a file from outside.
     refuse = partial(AssetError, path=job.path, remedy="open it in Blender, save it again, or leave it out")
-    answer = read_json(job.file(ANSWER), dict[str, object], refuse, what="readable: its process gave no answer")
+    answer = read_json(job.file(ANSWER_NAME), dict[str, object], refuse, what="readable: its process gave no answer")
     try:
         if "error" in answer:
             raise AssetError(**parse_value(answer["error"], Refused))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 
 MAP_ROWS = 128  # rows of the analyzed map: 1.4 degrees each
 MIN_JUDGED_ROWS = 32  # least rows for a judgment
 # Darker than this share of the sky so many degrees above it means surroundings; an overcast sky's horizon has a
 # third of its zenith.
-DARK = {(1.0, 25.0): 0.5, (25.0, 50.0): 0.3}
+MIN_DARK_SHARES = {(1.0, 25.0): 0.5, (25.0, 50.0): 0.3}
 MAX_BRIGHT_GAP_ROWS = 3  # rows of a street lamp's light, or of sky between two branches, that may be brighter
 TOP_DEG = 60.0  # higher things are overhead
 NEAR_DEG = 15.0  # things that reach higher, in a twentieth of all directions, are a street's or a wood's
@@ -26,7 +26,7 @@ MAX_PLAIN_VARIATION = (
 def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
     """Return whether an HDRI shows more than one color below its horizon; parameters as of `backdrop_elevation`."""
     elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
-    below = (sky @ LUMINANCE)[(elevation < -3.0) & (elevation > -30.0)]
+    below = (sky @ LUMINANCE_WEIGHTS)[(elevation < -3.0) & (elevation > -30.0)]
     return bool(below.size and below.std() > MAX_PLAIN_VARIATION * below.mean())
 
 
@@ -44,7 +44,7 @@ def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[st
     if height < MIN_JUDGED_ROWS:  # too coarse to tell
         return round(min(90.0 / height, TOP_DEG), 3), ()
     elevation = 90.0 - (np.arange(height) + 0.5) / height * 180.0
-    gray = sky @ LUMINANCE
+    gray = sky @ LUMINANCE_WEIGHTS
     gray += 1e-6 * gray.mean()
     tops = _dark_tops(gray, elevation)
     misfits = []
@@ -67,7 +67,7 @@ def _dark_tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"
     bright = np.zeros(gray.shape[1], dtype=int)  # rows since the last dark one
     for row in np.flatnonzero((elevation > 0.0) & (elevation < TOP_DEG))[::-1]:
         dark = np.zeros(gray.shape[1], dtype=bool)
-        for (low, high), share in DARK.items():
+        for (low, high), share in MIN_DARK_SHARES.items():
             above = (elevation > elevation[row] + low) & (elevation < elevation[row] + high)
             dark |= gray[row] < share * np.median(gray[above], axis=0)
         dark &= bright <= MAX_BRIGHT_GAP_ROWS

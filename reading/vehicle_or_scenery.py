@@ -8,7 +8,7 @@ import numpy as np
 
 from hulldown.base.errors import AssetError
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import VEHICLE, first_match
+from hulldown.reading.pieces.naming import VEHICLE_PART_WORDS, first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
@@ -27,7 +27,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
         sheet = height <= MAX_SHEET_THICKNESS_SHARE * across or (len(pieces) == 1 and is_open_land(pieces[0]))
         return "scenery" if across > BIGGEST_VEHICLE and sheet else "vehicle"
     kept = _vehicle_reason(pieces)
-    if 2 * sum(bool(first_match(p.name, VEHICLE)) for p in kept) > len(kept):
+    if 2 * sum(bool(first_match(p.name, VEHICLE_PART_WORDS)) for p in kept) > len(kept):
         return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground
     return "scenery" if not kept or max(_pieces_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
 
@@ -40,7 +40,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
         if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
             return None
         kept = _vehicle_reason(pieces)
-        if any(first_match(p.name, VEHICLE) for p in kept):
+        if any(first_match(p.name, VEHICLE_PART_WORDS) for p in kept):
             return None  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
         ground = _ground_reason(pieces, options)
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
@@ -52,7 +52,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
     overrides = (options.scale, options.ground, options.not_ground, options.drop)
     if any(overrides) or likely_kind(pieces, options) == "scenery":
         return None
-    telling = next((p.name for p in pieces if first_match(p.name, VEHICLE)), None)
+    telling = next((p.name for p in pieces if first_match(p.name, VEHICLE_PART_WORDS)), None)
     longest = max(_pieces_extent(_vehicle_reason(pieces) or pieces))
     if longest > BIGGEST_VEHICLE:
         return None

@@ -13,10 +13,10 @@ from pathlib import Path
 from distributed import get_worker
 
 from hulldown.base.child import Stopped
-from hulldown.base.code import MISSING, package_versions, version_difference
+from hulldown.base.code import NOT_INSTALLED, package_versions, version_difference
 from hulldown.base.files import open_regular
-from hulldown.cluster.scheduler import RESOURCE, SHARE_VARIABLE, Scheduler
-from hulldown.cluster.workers import Answer, Cluster, task_is_wanted
+from hulldown.cluster.scheduler import RENDER_RESOURCE, SHARE_VARIABLE, Scheduler
+from hulldown.cluster.workers import Cluster, TaskResult, task_is_wanted
 from hulldown.plan.library import Library
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import RenderJob
@@ -25,8 +25,10 @@ from hulldown.render.pool import Engine
 from hulldown.render.process import Allowance, Blender, Confinement, Limits, Outcome
 
 AT_ONCE = 2  # tasks per worker: the current and the next one
-LOST = "its workers were lost, the last ones while they had nothing else to do"
-SHARE = "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
+LOST_WORKERS = "its workers were lost, the last ones while they had nothing else to do"
+SHARED_FOLDER_REMEDY = (
+    "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
+)
 IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
 
 
@@ -45,15 +47,15 @@ class ClusterPool(Cluster):
         self._stopping = stopping
         self._setting = Setting(readable_paths(library), engine.device, engine.limits)
         refused = partial(refusal_reason, package_versions("bpy"), engine.require_confinement, shared_files(library))
-        super().__init__(scheduler, RESOURCE, refused, at_once=AT_ONCE, say=say)
+        super().__init__(scheduler, RENDER_RESOURCE, refused, at_once=AT_ONCE, say=say)
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
 
-        def call(job: int) -> Callable[[], Answer[Outcome]]:
+        def call(job: int) -> Callable[[], TaskResult[Outcome]]:
             return partial(render_row, self._setting, job_of(job))
 
-        lost = Outcome(reasons=(LOST,))
+        lost = Outcome(reasons=(LOST_WORKERS,))
         for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping):
             reasons = [reason for outcome in outcomes for reason in outcome.reasons] if outcomes[-1].reasons else []
             restarts = sum(outcome.restarts for outcome in outcomes)
@@ -76,9 +78,9 @@ def shared_files(library: Library) -> dict[str, tuple[int, int]]:
 
 def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
     """Return the reason why this process can't render for a client with these `shared_files`; empty if it can."""
-    if package_versions("bpy")["bpy"] == MISSING:
+    if package_versions("bpy")["bpy"] == NOT_INSTALLED:
         return "has no bpy"
-    if wrong := version_difference({name: version for name, version in client.items() if version != MISSING}):
+    if wrong := version_difference({name: version for name, version in client.items() if version != NOT_INSTALLED}):
         return wrong
     if require_confinement and (why := landlock.unconfined_reason()):
         return f"can't confine Blender: {why}"
@@ -87,9 +89,9 @@ def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: 
             with open_regular(Path(path)) as file:
                 stat = os.fstat(file.fileno())
         except OSError:
-            return f"cannot read {path}: {SHARE}"
+            return f"cannot read {path}: {SHARED_FOLDER_REMEDY}"
         if (stat.st_size, stat.st_mtime_ns) != (size, changed):
-            return f"sees another {path}: {SHARE}"
+            return f"sees another {path}: {SHARED_FOLDER_REMEDY}"
     return ""
 
 
@@ -102,7 +104,7 @@ class Setting:
     limits: Limits
 
 
-def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
+def render_row(setting: Setting, job: RenderJob) -> TaskResult[Outcome]:
     """Render an image on this Dask worker, with a Blender of this setting."""
     is_wanted, opened = task_is_wanted(), _open_blender()
     with opened.use_blender(setting):
@@ -110,10 +112,10 @@ def render_row(setting: Setting, job: RenderJob) -> Answer[Outcome]:
         try:
             outcome = opened.blender.do(replace(job, output=str(output)), stopping=lambda: not is_wanted())
         except Stopped:
-            return Answer(Outcome())
+            return TaskResult(Outcome())
         output.unlink(missing_ok=True)
         lines, opened.lines[:] = tuple(opened.lines), []
-        return Answer(outcome, has_failed=bool(outcome.reasons), lines=lines)
+        return TaskResult(outcome, has_failed=bool(outcome.reasons), lines=lines)
 
 
 @cache

@@ -13,14 +13,14 @@ from rich.table import Table
 
 from hulldown.base.code import package_version
 from hulldown.base.outside import parse_json
-from hulldown.base.terminal import STDERR
+from hulldown.base.terminal import STDERR_TERMINAL
 from hulldown.reading.confinement.landlock import NETWORK_ABI, describe_confinement, landlock_version, unconfined_reason
-from hulldown.reading.libraries import INSTALL, SYSTEM_LIBRARIES, missing_libraries
+from hulldown.reading.libraries import INSTALL_COMMAND, SYSTEM_LIBRARIES, missing_libraries
 
-DISTRIBUTIONS = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pycocotools", "pydantic", "pillow")
+REPORTED_PACKAGES = ("hulldown", "bpy", "embreex", "trimesh", "numpy", "scipy", "pycocotools", "pydantic", "pillow")
 
 # Runs in a child process: bpy may crash while loading, and needs a main thread.
-PROBE = """
+PROBE_SCRIPT = """
 import json, bpy
 from hulldown.render.blender.cycles import available_devices
 print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available_devices()}))
@@ -70,16 +70,16 @@ def diagnose_machine() -> Diagnosis:
 
     Reads nothing, writes nothing.
     """
-    with STDERR.status("asking Blender"):
+    with STDERR_TERMINAL.status("asking Blender"):
         return _diagnose_blender()
 
 
 def _diagnose_blender() -> Diagnosis:
-    versions = {name: package_version(name) for name in DISTRIBUTIONS}
+    versions = {name: package_version(name) for name in REPORTED_PACKAGES}
     missing = {library: SYSTEM_LIBRARIES[library] for library in missing_libraries()}
     problems = []
     if missing:
-        problems.append(f"Blender lacks {', '.join(missing)}; run: {INSTALL}")
+        problems.append(f"Blender lacks {', '.join(missing)}; run: {INSTALL_COMMAND}")
     blender, devices = None, []
     if importlib.util.find_spec("bpy") is None:
         problems.append("the bpy module is not installed; run: pip install 'hulldown[blender]' (Python 3.11 or 3.13)")
@@ -97,7 +97,7 @@ def _diagnose_blender() -> Diagnosis:
 
 def _probe_blender() -> dict | str:
     # -P: modules in the working directory must not be imported.
-    command = [sys.executable, "-P", "-c", PROBE]
+    command = [sys.executable, "-P", "-c", PROBE_SCRIPT]
     try:
         child = subprocess.run(command, capture_output=True, text=True, timeout=300)
     except subprocess.TimeoutExpired:

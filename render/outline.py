@@ -41,7 +41,7 @@ def outline_share(text: str) -> tuple[int, int]:
     return k, n
 
 
-SHARE = make_parser("K/N with K from 1 to N, such as 3/8", outline_share, metavar="K/N")
+PART_PARSER = make_parser("K/N with K from 1 to N, such as 3/8", outline_share, metavar="K/N")
 
 
 @Parameter(name="*")
@@ -58,7 +58,7 @@ class Part:
     """
 
     limit: Count | None = None
-    share: Annotated[tuple[int, int], SHARE, Parameter(show_default=False)] = (1, 1)
+    share: Annotated[tuple[int, int], PART_PARSER, Parameter(show_default=False)] = (1, 1)
 
     def __post_init__(self) -> None:
         if self.limit is not None and self.limit < 0:
@@ -72,7 +72,7 @@ class Part:
         return rows[(k - 1) * len(rows) // n : k * len(rows) // n]
 
 
-WHOLE = Part()
+WHOLE_PLAN = Part()
 
 
 def sort_key(row: Row) -> SortKey:

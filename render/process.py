@@ -25,23 +25,23 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.outside import DATA, parse_json, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import BlendJob, Job, OutputJob, RenderJob, StartJob
-from hulldown.render.blender.reply import BEGINNING, Reply
+from hulldown.render.blender.reply import REPLY_PREFIX, Reply
 
-WORKER = Path(__file__).with_name("blender") / "worker.py"
+WORKER_SCRIPT = Path(__file__).with_name("blender") / "worker.py"
 STOP_S = 5.0  # for a worker to end by itself
 # For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
 # alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
 # For OpenBLAS, whose threads busy-wait for products that are too small for them.
 # For OpenColorIO, which otherwise keeps a processor of 3 MB for every exposure that it has ever seen.
-ENVIRONMENT = {
+WORKER_ENVIRONMENT = {
     "MALLOC_MMAP_THRESHOLD_": str(2**17),
     "OPENBLAS_NUM_THREADS": "1",
     "OCIO_DISABLE_PROCESSOR_CACHES": "1",
 }
 POLL_S = 0.2  # interval of checks of time and memory
 REPLACE_MEMORY_SHARE = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
-GIB = 2**30
-CARDS = ("nvidia*", "dri", "kfd", "shm")  # of /dev
+GIB_BYTES = 2**30
+GPU_DEVICES = ("nvidia*", "dri", "kfd", "shm")  # of /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
 MAX_ATTEMPTS = 3  # at a job, or at a start
 START_S = 300.0  # time limit of a start
@@ -49,8 +49,8 @@ FIRST_JOBS = 5  # jobs that set the time limit of the others
 FIRST_JOBS_S = 3600.0  # their own time limit
 TIMES_LONGER = 20.0  # the longest of them is the others' time limit
 SHORTEST_S = 300.0  # least time limit, for loading another scenery
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
-NOTES = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG_NOTE_CHUNKS = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
 
 @Parameter(name="*")
@@ -127,7 +127,7 @@ class Confinement:
     def wrap_command(self, command: Sequence[str], *, gpu: bool) -> list[str]:
         """Return a command that runs `command` confined; `gpu`: with graphics cards, and their kernel caches."""
         program = shutil.which(command[0]) or command[0]
-        cards = [str(card) for pattern in CARDS for card in sorted(Path("/dev").glob(pattern))] if gpu else []
+        cards = [str(card) for pattern in GPU_DEVICES for card in sorted(Path("/dev").glob(pattern))] if gpu else []
         caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
         return landlock.confine_command(
             [program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards
@@ -238,16 +238,16 @@ class Blender:
             text = line.decode("utf-8", "replace")
             if not line:
                 replies.put(None)
-            elif text.startswith(BEGINNING):
+            elif text.startswith(REPLY_PREFIX):
                 with contextlib.suppress(ValueError):  # a killed worker's partial line
-                    replies.put(parse_json(line[len(BEGINNING) :], Reply))
+                    replies.put(parse_json(line[len(REPLY_PREFIX) :], Reply))
 
         command = worker_command(self._program)
         more = {"TMPDIR": str(self._confinement.write)} if self._confinement else {}
         try:
             self._child = Child(
                 self._confinement.wrap_command(command, gpu=self._device != "cpu") if self._confinement else command,
-                env={**ENVIRONMENT, **os.environ, **more},
+                env={**WORKER_ENVIRONMENT, **os.environ, **more},
                 on_line=on_line,
                 log=self._log,
             )
@@ -272,7 +272,7 @@ class Blender:
                 if time.monotonic() > end:
                     raise Lost(f"no answer within {seconds:g} s") from None
                 if (held := self._child.memory) > limit:
-                    over = f"held {held / GIB:.2f} GiB, more than the limit of {limit / GIB:.2f} GiB"
+                    over = f"held {held / GIB_BYTES:.2f} GiB, more than the limit of {limit / GIB_BYTES:.2f} GiB"
                     raise Lost(over) from None
                 continue
             if reply is None:
@@ -302,9 +302,9 @@ class Blender:
 def worker_command(program: str | None) -> list[str]:
     """Return the command of a worker, in this Python with the bpy module, or in an installed Blender."""
     if program is None:
-        return [sys.executable, "-P", str(WORKER)]
+        return [sys.executable, "-P", str(WORKER_SCRIPT)]
     options = ["--background", "--factory-startup", "--disable-autoexec", "--python-exit-code", "1"]
-    return [program, *options, "--python", str(WORKER)]
+    return [program, *options, "--python", str(WORKER_SCRIPT)]
 
 
 def _output_content(job: OutputJob) -> bytes:
@@ -321,14 +321,14 @@ def _output_content(job: OutputJob) -> bytes:
 
 def without_notes(data: bytes) -> bytes:
     """Remove text, date, and EXIF chunks (PNG, section 5), so that equal pictures are equal files."""
-    if not data.startswith(SIGNATURE):
+    if not data.startswith(PNG_SIGNATURE):
         raise ValueError("data: expected a PNG file, got something else")
-    kept, at = [SIGNATURE], len(SIGNATURE)
+    kept, at = [PNG_SIGNATURE], len(PNG_SIGNATURE)
     while at < len(data):
         end = at + 12 + int.from_bytes(data[at : at + 4])
         if end > len(data):
             raise ValueError("data: expected a whole PNG file, got one that ends in the middle")
-        if data[at + 4 : at + 8] not in NOTES:
+        if data[at + 4 : at + 8] not in PNG_NOTE_CHUNKS:
             kept.append(data[at:end])
         at = end
     return b"".join(kept)

@@ -40,7 +40,7 @@ GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they
 
 
 @dataclass(frozen=True, slots=True)
-class Progress:
+class RenderProgress:
     """Progress of a run: finished, failed, and wanted pictures; a message, possibly empty; the workers."""
 
     finished: int
@@ -61,7 +61,7 @@ class Session:
         library: Library,
         *,
         part: Part,
-        progress: Callable[[Progress], None],
+        progress: Callable[[RenderProgress], None],
     ) -> None:
         self.rendered = self.restarts = self._failed_in_a_row = 0
         self.failed: list[str] = []
@@ -94,7 +94,7 @@ class Session:
     def report_line(self, line: str) -> None:
         """Report progress to the caller."""
         workers = self._pool.working if self._pool else 0
-        self._progress(Progress(self.already + self.rendered, len(self.failed), self.images, line, workers))
+        self._progress(RenderProgress(self.already + self.rendered, len(self.failed), self.images, line, workers))
 
     def render(self, pool: Pool | ClusterPool) -> None:
         """Render the remaining rows, and end the pool; errors as of `render.pool.Pool.results`."""

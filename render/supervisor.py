@@ -27,10 +27,10 @@ from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.render.jobs import readable_paths
-from hulldown.render.outline import WHOLE, Outline, Part
+from hulldown.render.outline import WHOLE_PLAN, Outline, Part
 from hulldown.render.pool import DEFAULT_ENGINE, Device, Engine, Pool
 from hulldown.render.process import Confinement
-from hulldown.render.session import Progress, Session
+from hulldown.render.session import RenderProgress, Session
 
 if TYPE_CHECKING:
     from hulldown.render.cluster_pool import ClusterPool
@@ -61,9 +61,9 @@ def render_plan(
     workers: int | None = None,
     scheduler: str | Scheduler | None = None,
     device: Device = "auto",
-    part: Part = WHOLE,
+    part: Part = WHOLE_PLAN,
     cache: str | os.PathLike[str] | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[RenderProgress], None] | None = None,
 ) -> Dataset:
     """Render a plan's missing images into the dataset in `folder`, and return it.
 
@@ -123,11 +123,11 @@ def _make_pool(
 
 
 @contextlib.contextmanager
-def render_bar() -> Iterator[Callable[[Progress], None]]:
+def render_bar() -> Iterator[Callable[[RenderProgress], None]]:
     """Show a bar on stderr, with the messages above it; yield what `render_plan` calls."""
     with titled_bar(unit="images") as advance:
 
-        def show(progress: Progress) -> None:
+        def show(progress: RenderProgress) -> None:
             if progress.line:
                 print_message(progress.line)
             workers = {0: "", 1: " on 1 worker"}.get(progress.workers, f" on {progress.workers} workers")
@@ -142,10 +142,10 @@ def render_remaining(
     library: Library | None = None,
     *,
     engine: Engine = DEFAULT_ENGINE,
-    part: Part = WHOLE,
+    part: Part = WHOLE_PLAN,
     cache: AnyPath | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[RenderProgress], None] | None = None,
 ) -> RenderReport:
     """Render a plan with Blender Cycles.
 

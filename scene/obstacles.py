@@ -30,7 +30,7 @@ def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
     return np.stack([flat * cos, flat * sin, z], axis=1)
 
 
-SKYWARD = _skyward_directions(48)
+SKYWARD_DIRECTIONS = _skyward_directions(48)
 MIN_FREE_RAYS = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
 
 
@@ -133,10 +133,10 @@ class Obstacles:
         """Return whether light reaches each world point: the ray upwards, or `MIN_FREE_RAYS` others, meet nothing."""
         is_open = np.zeros(len(point), dtype=bool)
         free = np.zeros(len(point), dtype=int)
-        for begin, end in pairwise((0, 1, 13, len(SKYWARD))):
+        for begin, end in pairwise((0, 1, 13, len(SKYWARD_DIRECTIONS))):
             left = np.flatnonzero(~is_open)
             origins = np.repeat(point[left], end - begin, axis=0)
-            directions = np.tile(SKYWARD[begin:end], (len(left), 1))
+            directions = np.tile(SKYWARD_DIRECTIONS[begin:end], (len(left), 1))
             rays = RayList(origins, directions)
             blocked = self._scene.occlusion(rays)
             rows = np.flatnonzero(blocked)

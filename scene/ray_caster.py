@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from hulldown.base.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 
-_FAR = np.float32(1e37)  # embreex's value for no limit
+_UNLIMITED_DISTANCE = np.float32(1e37)  # embreex's value for no limit
 RAYS_PER_BLOCK = (
     1 << 16
 )  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
@@ -117,7 +117,7 @@ class RayCaster:
 
     def top_face(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
         """Return the topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
-        return self._embree_scene.run(self._start_above(x, y), _DOWN)
+        return self._embree_scene.run(self._start_above(x, y), _DOWN_DIRECTION)
 
     def first_face_below(
         self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], z: Float[np.ndarray, " k"]
@@ -125,7 +125,7 @@ class RayCaster:
         """Return the first face under each point, at any height; arguments as for `top_face`."""
         origins = self._start_above(x, y)
         np.subtract(z, self._center[2], out=origins[:, 2], casting="same_kind")
-        return self._embree_scene.run(origins, _DOWN)
+        return self._embree_scene.run(origins, _DOWN_DIRECTION)
 
     @property
     def resolution(self) -> float:
@@ -150,7 +150,7 @@ class RayCaster:
         # No ray enters the bounding sphere before this distance, so that the start is moved there in float64.
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
-        along, reach = unit.astype(np.float32), np.minimum(limit - skipped, _FAR).astype(np.float32)
+        along, reach = unit.astype(np.float32), np.minimum(limit - skipped, _UNLIMITED_DISTANCE).astype(np.float32)
         for i in coherent_blocks(relative + np.maximum(nearest, 0.0)[:, None] * unit):
             yield i, entry[i], along[i], reach[i], skipped[i]
 
@@ -186,7 +186,7 @@ def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
     return bounds
 
 
-_DOWN = np.array([[0, 0, -1]], dtype=np.float32)
+_DOWN_DIRECTION = np.array([[0, 0, -1]], dtype=np.float32)
 
 
 def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:

@@ -24,8 +24,8 @@ from torch.utils.data import DataLoader
 
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import atomic_writer, open_regular
-from hulldown.training.detectors.detector import DAMAGED, Detector, RunFigures, first_line, load_tensors
-from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.detectors.detector import DAMAGE_ERRORS, Detector, RunFigures, first_line, load_tensors
+from hulldown.training.evaluation.average_precision import AP_NAMES
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.inputs.data import Batches, DrawnExamples, Example
 from hulldown.training.inputs.extra import silence_libraries
@@ -70,7 +70,7 @@ def fit_network(trainee: Trainee, training: Training) -> RunFigures:
     started, settings, checkpoint = time.monotonic(), training.settings, training.folder.checkpoint
     done = _steps_done(checkpoint, trainee.module) if checkpoint.exists() else None
     batches = Batches(len(training.examples), batch=settings.batch, first=(done or 0) * settings.accumulate)
-    loader = _Loader(
+    loader = _ErrorRaisingLoader(
         training.examples, batch_sampler=batches, collate_fn=partial(_collate_or_error, trainee.collate),
         num_workers=training.workers, prefetch_factor=4 if training.workers else None,
     )  # fmt: skip
@@ -95,7 +95,7 @@ def fit_network(trainee: Trainee, training: Training) -> RunFigures:
         trainer.fit(trainee.module, loader, ckpt_path=None if done is None else str(checkpoint), weights_only=True)
     except SystemExit:  # raised by Lightning on Ctrl-C
         raise KeyboardInterrupt from None
-    except DAMAGED as error:
+    except DAMAGE_ERRORS as error:
         if done is None or recorder.began:  # else it's the checkpoint, of which `_steps_done` read two values
             raise
         raise _damaged(checkpoint, error) from None
@@ -168,7 +168,7 @@ class Recorder(pl.Callback):
         assert weights is not None
         self._averaged.load_state_dict(weights)
         measured = validation_figures(self._trainee.detector(self._averaged), valid)
-        found = {key: measured[key] for key in AVERAGES}
+        found = {key: measured[key] for key in AP_NAMES}
         if self._training.settings.keep == "end":
             self.best = found
         elif self.best is None or found["ap50"] > self.best["ap50"]:
@@ -185,7 +185,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
             torch.save(checkpoint, file)
 
 
-class _Loader(DataLoader[Any]):
+class _ErrorRaisingLoader(DataLoader[Any]):
     """A loader that raises the errors among its batches."""
 
     def __iter__(self) -> Iterator[Any]:
@@ -225,7 +225,7 @@ def _steps_done(checkpoint: Path, module: pl.LightningModule) -> int:
         if type(steps := found["global_step"]) is not int or steps < 0:
             raise ValueError(f"global_step is {steps!r:.40}")
         return steps
-    except DAMAGED as error:
+    except DAMAGE_ERRORS as error:
         raise _damaged(checkpoint, error) from None
 
 

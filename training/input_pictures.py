@@ -25,7 +25,7 @@ from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import open_regular
 from hulldown.base.outside import describe_path
-from hulldown.dataset.foreign_labels import PICTURES, foreign_reader
+from hulldown.dataset.foreign_labels import PICTURE_SUFFIXES, foreign_reader
 from hulldown.dataset.store.document import COCO_NAME, is_own
 from hulldown.training.evaluation.labels import Labels, read_labels
 
@@ -36,15 +36,15 @@ if TYPE_CHECKING:
 READER_THREADS = 2  # threads
 PICTURES_AHEAD = 16  # pictures that are read in advance
 Picture = UInt8[np.ndarray, "h w 3"]
-VIDEOS = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
+VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 # Where bytes of a container are in a file, and these bytes: MP4 and QuickTime, Matroska and WebM, AVI.
-CONTAINERS = (
+VIDEO_CONTAINERS = (
     (4, (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")),
     (0, (b"\x1a\x45\xdf\xa3",)),
     (8, (b"AVI ",)),
 )
 # Names of codecs in files, in lower case.
-CODECS = {"avc1", "avc3", "h264", "x264", "hevc", "hev1", "hvc1", "av01", "vp80", "vp90", "vp09", "mp4v", "fmp4",
+VIDEO_CODECS = {"avc1", "avc3", "h264", "x264", "hevc", "hev1", "hvc1", "av01", "vp80", "vp90", "vp09", "mp4v", "fmp4",
           "xvid", "dx50", "divx", "mpg4", "mjpg", "jpeg", "ffv1", "apcn", "apch", "apcs", "apco", "ap4h"}  # fmt: skip
 MAX_FRAME_PIXELS = 1 << 27  # pixels of a frame
 _REMEDY = "convert it to MP4 (H.264)"
@@ -89,7 +89,7 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     first = Path(paths[0])
     if len(paths) == 1 and _has_records(first):
         return Pictures.of(read_labels(first))
-    if len(paths) == 1 and first.suffix.lower() in VIDEOS:
+    if len(paths) == 1 and first.suffix.lower() in VIDEO_SUFFIXES:
         video = read_video(first)
         record = {"file_name": first.name, "width": video.width, "height": video.height}
         frames = [Image.of({"id": k + 1, "frame": k, **record}, ()) for k in range(video.frames)]
@@ -112,19 +112,21 @@ def _has_records(path: Path) -> bool:
 
 def _list_files(path: str) -> list[Path]:
     if os.path.isdir(path):
-        found = [file for file in Path(path).rglob("*") if file.suffix.lower() in PICTURES and file.is_file()]
+        found = [file for file in Path(path).rglob("*") if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
     elif os.path.exists(path):
         found = [Path(path)]
     else:
-        found = [Path(name) for name in glob.glob(path, recursive=True) if name.lower().endswith(PICTURES)]
+        found = [Path(name) for name in glob.glob(path, recursive=True) if name.lower().endswith(PICTURE_SUFFIXES)]
     if not found:
         here = f": it is {describe_path(Path(path))}" if os.path.exists(path) else ""
         raise DatasetError(
-            f"no pictures here{here}", path=path, remedy=f"name a dataset, a video, or {', '.join(PICTURES)}"
+            f"no pictures here{here}", path=path, remedy=f"name a dataset, a video, or {', '.join(PICTURE_SUFFIXES)}"
         )
-    if strange := [file for file in found if file.suffix.lower() not in PICTURES]:
-        remedy = "name one video by itself" if strange[0].suffix.lower() in VIDEOS else "name a picture or a folder"
-        raise DatasetError(f"is no picture ({', '.join(PICTURES)})", path=strange[0], remedy=remedy)
+    if strange := [file for file in found if file.suffix.lower() not in PICTURE_SUFFIXES]:
+        remedy = (
+            "name one video by itself" if strange[0].suffix.lower() in VIDEO_SUFFIXES else "name a picture or a folder"
+        )
+        raise DatasetError(f"is no picture ({', '.join(PICTURE_SUFFIXES)})", path=strange[0], remedy=remedy)
     return found
 
 
@@ -181,14 +183,14 @@ def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
     quiet(0)
     with DatasetError.raise_for_system("cannot be read", path=path, remedy="name a video"), open_regular(path) as file:
         start = file.read(64)
-        if not any(start.startswith(begins, at) for at, begins in CONTAINERS):
-            raise DatasetError(f"isn't a video ({', '.join(VIDEOS)})", path=path, remedy=_REMEDY)
+        if not any(start.startswith(begins, at) for at, begins in VIDEO_CONTAINERS):
+            raise DatasetError(f"isn't a video ({', '.join(VIDEO_SUFFIXES)})", path=path, remedy=_REMEDY)
         # By its descriptor, since FFmpeg takes the beginnings of some names for protocols.
         video = cv2.VideoCapture(f"/dev/fd/{file.fileno()}", cv2.CAP_FFMPEG)
         if not video.isOpened():
             raise DatasetError("cannot be read as a video", path=path, remedy=_REMEDY)
         codec = int(video.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, "little", signed=True).decode("ascii", "replace")
-        if codec.lower() not in CODECS:
+        if codec.lower() not in VIDEO_CODECS:
             raise DatasetError(f"has the codec {codec!r}, which isn't read", path=path, remedy=_REMEDY)
         if video.get(cv2.CAP_PROP_FRAME_WIDTH) * video.get(cv2.CAP_PROP_FRAME_HEIGHT) > MAX_FRAME_PIXELS:
             raise DatasetError(

@@ -19,10 +19,12 @@ from hulldown.training.predict import load_detector
 if TYPE_CHECKING:
     from hulldown.training.detectors.transformers_detector import TransformersDetector
 
-INPUT = "input: (1, 3, h, w) RGB, 0 to 1"
-NORMALIZED_INPUT = f"{INPUT}, less ImageNet's mean, over its standard deviation"
-MARK = b"\x12\x08hulldown"  # ONNX's field for the name of the producer, among the first
-OUTPUT = "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
+INPUT_DESCRIPTION = "input: (1, 3, h, w) RGB, 0 to 1"
+NORMALIZED_INPUT = f"{INPUT_DESCRIPTION}, less ImageNet's mean, over its standard deviation"
+PRODUCER_FIELD = b"\x12\x08hulldown"  # ONNX's field for the name of the producer, among the first
+OUTPUT_DESCRIPTION = (
+    "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
+)
 
 
 def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
@@ -55,7 +57,7 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     output = Path(output)
     if output.suffix.lower() != ".onnx":
         raise HulldownError("doesn't end in .onnx", path=output, remedy="name it model.onnx, for example")
-    claim_file(output, "a network", MARK)
+    claim_file(output, "a network", PRODUCER_FIELD)
     weights = find_weights(Path(run))
     detector = load_detector(weights, "cpu")
     if isinstance(detector, TransformersDetector):
@@ -65,8 +67,10 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     model = onnx.load_from_string(content)
     model.producer_name = "hulldown"
     about: dict[str, object] = {
-        "classes": list(detector.classes), "input": NORMALIZED_INPUT if normalized else INPUT, "output": OUTPUT
-    }  # fmt: skip
+        "classes": list(detector.classes),
+        "input": NORMALIZED_INPUT if normalized else INPUT_DESCRIPTION,
+        "output": OUTPUT_DESCRIPTION,
+    }
     onnx.helper.set_model_props(
         model, {key: value if isinstance(value, str) else json.dumps(value) for key, value in about.items()}
     )

@@ -26,7 +26,7 @@ from hulldown.base.outputs import OutputError, OutputFolder, OutputLock, claim_f
 from hulldown.base.outside import file_sha256, parse_json
 from hulldown.base.terminal import progress_bar
 from hulldown.training.detectors.detector import Detector, chosen_device, find_weights, weights_digest
-from hulldown.training.evaluation.average_precision import AVERAGES, average_precision
+from hulldown.training.evaluation.average_precision import AP_NAMES, average_precision
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import (
     INFO_SUFFIX,
@@ -43,7 +43,7 @@ UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for e
 INFO_MARK, RESULTS_MARK = b'{"detector":', b"["
 BATCH_PICTURES = 8
 PIXEL_DIGITS = 3  # decimals of a pixel
-START = "start"  # names the weights that a run started from, as rivals
+START_RIVALS = "start"  # names the weights that a run started from, as rivals
 DEFAULT_THRESHOLD = 0.5  # least score of counted and drawn detections
 
 
@@ -55,7 +55,7 @@ def tile_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-TILE = make_parser("WxH of at least 32, such as 640x480", tile_size, metavar="WxH")
+TILE_PARSER = make_parser("WxH of at least 32, such as 640x480", tile_size, metavar="WxH")
 
 
 class Result(TypedDict):
@@ -67,7 +67,7 @@ class Result(TypedDict):
     score: float
 
 
-Found = list[Result]  # of an image
+ImageResults = list[Result]  # of an image
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ def predict_detections(
     *,
     device: str = "auto",
     batch: Count = BATCH_PICTURES,
-    tile: Annotated[tuple[int, int] | None, TILE] = None,
+    tile: Annotated[tuple[int, int] | None, TILE_PARSER] = None,
     rivals: AnyPath | None = None,
     drawn: Annotated[AnyPath | None, Parameter(name="--draw")] = None,
     threshold: Overlap = DEFAULT_THRESHOLD,
@@ -171,7 +171,9 @@ def predict_detections(
     found = find_pictures(named)
     detector = load_detector(Path(run), device)
     ids, unknown = _category_ids(detector.classes, found)
-    rival_weights = None if rivals is None else starting_weights(Path(run)) if str(rivals) == START else Path(rivals)
+    rival_weights = (
+        None if rivals is None else starting_weights(Path(run)) if str(rivals) == START_RIVALS else Path(rivals)
+    )
     key = _results_key(Path(run), found, detector.classes, tile, rival_weights)
     if rival_weights is not None:
         detector = _contest_detector(detector, rival_weights, device)
@@ -213,7 +215,7 @@ def predict_detections(
 def validation_figures(detector: Detector, labels: Labels) -> dict[str, float]:
     """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined."""
     summary = average_precision(labels, predict_labeled(detector, labels))
-    return {key: float(np.nan_to_num(summary[key])) for key in AVERAGES}
+    return {key: float(np.nan_to_num(summary[key])) for key in AP_NAMES}
 
 
 def predict_labeled(detector: Detector, labels: Labels) -> Predictions:
@@ -227,11 +229,11 @@ def predict_labeled(detector: Detector, labels: Labels) -> Predictions:
 
 def _detect_batches(
     detector: Detector, pictures: Pictures, ids: Sequence[int], indices: Sequence[int], batch: int
-) -> Iterator[dict[int, Found]]:
+) -> Iterator[dict[int, ImageResults]]:
     pixels = pictures.read(indices)
     for start in range(0, len(indices), batch):
         images = [pictures.images[k].id for k in indices[start : start + batch]]
-        done: dict[int, Found] = {}
+        done: dict[int, ImageResults] = {}
         for image, found in zip(images, detector.detect(list(islice(pixels, batch))), strict=True):
             columns = found.class_index.tolist(), found.xywh.round(PIXEL_DIGITS).tolist(), found.score.tolist()
             done[image] = [
@@ -259,7 +261,7 @@ def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int]
 
 
 def _draw_detections(
-    pictures: Pictures, found: Mapping[int, Found], names: Mapping[int, str], folder: Path, threshold: float
+    pictures: Pictures, found: Mapping[int, ImageResults], names: Mapping[int, str], folder: Path, threshold: float
 ) -> None:
     def labeled() -> Iterator[tuple[str, Image.Image]]:
         for image, pixels in zip(pictures.images, pictures.read(range(len(pictures.images))), strict=True):
@@ -309,17 +311,17 @@ def _content_hashes(pictures: Pictures) -> Callable[[int], str | None]:
     return lambda image: file_digest(pictures.path if pictures.video else files[image])
 
 
-def _read_unfinished(path: Path, key: str, content: Callable[[int], str | None]) -> dict[int, Found]:
+def _read_unfinished(path: Path, key: str, content: Callable[[int], str | None]) -> dict[int, ImageResults]:
     """Return an interrupted call's results with this key by image, without truncated lines and changed images."""
-    done: dict[int, Found] = {}
+    done: dict[int, ImageResults] = {}
     with suppress(FileNotFoundError, ValueError, KeyError), open_regular(path) as before:
         for line in before if parse_json(before.readline(), object) == key else ():
-            image, digest, found = parse_json(line, tuple[int, str | None, Found])
+            image, digest, found = parse_json(line, tuple[int, str | None, ImageResults])
             if digest == content(image):
                 done[image] = found
     replace_file(path, orjson.dumps(key) + b"\n" + _result_lines(done, content))
     return done
 
 
-def _result_lines(found: Mapping[int, Found], content: Callable[[int], str | None]) -> bytes:
+def _result_lines(found: Mapping[int, ImageResults], content: Callable[[int], str | None]) -> bytes:
     return b"".join(orjson.dumps([image, content(image), results]) + b"\n" for image, results in found.items())

@@ -18,11 +18,13 @@ from hulldown.base.terminal import progress_bar
 from hulldown.dataset.exports.split import shuffle_key
 from hulldown.dataset.images import group_positions
 from hulldown.dataset.record_checks import read_usable
-from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco_document
 from hulldown.dataset.store.placed_pictures import link_or_copy, resolve_own_picture
 
-FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
-SHARES = make_parser("shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,...")
+DEFAULT_FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
+FRACTIONS_PARSER = make_parser(
+    "shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,..."
+)
 
 
 def subset_name(fraction: float) -> str:
@@ -55,7 +57,7 @@ def write_subsets(
     dataset: AnyPath,
     output: AnyPath,
     *,
-    fractions: Annotated[Sequence[float], SHARES] = FRACTIONS,
+    fractions: Annotated[Sequence[float], FRACTIONS_PARSER] = DEFAULT_FRACTIONS,
     seed: int = 0,
     stratified: bool = False,
 ) -> dict[str, int]:
@@ -113,7 +115,7 @@ def write_subsets(
             records = [orjson.dumps(image.record) for image in images]
             labels = [orjson.dumps(label.record) for image in images for label in image.labels]
             with (unfinished / name / ANNOTATIONS_NAME).open("wb") as file:
-                write_coco(file, head, records, labels)
+                write_coco_document(file, head, records, labels)
     return dict(zip(names, sizes, strict=True))
 
 

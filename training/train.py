@@ -27,7 +27,7 @@ from hulldown.training.inputs.extra import require_extra, silence_libraries
 from hulldown.training.inputs.settings import SettingOptions, Settings, load_settings
 from hulldown.training.inputs.sources import (
     LabeledPictures,
-    check_pictures,
+    check_source_pictures,
     follow_masks,
     read_sources,
     shared_pictures,
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from hulldown.training.inputs.data import Draws
 
 AUGMENTATION_NAME = "augmentation.json"
-VERSIONS = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "transformers", "albumentations",
+VERSIONED_PACKAGES = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "transformers", "albumentations",
             "opencv-python-headless", "numpy")  # fmt: skip
 
 
@@ -142,7 +142,7 @@ def train_detector(
     held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
     labels = read_labels(Path(valid)) if valid is not None else None
     settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
-    checked = check_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
+    checked = check_source_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
     for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
         say(f"warning: {shared}: the result on it flatters")
     named = Path(settings.weights or "none")
@@ -217,6 +217,6 @@ def _describe_run(
         },
         device=str(device),
         python=platform.python_version(),
-        versions={name: importlib.metadata.version(name) for name in VERSIONS},
+        versions={name: importlib.metadata.version(name) for name in VERSIONED_PACKAGES},
         figures=RunFigures(),
     )  # fmt: skip

@@ -19,13 +19,13 @@ from hulldown.base.code import package_version
 from hulldown.base.terminal import print_message, print_warning
 from hulldown.verbs.output import DONE, print_report, show_json
 
-GROUPS = {"study": "Measure the worth of synthetic images when photographs are few."}
+VERB_GROUPS = {"study": "Measure the worth of synthetic images when photographs are few."}
 NO_OPTIONS = ("assets", "library", "progress", "say")  # parameters of functions that are for Python alone
-JSON = Annotated[bool, Parameter(help="Print the result as JSON on stdout.")]
+JSON_OPTION = Annotated[bool, Parameter(help="Print the result as JSON on stdout.")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Answer:
+class VerbOutput:
     """What a verb prints, and its exit code."""
 
     result: object  # on stdout with --json
@@ -40,7 +40,7 @@ class Verb:
     """A verb of the command."""
 
     function: str  # of the API: "planning.check:check_plan"
-    answer: Callable[..., Answer]  # of the function's result, and those of its arguments that it has names of
+    answer: Callable[..., VerbOutput]  # of the function's result, and those of its arguments that it has names of
     resumes: bool = False  # whether the same command continues after a stop
 
     @property
@@ -72,7 +72,7 @@ class Verb:
                 print_warning(line)
             return answer.code
 
-        last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JSON)
+        last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JSON_OPTION)
         options = [_make_option(one) for name, one in signature.parameters.items() if name not in NO_OPTIONS]
         options.sort(key=lambda one: one.kind)  # an output that isn't positional follows the inputs
         run.__doc__, run.__annotations__ = function.__doc__, {}
@@ -139,7 +139,7 @@ def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
         room = app
         for group in groups:
             if group not in room:
-                room.command(App(name=group, help=GROUPS[group], sort_key=place))
+                room.command(App(name=group, help=VERB_GROUPS[group], sort_key=place))
             room = room[group]
         if name == wanted:
             room.command(verb.command(), name=last)

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 from rich.markup import escape
 
 from hulldown.base.arguments import AnyPath
-from hulldown.base.terminal import STDERR
+from hulldown.base.terminal import STDERR_TERMINAL
 from hulldown.verbs import planning, rendering
-from hulldown.verbs.command import Answer, Verb, run_command
+from hulldown.verbs.command import Verb, VerbOutput, run_command
 from hulldown.verbs.output import DONE, FOUND
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
         steps.insert(0, ["init", folder, "--small"])
     for step in steps:
         words = [str(word) for word in step]
-        STDERR.rule(escape(f"hulldown {' '.join(words)}"), align="left")
+        STDERR_TERMINAL.rule(escape(f"hulldown {' '.join(words)}"), align="left")
         if code := run_command(words, planning.VERBS | rendering.VERBS):
             return code
     from hulldown.dataset.table import Dataset
@@ -50,17 +50,17 @@ def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
     return DONE
 
 
-def _demo_answer(code: int, output: AnyPath) -> Answer:
+def _demo_answer(code: int, output: AnyPath) -> VerbOutput:
     written = (
         f"look at {Path(output) / 'contact_sheet.png'}; the dataset is {Path(output) / 'dataset/annotations.json'}"
     )
-    return Answer(result=output, said=[] if code else [written], code=code)
+    return VerbOutput(result=output, said=[] if code else [written], code=code)
 
 
-def _show_diagnosis(diagnosis: Diagnosis) -> Answer:
+def _show_diagnosis(diagnosis: Diagnosis) -> VerbOutput:
     problems = [f"problem: {problem}" for problem in diagnosis.problems]
     shown = problems or ["all well: this machine can plan and render"]
-    return Answer(result=diagnosis, shown=[diagnosis.table(), *shown], code=FOUND if problems else DONE)
+    return VerbOutput(result=diagnosis, shown=[diagnosis.table(), *shown], code=FOUND if problems else DONE)
 
 
 VERBS = {

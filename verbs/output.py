@@ -17,7 +17,7 @@ from rich.table import Table
 
 from hulldown.base.terminal import Terminal, print_warning
 
-STDOUT = Terminal(highlight=False)
+STDOUT_TERMINAL = Terminal(highlight=False)
 MAX_TABLE_CHARACTERS = 10_000  # characters of a table in a file or a pipe
 STDOUT_NAME = "stdout"  # names it in errors
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
@@ -59,11 +59,11 @@ def print_report(*results: str | Table) -> None:
     """Print lines and tables on stdout: lines unbroken in a narrow terminal, tables whole in a file or a pipe."""
     for result in results:
         if isinstance(result, str):
-            STDOUT.print(escape(result), soft_wrap=True)
-        elif STDOUT.is_terminal:
-            STDOUT.print(result)
+            STDOUT_TERMINAL.print(escape(result), soft_wrap=True)
+        elif STDOUT_TERMINAL.is_terminal:
+            STDOUT_TERMINAL.print(result)
         else:
-            Terminal(file=STDOUT.file, width=MAX_TABLE_CHARACTERS, highlight=False).print(result)
+            Terminal(file=STDOUT_TERMINAL.file, width=MAX_TABLE_CHARACTERS, highlight=False).print(result)
 
 
 @_naming_stdout()

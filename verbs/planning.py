@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rich.table import Table
 
 from hulldown.base.arguments import AnyPath
-from hulldown.verbs.command import Answer, Verb
+from hulldown.verbs.command import Verb, VerbOutput
 from hulldown.verbs.output import DONE, FOUND, MISTAKE
 
 if TYPE_CHECKING:
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from hulldown.planning.inputs.inspection import Inspection
 
 
-def _show_project(config: Path) -> Answer:
-    return Answer(result=config, said=[f"wrote {config}; next: hulldown inspect or plan it"])
+def _show_project(config: Path) -> VerbOutput:
+    return VerbOutput(result=config, said=[f"wrote {config}; next: hulldown inspect or plan it"])
 
 
-def _show_inspection(found: Inspection) -> Answer:
+def _show_inspection(found: Inspection) -> VerbOutput:
     shown: list[str | Table] = []
     for report in found.reports:
         shown += [report.table(), *report.lines()]
-    return Answer(
+    return VerbOutput(
         result=found.reports,
         shown=shown,
         said=[f"wrote {found.picture}"] if found.picture else [],
@@ -33,9 +33,9 @@ def _show_inspection(found: Inspection) -> Answer:
     )
 
 
-def _show_plan(plan: Plan) -> Answer:
+def _show_plan(plan: Plan) -> VerbOutput:
     summary, page = plan.summary, plan.path.with_suffix(".html")
-    return Answer(
+    return VerbOutput(
         result=summary.to_json(),
         shown=[*summary.tables(), *summary.notes()],
         said=[
@@ -45,17 +45,17 @@ def _show_plan(plan: Plan) -> Answer:
     )
 
 
-def _show_differences(found: Sequence[str]) -> Answer:
-    return Answer(result=found, shown=found, said=[f"{len(found)} findings"], code=FOUND if found else DONE)
+def _show_differences(found: Sequence[str]) -> VerbOutput:
+    return VerbOutput(result=found, shown=found, said=[f"{len(found)} findings"], code=FOUND if found else DONE)
 
 
-def _show_sheet(picture: Path) -> Answer:
-    return Answer(result=picture, said=[f"wrote {picture}"])
+def _show_sheet(picture: Path) -> VerbOutput:
+    return VerbOutput(result=picture, said=[f"wrote {picture}"])
 
 
-def _show_passes(images: Mapping[str, int], output: AnyPath) -> Answer:
+def _show_passes(images: Mapping[str, int], output: AnyPath) -> VerbOutput:
     said = f"wrote {', '.join(images)} of {max(images.values())} images into {output}"
-    return Answer(result=images, said=[said])
+    return VerbOutput(result=images, said=[said])
 
 
 VERBS = {

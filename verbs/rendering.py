@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hulldown.base.arguments import AnyPath
-from hulldown.verbs.command import Answer, Verb
+from hulldown.verbs.command import Verb, VerbOutput
 from hulldown.verbs.output import DONE, FOUND, STOPPED
 
 if TYPE_CHECKING:
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from hulldown.render.verify import Findings
 
 
-def _show_render(report: RenderReport, output: AnyPath) -> Answer:
+def _show_render(report: RenderReport, output: AnyPath) -> VerbOutput:
     done = (
         f"{report.rendered} images rendered, {report.already} were there, {len(report.failed)} failed "
         f"in {report.seconds:.0f} s; next: hulldown verify {output}"
     )
-    return Answer(
+    return VerbOutput(
         result=report,
         said=[done, *(["stopped; the same command goes on from here"] if report.interrupted else [])],
         warnings=[f"reasons are in {Path(output) / 'failures.jsonl'}"] if report.failed else [],
@@ -30,27 +30,27 @@ def _show_render(report: RenderReport, output: AnyPath) -> Answer:
     )
 
 
-def _scene(path: Path) -> Answer:
-    return Answer(result=path, said=[f"wrote {path}; open it in Blender, and press F12 for the picture"])
+def _scene(path: Path) -> VerbOutput:
+    return VerbOutput(result=path, said=[f"wrote {path}; open it in Blender, and press F12 for the picture"])
 
 
-def _show_cluster(_: None) -> Answer:
-    return Answer(result=None)
+def _show_cluster(_: None) -> VerbOutput:
+    return VerbOutput(result=None)
 
 
-def _show_join(joined: Joined, output: AnyPath) -> Answer:
+def _show_join(joined: Joined, output: AnyPath) -> VerbOutput:
     missing = f"{joined.missing} planned images are not there yet, {joined.failed} of them given up"
-    return Answer(
+    return VerbOutput(
         result=joined,
         said=[f"{joined.added} images added, {joined.already} were there; next: hulldown verify {output}"],
         warnings=[f"{missing}; join again when there are more"] if joined.missing else [],
     )
 
 
-def _show_findings(found: Findings, dataset: AnyPath) -> Answer:
+def _show_findings(found: Findings, dataset: AnyPath) -> VerbOutput:
     errors = sum(finding.severity == "error" for finding in found)
     masks = f", {len(found.masks.rows)} masks rendered" if found.masks else ""
-    return Answer(
+    return VerbOutput(
         result=found,
         shown=[*([found.masks.table()] if found.masks else []), *found.lines()],
         said=[f"{dataset}: {errors} errors, {len(found) - errors} warnings{masks}"],
@@ -58,14 +58,16 @@ def _show_findings(found: Findings, dataset: AnyPath) -> Answer:
     )
 
 
-def _show_page(comparison: Comparison | None, output: AnyPath) -> Answer:
+def _show_page(comparison: Comparison | None, output: AnyPath) -> VerbOutput:
     rows = comparison.rows() if comparison else []
     lines = [f"{distance}  {title} ({keys})" for title, distance, keys in rows]
-    return Answer(result=comparison and comparison.distances(), shown=lines, said=[f"wrote {output}"])
+    return VerbOutput(result=comparison and comparison.distances(), shown=lines, said=[f"wrote {output}"])
 
 
-def _show_export(counts: Mapping[str, int], output: AnyPath) -> Answer:
-    return Answer(result=counts, said=[f"wrote {output}: " + ", ".join(f"{n} {name}" for name, n in counts.items())])
+def _show_export(counts: Mapping[str, int], output: AnyPath) -> VerbOutput:
+    return VerbOutput(
+        result=counts, said=[f"wrote {output}: " + ", ".join(f"{n} {name}" for name, n in counts.items())]
+    )
 
 
 VERBS = {

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hulldown.base.arguments import AnyPath
-from hulldown.verbs.command import Answer, Verb
+from hulldown.verbs.command import Verb, VerbOutput
 from hulldown.verbs.output import DONE, FOUND
 
 if TYPE_CHECKING:
@@ -15,32 +15,32 @@ if TYPE_CHECKING:
     from hulldown.training.evaluation.detector_report import DetectorReport, DetectorReports
     from hulldown.training.predict import Predicted
     from hulldown.training.study.study_comparison import StudyReport
-    from hulldown.training.study.train_study import Done
+    from hulldown.training.study.train_study import StudyOutcome
 
 
-def _show_subsets(counts: Mapping[str, int], output: AnyPath) -> Answer:
+def _show_subsets(counts: Mapping[str, int], output: AnyPath) -> VerbOutput:
     sizes = ", ".join(f"{n} images in {name}" for name, n in counts.items())
-    return Answer(result=counts, said=[f"wrote {output}: {sizes}"])
+    return VerbOutput(result=counts, said=[f"wrote {output}: {sizes}"])
 
 
-def _show_sheet(_: None, output: AnyPath) -> Answer:
-    return Answer(result=output, said=[f"wrote {output}"])
+def _show_sheet(_: None, output: AnyPath) -> VerbOutput:
+    return VerbOutput(result=output, said=[f"wrote {output}"])
 
 
-def _show_run(run: Run, output: AnyPath, valid: AnyPath | None) -> Answer:
+def _show_run(run: Run, output: AnyPath, valid: AnyPath | None) -> VerbOutput:
     found = run.figures.valid
     figures = [f"on {valid}: AP {found['ap']:.3f}, AP50 {found['ap50']:.3f}"] if found else []
     written = f"wrote {output}; next: hulldown predict {output} DATASET -o predictions.json"
-    return Answer(result=run, said=[*figures, written])
+    return VerbOutput(result=run, said=[*figures, written])
 
 
 def _show_predictions(
     done: Predicted, pictures: Sequence[AnyPath], output: AnyPath, drawn: AnyPath | None, threshold: float
-) -> Answer:
+) -> VerbOutput:
     unknown = f"{pictures[0]} has no class {', '.join(done.unknown)}: detections of it count as false positives"
     counts = ", ".join(f"{n} {name}" for name, n in done.counts.items()) or "nothing"
     again = f", {done.already} of them done before" if done.already else ""
-    return Answer(
+    return VerbOutput(
         result=done,
         said=[
             f"found with a score of at least {threshold:g}: {counts}",
@@ -51,22 +51,22 @@ def _show_predictions(
     )
 
 
-def _show_model(about: Mapping[str, object], output: AnyPath) -> Answer:
-    return Answer(result=about, said=[f"wrote {output}; {about['input']}; {about['output']}"])
+def _show_model(about: Mapping[str, object], output: AnyPath) -> VerbOutput:
+    return VerbOutput(result=about, said=[f"wrote {output}; {about['input']}; {about['output']}"])
 
 
-def _show_evaluation(found: DetectorReport | DetectorReports, output: AnyPath) -> Answer:
-    return Answer(result=found, said=[*found.lines(), f"look at {Path(output) / 'report.html'}"])
+def _show_evaluation(found: DetectorReport | DetectorReports, output: AnyPath) -> VerbOutput:
+    return VerbOutput(result=found, said=[*found.lines(), f"look at {Path(output) / 'report.html'}"])
 
 
-def _study_config(config: Path) -> Answer:
-    return Answer(result=config, said=[f"wrote {config}; next: hulldown study run {config} -o STUDY"])
+def _study_config(config: Path) -> VerbOutput:
+    return VerbOutput(result=config, said=[f"wrote {config}; next: hulldown study run {config} -o STUDY"])
 
 
-def _show_study(done: Done, output: AnyPath) -> Answer:
+def _show_study(done: StudyOutcome, output: AnyPath) -> VerbOutput:
     finished, left = len(done.finished) + len(done.already), len(done.failed) + len(done.elsewhere)
     runs = f"{finished} of {finished + left} runs are finished"
-    return Answer(
+    return VerbOutput(
         result=done,
         said=[f"{runs}; next: hulldown study report {output}"],
         warnings=[f"{name} was set aside: {reason}" for name, reason in done.failed.items()],
@@ -74,8 +74,8 @@ def _show_study(done: Done, output: AnyPath) -> Answer:
     )
 
 
-def _study_report(found: StudyReport, study: AnyPath) -> Answer:
-    return Answer(result=found, said=[*found.summary, f"look at {Path(study) / 'report.html'}"])
+def _study_report(found: StudyReport, study: AnyPath) -> VerbOutput:
+    return VerbOutput(result=found, said=[*found.summary, f"look at {Path(study) / 'report.html'}"])
 
 
 VERBS = {

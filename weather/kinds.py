@@ -1,7 +1,7 @@
 """The weather of an image, and its kinds: one object each with all properties of the kind.
 
-A new kind is an entry of `KINDS`, keys in `plan.config.scene_sections`, and a section of docs/weather.md; a new way
-to cover surfaces is a function of `render.blender.covers` too. Needs numpy only, as it runs in Blender.
+A new kind is an entry of `WEATHER_KINDS`, keys in `plan.config.scene_sections`, and a section of docs/weather.md; a
+new way to cover surfaces is a function of `render.blender.covers` too. Needs numpy only, as it runs in Blender.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.camera.response import off_daylight
 from hulldown.weather.precipitation import Sizes, rain_sizes, snow_sizes
 
@@ -61,8 +61,8 @@ class Weather:
         covers = (self.ground_cover, self.vehicle_cover)
         sound = 0.0 < self.visibility_m <= 1e9 and 0.0 <= self.rain_mm_h <= 1000.0 and 0.0 < self.exposure_s <= 10.0
         sound &= all(abs(speed) <= 100.0 for speed in self.wind_m_s) and all(0.0 <= cover <= 1.0 for cover in covers)
-        if not sound or self.kind not in KINDS:
-            raise ValueError(f"weather: expected one of {', '.join(KINDS)} with numbers in range, got {self}")
+        if not sound or self.kind not in WEATHER_KINDS:
+            raise ValueError(f"weather: expected one of {', '.join(WEATHER_KINDS)} with numbers in range, got {self}")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,7 +75,7 @@ class WeatherKind:
     rate: str = ""
     # keys of the covers of ground and vehicles; empty if there are none, or the rate decides
     covers: tuple[str, ...] = ()
-    surfaces: str = ""  # name in `render.blender.surfaces.COVERS` of what covers them; empty: nothing does
+    surfaces: str = ""  # name in `render.blender.surfaces.COVER_BUILDERS` of what covers them; empty: nothing does
     windy: bool = True  # whether wind and shutter time matter
     overcast: bool = False  # whether it comes with clouds that hide the sun
     layers: int = 1  # layers of air, of equal extinction; more than one thin out with height
@@ -90,7 +90,7 @@ class WeatherKind:
     settles_above: bool = False  # whether it covers level surfaces more than steep ones in previews
 
 
-KINDS: Mapping[str, WeatherKind] = MappingProxyType(
+WEATHER_KINDS: Mapping[str, WeatherKind] = MappingProxyType(
     {
         "fog": WeatherKind(
             visibility="visibility_m",
@@ -142,7 +142,7 @@ def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
     down it is whole, so that targets lose contrast as `air_extinction` says.
     """
     top, reach = min(FOG_ABOVE * visibility_m, FOG_TOP), min(FOG_REACH * visibility_m, FOG_SIDE)
-    tops, layers = [top], KINDS[kind].layers
+    tops, layers = [top], WEATHER_KINDS[kind].layers
     if layers > 1:
         parts = [part / layers for part in range(layers + 1)]
         areas = [part - part * math.log(part) if part else 0.0 for part in parts]  # integrals of -log
@@ -157,7 +157,7 @@ def airlight_radiance(kind: str, sky: np.ndarray) -> np.ndarray:
     O. Dubovik et al., Variability of absorption and optical properties of key aerosol types observed in worldwide
     locations, Journal of the Atmospheric Sciences 59, 2002: the albedo of desert dust.
     """
-    tint, luminance = KINDS[kind].tint, np.dot(sky, LUMINANCE)
+    tint, luminance = WEATHER_KINDS[kind].tint, np.dot(sky, LUMINANCE_WEIGHTS)
     if tint is not None:
         return luminance * np.array(tint)
     if luminance <= 0.0:

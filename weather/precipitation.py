@@ -46,7 +46,7 @@ class Sizes:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class View:
+class PrecipitationView:
     """A camera's view and shutter time."""
 
     axes: np.ndarray  # scenery from camera; x right, y down, z forward
@@ -75,11 +75,11 @@ class Streaks:
     gain: np.ndarray  # factor on the opacity, of discs that are drawn wider than they are
 
 
-def symmetric_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> View:
+def symmetric_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> PrecipitationView:
     """Return the symmetric view around a camera's image, whose principal point may be off-center."""
     half = intrinsics.half_tangents
     pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
-    return View(world_from_camera[:3, :3], half, pixel, exposure_s)
+    return PrecipitationView(world_from_camera[:3, :3], half, pixel, exposure_s)
 
 
 def rain_sizes(rate_mm_h: float) -> Sizes:
@@ -101,7 +101,7 @@ def snow_sizes(extinction: float) -> Sizes:
     return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER_M_S)
 
 
-def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
+def drops_in_view(sizes: Sizes, view: PrecipitationView, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
     """Draw drops that are large enough in the image to be seen, uniform in the air in front of the camera."""
     rng = np.random.default_rng([seed, OF_DROPS])
     speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
@@ -119,12 +119,12 @@ def drops_in_view(sizes: Sizes, view: View, wind_m_s: tuple[float, float], *, se
     return Drops(centers, sizes.edges[of] + u[:, 3] * np.diff(sizes.edges)[of], velocities)
 
 
-def _pyramid_volume(view: View, reach: np.ndarray, behind: float) -> np.ndarray:
+def _pyramid_volume(view: PrecipitationView, reach: np.ndarray, behind: float) -> np.ndarray:
     """Volume of the view pyramid between the nearest and the farthest drop; its apex is `behind` the eye."""
     return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST + behind) ** 3, 0.0)
 
 
-def _class_reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -> np.ndarray:
+def _class_reaches(sizes: Sizes, speed: np.ndarray, view: PrecipitationView, behind: float) -> np.ndarray:
     distances = np.geomspace(NEAREST, FARTHEST, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
     wide = np.maximum(radius, MIN_DISC_RADIUS_PX * view.pixel * distances)
@@ -141,7 +141,7 @@ def _class_reaches(sizes: Sizes, speed: np.ndarray, view: View, behind: float) -
     return reach
 
 
-def streak_quads(drops: Drops, view: View) -> Streaks:
+def streak_quads(drops: Drops, view: PrecipitationView) -> Streaks:
     """Return the quads of drops.
 
     A drop hides each point of its streak while it passes, which is D / (D + length) of the time along the middle. The

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from hulldown.annotate.label_type import LabelType, VehicleInCamera
-from hulldown.annotate.record_fields import Pixel, Three, Vectors
+from hulldown.annotate.record_fields import Matrix3, Pixel, Vector3
 from hulldown.annotate.records import Category, Image, Label
 from hulldown.base.portable import arctan2
 from hulldown.camera.cameras import NEAR_M
@@ -25,15 +25,17 @@ PIXEL_DIGITS = 6
 PIXEL_LIMIT = 1e9  # what a record can have
 PIXEL_TOLERANCE = 1e-5  # more than they're rounded by
 # In halves of the box's size: front left, front right, rear right, rear left, of the lower side, then of the upper one.
-_CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))])
+_UNIT_CORNERS = np.array(
+    [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))]
+)
 
 
 class Box3D(Struct):
     """An oriented box in the camera's frame."""
 
-    center: Three
-    size: Three
-    rotation: Vectors
+    center: Vector3
+    size: Vector3
+    rotation: Matrix3
 
 
 class BoxInCamera(LabelType):
@@ -119,6 +121,6 @@ class BoxInCamera(LabelType):
 
 def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
     """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane."""
-    from_center = matrix_product(np.array(box.rotation), (_CORNERS * box.size).T).T
+    from_center = matrix_product(np.array(box.rotation), (_UNIT_CORNERS * box.size).T).T
     pixels, depth = intrinsics.project_points(np.array(box.center) + from_center)
     return np.where((depth >= NEAR_M)[:, None], np.clip(pixels, -PIXEL_LIMIT, PIXEL_LIMIT), np.nan)

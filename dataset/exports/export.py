@@ -21,14 +21,14 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.outputs import DONE_NAME, OutputFolder
 from hulldown.base.terminal import print_message, progress_bar
 from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, voc, yolo
-from hulldown.dataset.exports.layouts.splits import Item, Splits, flat_names, sound_pictures
-from hulldown.dataset.exports.split import SPLITS, assign_splits
+from hulldown.dataset.exports.layouts.splits import ExportedImage, Splits, flat_names, sound_pictures
+from hulldown.dataset.exports.split import SPLIT_NAMES, assign_splits
 from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clip_labels, refuse_all
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Splits, Path], None]] = {
-    "coco": coco_folders.write_coco,
+    "coco": coco_folders.write_coco_folders,
     "yolo": yolo.write_yolo,
     "rfdetr-yolo": partial(yolo.write_yolo, split_first=True),
     "yolo-obb": partial(yolo.write_yolo, lines=yolo.corner_lines),
@@ -48,7 +48,7 @@ def _three_shares(text: str) -> tuple[float, float, float]:
     return train, valid, test
 
 
-SPLIT = make_parser("three shares that add up to 1, such as 0.7,0.2,0.1", _three_shares, metavar="A,B,C")
+SPLIT_PARSER = make_parser("three shares that add up to 1, such as 0.7,0.2,0.1", _three_shares, metavar="A,B,C")
 
 
 def export_dataset(
@@ -56,7 +56,7 @@ def export_dataset(
     output: AnyPath,
     *,
     layout: Annotated[str, Parameter(name="--format", choices=tuple(LAYOUTS))] = "coco",
-    fractions: Annotated[tuple[float, float, float], SPLIT, Parameter(name="--split")] = (0.7, 0.2, 0.1),
+    fractions: Annotated[tuple[float, float, float], SPLIT_PARSER, Parameter(name="--split")] = (0.7, 0.2, 0.1),
     polygons: AtLeastZero | bool = False,
     floors: LabelFloors = ALL_LABELS,
     clip: bool = False,
@@ -125,12 +125,12 @@ def export_dataset(
     split_of = assign_splits(images, fractions=fractions)
     _check_masks(images, folder)
     pictures = sound_pictures(folder, images, allowed)
-    items: dict[str, list[Item]] = {split: [] for split in SPLITS}
+    items: dict[str, list[ExportedImage]] = {split: [] for split in SPLIT_NAMES}
     for image, name, (picture, digest) in zip(images, flat_names(images), pictures, strict=True):
         kept = floors.kept_labels(image.labels)
         if polygons is not False:
             kept = [_outline_label(label, image.size, within) for label in kept]
-        items[split_of[image.id]].append(Item(image.labeled(kept), name, picture, digest))
+        items[split_of[image.id]].append(ExportedImage(image.labeled(kept), name, picture, digest))
     categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
     splits = Splits(folder, document.head, categories, items)

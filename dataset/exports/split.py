@@ -13,7 +13,7 @@ from scipy import sparse
 from hulldown.annotate.records import Image
 from hulldown.dataset.images import group_positions
 
-SPLITS = ("train", "valid", "test")
+SPLIT_NAMES = ("train", "valid", "test")
 _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images; COCO ids are 0 or more
 
 
@@ -36,7 +36,7 @@ def assign_splits(
     columns = [column[label] for of_image in labels for label in of_image]
     has = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(names), len(kinds)))
     chosen = _assign_rows(has, np.array(fractions))
-    return {image.id: SPLITS[k] for name, k in zip(names, chosen, strict=True) for image in groups[name]}
+    return {image.id: SPLIT_NAMES[k] for name, k in zip(names, chosen, strict=True) for image in groups[name]}
 
 
 def _stratified_labels(images: Iterable[Image]) -> list[tuple[int, int]]:

@@ -18,16 +18,16 @@ from PIL import Image as Pictures
 from PIL import ImageDraw
 from scipy.stats import ks_2samp
 
-from hulldown.annotate.drawing import IGNORED, category_color
+from hulldown.annotate.drawing import IGNORED_COLOR, category_color
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.arguments import AnyPath, Count, HtmlFile
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
 from hulldown.base.indices import even_sample
 from hulldown.base.outputs import claim_file
 from hulldown.base.terminal import progress_bar
-from hulldown.dataset.attributes import SCALES, SIZE, camera_poses, pose_array
+from hulldown.dataset.attributes import BOX_SIZE_SCALE, SCALES, camera_poses, pose_array
 from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.dataset.reports.charts import (
     draw_azimuths,
@@ -38,11 +38,11 @@ from hulldown.dataset.reports.charts import (
     two_histograms,
 )
 from hulldown.dataset.reports.page import Tile, render_page
-from hulldown.dataset.table import CONDITIONS, Dataset
+from hulldown.dataset.table import CONDITION_TITLES, Dataset
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import read_plan
-from hulldown.plan.summary import SIZES
+from hulldown.plan.summary import SIZE_CLASSES_PX2
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 MAX_THUMBNAILS = 1_000  # thumbnails on a page: some 10 MB
@@ -109,7 +109,7 @@ def report_dataset(
             "comparison": comparison,
             "tiles": tiles,
             "facts": _dataset_facts(dataset),
-            "sizes": SIZES,
+            "sizes": SIZE_CLASSES_PX2,
             "classes": _class_rows(dataset),
             "charts": _label_charts(dataset),
             "maps": _scenery_maps(dataset),
@@ -136,7 +136,7 @@ def _class_rows(dataset: Dataset) -> list[list[str]]:
     labels, rows = dataset.labels, []
     for name in dataset.categories.values():
         of_class = labels["category"] == name
-        sizes = np.histogram(labels["box_size"][of_class], np.sqrt([0.0, *SIZES.values()]))[0].tolist()
+        sizes = np.histogram(labels["box_size"][of_class], np.sqrt([0.0, *SIZE_CLASSES_PX2.values()]))[0].tolist()
         vehicles = Counter(one for one in labels["vehicle"][of_class].tolist() if one)
         shown = len(np.unique(labels["image"][of_class]))
         models = ", ".join(f"{vehicle} {n:,}" for vehicle, n in sorted(vehicles.items()))
@@ -146,7 +146,7 @@ def _class_rows(dataset: Dataset) -> list[list[str]]:
 
 def _label_charts(dataset: Dataset) -> dict[str, Figure]:
     labels, images, charts = dataset.labels, dataset.of_images, {}
-    for scale in (SIZE, *SCALES):
+    for scale in (BOX_SIZE_SCALE, *SCALES):
         if np.isfinite(values := labels[scale.name]).any():
             title = f"{scale.title}, {scale.unit}" if scale.unit else scale.title
             charts[title] = draw_histogram(title, values, log=scale.name in ("box_size", "distance"))
@@ -156,7 +156,9 @@ def _label_charts(dataset: Dataset) -> dict[str, Figure]:
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
         charts["label positions"] = places_in_pictures(centers / sizes)
-    charts |= {title: draw_shares(title, images[key]) for key, title in CONDITIONS.items() if (images[key] != "").any()}
+    charts |= {
+        title: draw_shares(title, images[key]) for key, title in CONDITION_TITLES.items() if (images[key] != "").any()
+    }
     if np.isfinite(images["strength"]).any():
         charts["strength of light"] = draw_histogram("strength of light", images["strength"])
     return charts
@@ -182,10 +184,10 @@ def _image_tile(dataset: Dataset, i: int) -> Tile:
         "class": _listed_names(labels["category"][rows]) or ["none"],
         "vehicle": _listed_names(labels["vehicle"][rows]),
     }
-    values |= {title: _listed_names(images[key][[i]]) for key, title in CONDITIONS.items()}
+    values |= {title: _listed_names(images[key][[i]]) for key, title in CONDITION_TITLES.items()}
     values["side seen"] = _listed_names(labels["side"][rows])
     lines = [", ".join(_image_text(dataset, row)) for row in rows.tolist()] or ["no labels"]
-    lines.append(", ".join(filter(None, (str(images[key][i]) for key in CONDITIONS))))
+    lines.append(", ".join(filter(None, (str(images[key][i]) for key in CONDITION_TITLES))))
     return Tile(_encode_thumbnail(dataset, i), [dataset.images[i].file_name, *filter(None, lines)], values)
 
 
@@ -207,7 +209,7 @@ def _encode_thumbnail(dataset: Dataset, i: int) -> bytes:
     pen = ImageDraw.Draw(small)
     for label in image.labels:
         x, y, w, h = (label.bbox * small.width / image.width).tolist()
-        color = IGNORED if label.crowd else category_color(label.category_id)
+        color = IGNORED_COLOR if label.crowd else category_color(label.category_id)
         pen.rectangle((x - 1, y - 1, x + max(w, 0.0), y + max(h, 0.0)), outline=color)
     small.save(file, "JPEG", quality=JPEG_QUALITY, optimize=True)
     return file.getvalue()
@@ -226,7 +228,7 @@ class Feature:
     log: bool = False
 
 
-FEATURES = {
+REPORT_FEATURES = {
     "height": Feature("box height / picture height", "camera.target_fraction or camera.like", log=True),
     "x": Feature("box center from left to right", "camera.framing or camera.like"),
     "y": Feature("box center from top to bottom", "camera.framing or camera.like"),
@@ -253,13 +255,16 @@ class Comparison:
 
     def rows(self) -> list[list[str]]:
         """Title, distance, and keys of each feature."""
-        return [[FEATURES[name].title, f"{far:.2f}", FEATURES[name].keys] for name, far in self.distances().items()]
+        return [
+            [REPORT_FEATURES[name].title, f"{far:.2f}", REPORT_FEATURES[name].keys]
+            for name, far in self.distances().items()
+        ]
 
     def charts(self) -> dict[str, Figure]:
         """Histograms of dataset and photographs for each feature, by description."""
         return {
-            f"{FEATURES[name].title}: this dataset and the photographs": two_histograms(
-                FEATURES[name].title, own, self.wanted[name], log=FEATURES[name].log
+            f"{REPORT_FEATURES[name].title}: this dataset and the photographs": two_histograms(
+                REPORT_FEATURES[name].title, own, self.wanted[name], log=REPORT_FEATURES[name].log
             )
             for name, own in self.own.items()
         }
@@ -301,7 +306,7 @@ def dataset_boxes(dataset: Dataset) -> Photographs:
 def brightness_and_contrast(picture: Pictures.Image) -> tuple[float, float]:
     """Mean and standard deviation of an RGB picture's luma, from 0 to 1."""
     picture.thumbnail((MEASURED_SIDE_PX, MEASURED_SIDE_PX), Pictures.Resampling.LANCZOS)
-    luma = np.asarray(picture) / 255.0 @ LUMINANCE
+    luma = np.asarray(picture) / 255.0 @ LUMINANCE_WEIGHTS
     return float(luma.mean()), float(luma.std())
 
 

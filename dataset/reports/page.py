@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 
 from hulldown.dataset.reports.charts import chart_svg
 
-LAYOUT = "dataset/reports/page.html"
+PAGE_TEMPLATE = "dataset/reports/page.html"
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +31,7 @@ class Tile:
 
 def render_page(template: str, data: Mapping[str, object]) -> str:
     """Return a page."""
-    return _page_environment().get_template(template).render(data, layout=LAYOUT)
+    return _page_environment().get_template(template).render(data, layout=PAGE_TEMPLATE)
 
 
 def format_number(value: float | int | None, *, sign: str = "", digits: int = 3) -> str:

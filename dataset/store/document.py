@@ -30,7 +30,7 @@ ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
 COCO_NAME = "_annotations.coco.json"  # of RF-DETR and Roboflow, in every split's folder
 NO_RECORDS = msgspec.Raw(b"[]")
-KINDS = {"categories": "category", "images": "image", "annotations": "annotation"}
+RECORD_NOUNS = {"categories": "category", "images": "image", "annotations": "annotation"}
 LINE_KEYS = {"categories", "run", "image", "annotations", "merged", "line_sha256"}  # of a journal; the last of old ones
 
 
@@ -132,7 +132,7 @@ class Document:
     def write(self, path: Path) -> None:
         """Replace the file at `path` in one step, one record a line."""
         with replace_journal(path) as file:
-            write_coco(file, *self._other_parts())
+            write_coco_document(file, *self._other_parts())
 
     def _other_parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
         head, reservations = self.head, self.reservations.values()
@@ -146,7 +146,7 @@ class Document:
         )
 
 
-def write_coco(file: BinaryIO, head: Record, images: Iterable[bytes], annotations: Iterable[bytes]) -> None:
+def write_coco_document(file: BinaryIO, head: Record, images: Iterable[bytes], annotations: Iterable[bytes]) -> None:
     """Write a COCO document, one record per line."""
     file.write(orjson.dumps(head)[:-1])
     for key, records in ((b"images", images), (b"annotations", annotations)):
@@ -240,7 +240,7 @@ def _read_annotations(path: Path) -> Document:
     try:
         parts = json_parts(content)
         categories, images, annotations = (
-            _parse_records(parts.pop(key, NO_RECORDS), key, kind, path) for key, kind in KINDS.items()
+            _parse_records(parts.pop(key, NO_RECORDS), key, kind, path) for key, kind in RECORD_NOUNS.items()
         )
         document.head = {key: parse_json(memoryview(part), object) for key, part in parts.items()}
         document.categories += categories

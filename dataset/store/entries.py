@@ -15,7 +15,7 @@ from hulldown.base.files import stays_inside
 from hulldown.base.outputs import LOCK_NAME, UNFINISHED_NAME
 
 # The dataset's own files: pictures with these names would be removed or overwritten.
-RESERVED = (
+RESERVED_KEYS = (
     *("annotations.json", "journal.jsonl", "failures.jsonl", "provenance.json", "logs"),
     *(UNFINISHED_NAME, LOCK_NAME),
 )
@@ -49,7 +49,7 @@ def check_image(record: Record) -> None:
     """Refuse an image whose file name leaves the dataset or whose size isn't positive."""
     name = record.get("file_name")
     first = normal_name(name).casefold().split("/")[0] if stays_inside(name) else "."
-    if first == "." or first in RESERVED:
+    if first == "." or first in RESERVED_KEYS:
         raise ValueError(f"image: file_name: expected a path inside the dataset that is free, got {name!r:.120}")
     for key in ("width", "height"):
         size = record.get(key)

@@ -17,7 +17,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.files import atomic_writer, open_in_place, open_regular, sync_folder
 from hulldown.base.outside import parse_json
 
-MERGED = b'{"merged":true}\n'  # everything above this line is in annotations.json
+MERGED_LINE = b'{"merged":true}\n'  # everything above this line is in annotations.json
 JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
 
 
@@ -85,11 +85,11 @@ def read_journal(path: Path) -> Iterator[Record]:
 
 
 def last_merged(path: Path) -> int:
-    """Return the number of a journal's last `MERGED` line; 0 if there is none."""
+    """Return the number of a journal's last `MERGED_LINE` line; 0 if there is none."""
     if not path.exists():
         return 0
     with _open_journal(path) as file:
-        return max((number for number, line in enumerate(file, start=1) if line == MERGED), default=0)
+        return max((number for number, line in enumerate(file, start=1) if line == MERGED_LINE), default=0)
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from hulldown.annotate.masks import decode_mask
 from hulldown.annotate.record_fields import PICTURE_KEY
 from hulldown.annotate.records import Image
 from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
 from hulldown.dataset.record_checks import Finding
@@ -193,6 +193,6 @@ def target_appearance(
     near = tuple(slice(max(along[0] - margin, 0), along[-1] + margin + 1) for along in (rows, columns))
     colors, around = picture[near].astype(np.float32), ~(mask | others)[near]
     inside = colors[mask[near]]
-    low, darkest, brightest, high = np.percentile(inside @ LUMINANCE, [10, 5, 95, 90]).tolist()
+    low, darkest, brightest, high = np.percentile(inside @ LUMINANCE_WEIGHTS, [10, 5, 95, 90]).tolist()
     apart = np.abs(inside.mean(axis=0) - colors[around].mean(axis=0)).max() if around.any() else 0.0
     return TargetAppearance(max(float(apart), high - low), darkest, brightest)

@@ -17,9 +17,9 @@ from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
 
 MAX_VALUE_LENGTH = 120  # characters of a value in a finding
-MASKS = ("segmentation", "segmentation_amodal")
+MASK_FIELDS = ("segmentation", "segmentation_amodal")
 OF_MASKS = (
-    *MASKS,
+    *MASK_FIELDS,
     "area",
     "obb",
 )  # fields that follow from masks; `dataset.record_checks` compares them with each other
@@ -72,7 +72,7 @@ def _label_differences(name: str, box: Record | None, wanted: Record, names: Map
         return
     label = box.get("category_id")
     recorded = {**box, "category": names.get(label) if isinstance(label, int) else None}
-    if all(_is_nearly_same_mask(recorded.get(key), wanted.get(key)) for key in MASKS):
+    if all(_is_nearly_same_mask(recorded.get(key), wanted.get(key)) for key in MASK_FIELDS):
         wanted = {key: value for key, value in wanted.items() if key not in OF_MASKS}
     yield from _list_differences(name, recorded, wanted, what=f"{wanted['category']} {wanted['vehicle']!r}: ")
 

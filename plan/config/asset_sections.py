@@ -16,7 +16,7 @@ from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, i
 from hulldown.reading.pieces.options import TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
-OWN = "own"  # color of a material in its file
+OWN_COLOR = "own"  # color of a material in its file
 
 
 def _check_forward(value: Any) -> str | float | Pair | None:
@@ -45,7 +45,7 @@ Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(strict=Fal
 
 
 def _check_color(value: object) -> str:
-    if isinstance(value, str) and (value == OWN or re.fullmatch("#[0-9a-fA-F]{6}", value)):
+    if isinstance(value, str) and (value == OWN_COLOR or re.fullmatch("#[0-9a-fA-F]{6}", value)):
         return value.lower()
     raise ValueError("expected a color such as '#4b5320', or 'own' for the file's")
 

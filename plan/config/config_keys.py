@@ -15,15 +15,15 @@ from pydantic.fields import FieldInfo
 from pydantic.json_schema import JsonSchemaValue
 
 from hulldown.plan.config.asset_sections import DistractorEntry, SceneryEntry, VehicleEntry
-from hulldown.plan.config.scene_sections import PROFILES
+from hulldown.plan.config.scene_sections import RENDER_PROFILES
 from hulldown.plan.config.schema import Config
 from hulldown.plan.config.section import Section
 
-PAGE = Path(__file__).parents[2] / "docs" / "config.md"
-ENTRIES: Mapping[str, type[Section]] = MappingProxyType(
+CONFIG_PAGE = Path(__file__).parents[2] / "docs" / "config.md"
+ENTRY_SECTIONS: Mapping[str, type[Section]] = MappingProxyType(
     {"vehicle": VehicleEntry, "distractor": DistractorEntry, "scenery": SceneryEntry}
 )
-_SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
+_BOUND_SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 _LINE_WIDTH = 120
 _MAX_COMMENTED_WIDTH = 60  # of a line with a comment beside it
 # One of two alternatives must be given, so the first one gets a value. A detector that has seen no picture without its
@@ -31,13 +31,13 @@ _MAX_COMMENTED_WIDTH = 60  # of a line with a comment beside it
 _GIVEN = MappingProxyType(
     {"budget.images_per_class": 140, "budget.background_share": 0.25, "budget.background_distractors": 1.0}
 )
-_BY_PROFILE = frozenset(f"render.{key}" for key in PROFILES["paper"])  # a profile gives their defaults
-_LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
-_LISTED = ("hdris", *_LISTS.values())  # keys of [assets] that get their own format
+_BY_PROFILE = frozenset(f"render.{key}" for key in RENDER_PROFILES["paper"])  # a profile gives their defaults
+_ASSET_LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
+_LISTED_KEYS = ("hdris", *_ASSET_LISTS.values())  # keys of [assets] that get their own format
 
 
 @dataclass(frozen=True, slots=True)
-class Key:
+class DocumentedKey:
     """A key of a section, with its meaning."""
 
     name: str
@@ -48,7 +48,7 @@ class Key:
     meaning: str
 
 
-def section_keys(section: type[Section]) -> list[Key]:
+def section_keys(section: type[Section]) -> list[DocumentedKey]:
     """Return a section's keys, without its subsections, in the order of the schema."""
     declared = section.model_json_schema()["properties"]
     return [
@@ -74,9 +74,9 @@ def toml_value(value: object) -> str:
     return tomlkit.item(value).as_string()
 
 
-def _key_row(name: str, field: FieldInfo, declared: JsonSchemaValue) -> Key:
+def _key_row(name: str, field: FieldInfo, declared: JsonSchemaValue) -> DocumentedKey:
     default = None if field.is_required() or field.default is None else field.default
-    return Key(
+    return DocumentedKey(
         name=name,
         default=None if default is None or (name == "name" and default == "") else toml_value(default),
         example=toml_value(field.examples[0]) if field.examples else None,
@@ -95,7 +95,7 @@ def _allowed_values(declared: JsonSchemaValue) -> str:
     kind = kind.get("prefixItems", [kind])[0]
     if "enum" in kind:
         return ", ".join(map(toml_value, kind["enum"]))
-    bounds: dict[str, float] = {sign: kind[bound] for bound, sign in _SIGNS.items() if bound in kind}
+    bounds: dict[str, float] = {sign: kind[bound] for bound, sign in _BOUND_SIGNS.items() if bound in kind}
     if bounds.keys() == {">=", "<="}:
         return _format_interval(bounds[">="], bounds["<="])
     return ", ".join(f"{sign} {_format_number(bound)}" for sign, bound in bounds.items())
@@ -123,7 +123,7 @@ def config_text(
 ) -> str:
     """Return a config for these assets, every key explained; `notes` and `proposals` are comments by name or path."""
     given, others = {**_GIVEN, **values}, config_sections()
-    of_assets = [key for key in section_keys(others.pop("assets")) if key.name not in _LISTED]
+    of_assets = [key for key in section_keys(others.pop("assets")) if key.name not in _LISTED_KEYS]
     blocks = [
         "# hulldown config. Every key has its default here, except in [budget]; delete what you don't want to change.\n"
         "# Paths are relative to this file's folder. A range is [low, high]; one number is a range of one value.\n",
@@ -131,7 +131,7 @@ def config_text(
         "[assets]\n"
         + _key_lines(of_assets, "assets", given)
         + f"hdris = {_pattern_list(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
-        *(_entry_comments(kind) for kind in ENTRIES),
+        *(_entry_comments(kind) for kind in ENTRY_SECTIONS),
         *(
             _as_comments(notes.get(name := str(entry.get("name", entry["path"])), ()))
             + _entry_text(f"assets.{kind}", entry)
@@ -147,7 +147,7 @@ def config_text(
     return "\n".join(block for block in blocks if block)
 
 
-def _key_lines(keys: Sequence[Key], section: str, given: dict[str, object]) -> str:
+def _key_lines(keys: Sequence[DocumentedKey], section: str, given: dict[str, object]) -> str:
     """Return a line for each key, commented out if it has no default; removes the values it uses from `given`."""
     pairs = []
     for key in keys:
@@ -158,7 +158,7 @@ def _key_lines(keys: Sequence[Key], section: str, given: dict[str, object]) -> s
     return _align_comments(pairs)
 
 
-def _align_comments(pairs: Sequence[tuple[str, Key]]) -> str:
+def _align_comments(pairs: Sequence[tuple[str, DocumentedKey]]) -> str:
     """Align the comments of lines; a long comment continues on the next lines, and a long line has it above."""
     column = max((len(text) for text, _ in pairs if len(text) <= _MAX_COMMENTED_WIDTH), default=0)
     lines = []
@@ -173,11 +173,11 @@ def _align_comments(pairs: Sequence[tuple[str, Key]]) -> str:
 
 
 def _entry_comments(kind: str) -> str:
-    keys = section_keys(ENTRIES[kind])
+    keys = section_keys(ENTRY_SECTIONS[kind])
     needed = " and ".join(key.name for key in keys if key.required)
-    head = f"[[assets.{_LISTS[kind]}]] is a {kind}: {needed} must be given. Optional keys:"
+    head = f"[[assets.{_ASSET_LISTS[kind]}]] is a {kind}: {needed} must be given. Optional keys:"
     if kind == "distractor":
-        keys = [key for key in keys if key not in section_keys(ENTRIES["vehicle"])]
+        keys = [key for key in keys if key not in section_keys(ENTRY_SECTIONS["vehicle"])]
         head = "[[assets.distractors]] is no target, such as a civilian car. It has the keys of a vehicle, and:"
     pairs = [(f"  {key.name} = {key.default or key.example or '...'}", key) for key in keys]
     return _as_comments([head, *_align_comments([pair for pair in pairs if not pair[1].required]).splitlines()])
@@ -235,7 +235,7 @@ def filled_page(text: str) -> str:
 
     def filled(found: re.Match[str]) -> str:
         name = found[1]
-        kind = Config if name == "the config" else {**config_sections(), **ENTRIES}[name]
+        kind = Config if name == "the config" else {**config_sections(), **ENTRY_SECTIONS}[name]
         known = VehicleEntry if kind is DistractorEntry else None
         return f"<!-- keys of {name} -->\n{key_table(kind, without=known)}\n"
 
@@ -243,4 +243,4 @@ def filled_page(text: str) -> str:
 
 
 if __name__ == "__main__":
-    PAGE.write_text(filled_page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    CONFIG_PAGE.write_text(filled_page(CONFIG_PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -12,12 +12,12 @@ from hulldown.base.arrays import are_numbers
 from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
 from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
-from hulldown.weather.kinds import KINDS
+from hulldown.weather.kinds import WEATHER_KINDS
 
 LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
 MOST_IMAGES = 1_000_000_000  # of a class
 MAX_SIDE_PX = 65536  # pixels of a side
-PROFILES: Mapping[str, Mapping[str, object]] = {
+RENDER_PROFILES: Mapping[str, Mapping[str, object]] = {
     "paper": {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12},
     "fast": {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
     "train": {"samples": 8, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
@@ -25,7 +25,7 @@ PROFILES: Mapping[str, Mapping[str, object]] = {
 
 Shares = Annotated[Pair, range_check(0.0, 1.0)]
 Visibilities = Annotated[Pair, range_check(1.0, 1e6)]
-Lines = Annotated[tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)]
+SkeletonLines = Annotated[tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)]
 
 
 class GroundSection(Section):
@@ -155,7 +155,7 @@ class AnnotateSection(Section):
     """vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")"""
     keypoints: Patterns | None = Field(default=None, examples=[["*"]], exclude_if=is_absent)
     """patterns of the keypoints to label, such as wheel_*; default: none"""
-    skeleton: Lines | None = Field(default=None, examples=[[["muzzle", "turret"]]], exclude_if=is_absent)
+    skeleton: SkeletonLines | None = Field(default=None, examples=[[["muzzle", "turret"]]], exclude_if=is_absent)
     """pairs of keypoints to join; default: none"""
 
 
@@ -237,7 +237,7 @@ class LightSection(Section):
 
 
 class WeatherSection(Section):
-    """Shares of images with each kind of weather, by an entry of `KINDS`, and its ranges; other images are clear."""
+    """Shares of images with each kind of weather of `WEATHER_KINDS`, and its ranges; other images are clear."""
 
     fog: Share = 0.0
     """share of images with fog"""
@@ -272,9 +272,9 @@ class WeatherSection(Section):
 
     @model_validator(mode="after")
     def _shares_of_one_whole(self) -> WeatherSection:
-        total = math.fsum(getattr(self, name) for name in KINDS)
+        total = math.fsum(getattr(self, name) for name in WEATHER_KINDS)
         if total > 1.0 + 1e-9:
-            raise ValueError(f"{', '.join(KINDS)} are {total:g} together; expected shares of at most 1 in all")
+            raise ValueError(f"{', '.join(WEATHER_KINDS)} are {total:g} together; expected shares of at most 1 in all")
         return self
 
 
@@ -299,6 +299,6 @@ class RenderSection(Section):
     @model_validator(mode="before")
     @classmethod
     def _profile_first(cls, data: object) -> object:
-        if isinstance(data, dict) and isinstance(name := data.get("profile"), str) and name in PROFILES:
-            return {**PROFILES[name], **data}  # given values win
+        if isinstance(data, dict) and isinstance(name := data.get("profile"), str) and name in RENDER_PROFILES:
+            return {**RENDER_PROFILES[name], **data}  # given values win
         return data

@@ -35,14 +35,14 @@ from hulldown.scene.camera_pencils import PixelRays
 from hulldown.scene.rays import Hits, Kind
 
 # folder and suffix of each pass
-PASSES = {
+PASS_MEANINGS = {
     "depth": ("depth", ".npz"),
     "normal": ("normal", ".npz"),
     "instance": ("instance", ".png"),
     "part": ("part", ".png"),
     "category": ("panoptic", ".png"),
 }
-STUFF = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
+STUFF_CLASSES = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
 STUFF_SEGMENT = 1 << 16  # first segment number of stuff; segments of vehicles have their instance numbers
 MOST_INSTANCES = (1 << 16) - 1
 
@@ -108,7 +108,7 @@ class Panoptic(Struct, frozen=True):
     categories: list[PanopticClass]
 
 
-class Written(Struct, frozen=True):
+class WrittenPasses(Struct, frozen=True):
     """The file that lists an image's written passes, for the row with this hash."""
 
     row_sha256: str
@@ -118,7 +118,7 @@ class Written(Struct, frozen=True):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Pixels:
+class SurfacePixels:
     """The surfaces at the pixel centers of an image."""
 
     # axis, ray: meters along the optical axis, and along the ray from the pinhole; inf for the sky
@@ -137,14 +137,14 @@ def part_table(artist: Artist) -> list[NumberedPart]:
     return [NumberedPart(i, name, part) for i, (name, part) in enumerate(parts, start=1)]
 
 
-def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> Pixels:
+def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> SurfacePixels:
     """Cast a ray through the center of each pixel of an image; `sceneries` are the plan's by name."""
     camera, shape = row.camera, (row.height, row.width)
     hits = artist.scene(row).first_hits(PixelRays(camera), threads=os.cpu_count() or 1)
     through = camera.lenses.pixel_directions(camera.lenses.pixel_centers)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
     instance, table = _instance_numbers(row, hits, sceneries[row.scenery])
-    return Pixels(
+    return SurfacePixels(
         along_axis.astype(np.float32).reshape(shape),
         hits.distance.astype(np.float32).reshape(shape),
         hits.normal.astype(np.float32).reshape(*shape, 3),
@@ -177,15 +177,17 @@ def _part_numbers(row: Row, artist: Artist, hits: Hits) -> UInt16[np.ndarray, " 
     return np.where(hits.part >= 0, first.take(hits.instance, mode="clip") + hits.part, 0).astype(np.uint16)
 
 
-def panoptic_segments(pixels: Pixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
-    """Return an image's segments, as a picture of their numbers and a list; `STUFF` follows the classes."""
+def panoptic_segments(
+    pixels: SurfacePixels, class_ids: Mapping[str, int]
+) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
+    """Return an image's segments, as a picture of their numbers and a list; `STUFF_CLASSES` follows the classes."""
     segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
     for one in [Instance(0, "sky", "sky"), *pixels.table]:
         i = one.id
         if isinstance(one.category, str):
             segment[i], category[i], crowd[i] = i, class_ids[one.category], one.label != "full"
         else:
-            stuff = STUFF.index("distractor" if one.kind == "vehicle" else one.kind)
+            stuff = STUFF_CLASSES.index("distractor" if one.kind == "vehicle" else one.kind)
             segment[i], category[i] = STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
     numbers = segment[pixels.instance]
     colors = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=-1).astype(np.uint8)
@@ -246,11 +248,11 @@ def write_passes(
     """
     plan, output = PlanFile.read(plan), Path(output)
     assets = assets or load_planned_library(plan, cache=cache, limits=limits).assets
-    asked = dict(zip(PASSES, (depth, normal, instance, part, category), strict=True))
-    passes = [name for name in PASSES if asked[name]] or list(PASSES)
+    asked = dict(zip(PASS_MEANINGS, (depth, normal, instance, part, category), strict=True))
+    passes = [name for name in PASS_MEANINGS if asked[name]] or list(PASS_MEANINGS)
     artist = Artist(plan, assets)
     chosen = even_sample(len(plan), len(plan) if count is None else count).tolist()
-    names = [*plan.header.categories, *STUFF]
+    names = [*plan.header.categories, *STUFF_CLASSES]
     things = len(plan.header.categories)
     categories = [PanopticClass(i, name, int(i <= things)) for i, name in enumerate(names, start=1)]
     document = Panoptic([], [], categories)
@@ -271,9 +273,9 @@ def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes
     """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
     stem, digest = _image_stem(row), hashlib.sha256(encode_line(row)).hexdigest()
     path, complete = output / "tables" / f"{stem}.json", set[str]()
-    places = {name: output / folder / f"{stem}{suffix}" for name, (folder, suffix) in PASSES.items()}
+    places = {name: output / folder / f"{stem}{suffix}" for name, (folder, suffix) in PASS_MEANINGS.items()}
     with suppress(HulldownError):  # written anew
-        table = read_json(path, Written, partial(HulldownError, path=path), what="a table of ours")
+        table = read_json(path, WrittenPasses, partial(HulldownError, path=path), what="a table of ours")
         if table.row_sha256 == digest:
             complete = {name for name in table.passes if name in places and places[name].is_file()}
     if complete >= set(passes):
@@ -289,7 +291,7 @@ def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes
     }
     for name in passes:
         _write_file(places[name], contents[name]())
-    _write_file(path, msgspec.json.encode(Written(digest, sorted({*passes, *complete}), pixels.table, segments)))
+    _write_file(path, msgspec.json.encode(WrittenPasses(digest, sorted({*passes, *complete}), pixels.table, segments)))
     return segments
 
 

@@ -12,7 +12,7 @@ from PIL import Image
 from hulldown.annotate.drawing import Overlay, draw_boxes
 from hulldown.assets.plan_assets import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import ConfigError
 from hulldown.base.indices import even_sample
 from hulldown.base.terminal import track_items
@@ -162,4 +162,4 @@ class Artist:
 
     def _card_brightness(self, row: Row) -> float:
         irradiance = np.array(self._assets.sky(row.hdri).irradiance)
-        return float(card_radiance(irradiance, row.strength) @ LUMINANCE) / CARD_ALBEDO * 2.0**row.exposure_ev
+        return float(card_radiance(irradiance, row.strength) @ LUMINANCE_WEIGHTS) / CARD_ALBEDO * 2.0**row.exposure_ev

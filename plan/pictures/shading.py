@@ -16,7 +16,7 @@ from hulldown.scene.camera_pencils import PixelRays
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import Kind, RayList
 from hulldown.weather.extinction import air_contrast
-from hulldown.weather.kinds import KINDS, Weather, airlight_radiance
+from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
@@ -49,7 +49,7 @@ def shade_pixels(
     # Shadow rays start off the surface by more than float32 errs at that distance.
     start = points[lit] + normal[lit] * (1e-3 + 1e-4 * distance[lit])
     direct[lit[world.occlusion(RayList(start, np.broadcast_to(sun, start.shape)))]] = 0.0
-    if weather is not None and KINDS[weather.kind].overcast:
+    if weather is not None and WEATHER_KINDS[weather.kind].overcast:
         direct *= 0.0  # clouds hide the sun
     light = _AMBIENT_SHARE * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT_SHARE) * 1.3 * direct
     albedo = _surface_albedo(hits.kind[hit], hits.instance[hit], points, paints)
@@ -68,7 +68,7 @@ def _cover_surfaces(
     albedo: Float[np.ndarray, "n 3"], up: Float[np.ndarray, " n"], vehicle: Bool[np.ndarray, " n"], weather: Weather
 ) -> Float[np.ndarray, "n 3"]:
     cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
-    kind = KINDS[weather.kind]
+    kind = WEATHER_KINDS[weather.kind]
     if kind.cover_albedo is None:
         return albedo * (1.0 - 0.4 * cover)
     if kind.settles_above:

@@ -17,10 +17,10 @@ from hulldown.camera.intrinsics import Intrinsics
 from hulldown.plan.config.scene_sections import MAX_SIDE_PX, CameraMatrix, Distortion
 
 # Names in files of OpenCV's samples and of ROS, in lower case without underscores.
-_MATRIX = ("cameramatrix", "k", "intrinsicmatrix", "mtx")
-_DISTORTION = ("distortioncoefficients", "distcoeffs", "d", "dist")
-_SIZE = (("imagewidth", "width"), ("imageheight", "height"))
-_MODELS = ("", "plumb_bob", "rational_polynomial")
+_MATRIX_KEYS = ("cameramatrix", "k", "intrinsicmatrix", "mtx")
+_DISTORTION_KEYS = ("distortioncoefficients", "distcoeffs", "d", "dist")
+_SIZE_KEYS = (("imagewidth", "width"), ("imageheight", "height"))
+_DISTORTION_MODELS = ("", "plumb_bob", "rational_polynomial")
 _REMEDY = "give a calibration of OpenCV or ROS in YAML or JSON"
 
 
@@ -50,12 +50,16 @@ def read_camera(path: Path) -> dict[str, object]:
         except ValueError:
             raise ConfigError(f"its {what} isn't made of numbers within 1e9", path=path, remedy=_REMEDY) from None
 
-    matrix = numbers(_MATRIX, "camera matrix")
-    size = [numbers((f"image_{names[1]}", *names), f"image {names[1]}") for names in _SIZE]
+    matrix = numbers(_MATRIX_KEYS, "camera matrix")
+    size = [numbers((f"image_{names[1]}", *names), f"image {names[1]}") for names in _SIZE_KEYS]
     model = str(named.get("distortionmodel") or "")
-    lens = numbers(_DISTORTION, "distortion") if any(name in named for name in _DISTORTION) else np.zeros(5)
-    if model not in _MODELS or named.get("fisheyemodel") or lens[5:].any():
-        problem = f"has a lens of the model {model!r}" if model not in _MODELS else "has a lens with more coefficients"
+    lens = numbers(_DISTORTION_KEYS, "distortion") if any(name in named for name in _DISTORTION_KEYS) else np.zeros(5)
+    if model not in _DISTORTION_MODELS or named.get("fisheyemodel") or lens[5:].any():
+        problem = (
+            f"has a lens of the model {model!r}"
+            if model not in _DISTORTION_MODELS
+            else "has a lens with more coefficients"
+        )
         raise ConfigError(problem, path=path, remedy="calibrate with k1, k2, p1, p2, and k3 alone (plumb_bob)")
     if len(matrix) != 9 or matrix[[1, 3, 6, 7]].any() or any(len(side) != 1 or side % 1 for side in size):
         raise ConfigError("its camera matrix isn't [fx, 0, cx, 0, fy, cy, 0, 0, 1]", path=path, remedy=_REMEDY)

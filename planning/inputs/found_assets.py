@@ -22,22 +22,22 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.formats import HDRI_SUFFIXES, SUFFIXES
-from hulldown.reading.pieces.options import DEFAULTS, Options
+from hulldown.reading.pieces.formats import FORMAT_SUFFIXES, HDRI_SUFFIXES
+from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
 
 # Folder names that tell the kind of the files in them; in other folders, the contents decide.
-KINDS = {
+FOUND_KINDS = {
     "vehicles": "vehicle",
     "sceneries": "scenery",
     "scenes": "scenery",
     "terrains": "scenery",
     "distractors": "distractor",
 }
-NO_CATEGORY = ("assets", "models", *KINDS)
+NO_CATEGORY = ("assets", "models", *FOUND_KINDS)
 MAX_GROUND_NAMES = 4  # names of ground objects in a comment
 EXAMPLE_COLOR = "#4b5320"  # of paint
-_PREFERENCE = (*SUFFIXES, *HDRI_SUFFIXES)  # of files with one name in several formats, the first is used
-NEEDED = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
+_PREFERRED_SUFFIXES = (*FORMAT_SUFFIXES, *HDRI_SUFFIXES)  # of files with one name in several formats, the first is used
+NEEDED_KINDS = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,9 +64,13 @@ def asset_files(folder: Path) -> list[Path]:
     for inside, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         place = Path(inside).relative_to(folder)
-        files += [place / name for name in sorted(names) if Path(name).suffix.lower() in _PREFERENCE and name[0] != "."]
+        files += [
+            place / name
+            for name in sorted(names)
+            if Path(name).suffix.lower() in _PREFERRED_SUFFIXES and name[0] != "."
+        ]
     if not files:
-        what = f"holds no {', '.join(_PREFERENCE)} file" if folder.is_dir() else "is no folder"
+        what = f"holds no {', '.join(_PREFERRED_SUFFIXES)} file" if folder.is_dir() else "is no folder"
         raise AssetError(what, path=folder, remedy="name the folder of your vehicles, sceneries and HDRIs by --from")
     return files
 
@@ -83,7 +87,7 @@ def read_found(
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
     taken: dict[Path, Path] = {}  # the preferred format of files with the same name
-    for path in sorted(files, key=lambda path: _PREFERENCE.index(path.suffix.lower())):
+    for path in sorted(files, key=lambda path: _PREFERRED_SUFFIXES.index(path.suffix.lower())):
         taken.setdefault(path.with_suffix(""), path)
 
     def read(path: Path) -> list[FoundFile]:
@@ -120,10 +124,12 @@ def _found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> Fo
 
 def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
     """Return a file's vehicles, as it's read by the keys that it needs, or its scenery."""
-    folder_kind = next((KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in KINDS), None)
+    folder_kind = next(
+        (FOUND_KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in FOUND_KINDS), None
+    )
     kind = "vehicle" if folder_kind == "distractor" else folder_kind
 
-    def read(options: Options = DEFAULTS) -> FileReport:
+    def read(options: Options = DEFAULT_OPTIONS) -> FileReport:
         return cached_export(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
 
     def found(report: FileReport, keys: Mapping[str, object], *, name: str = "", why: Sequence[str] = ()) -> FoundFile:
@@ -157,7 +163,7 @@ def _ground_comment(report: FileReport) -> list[str]:
 
 def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
     """Return the needed kinds of assets that were not found."""
-    return [word for kind, word in NEEDED.items() if all(file.kind != kind for file in found)]
+    return [word for kind, word in NEEDED_KINDS.items() if all(file.kind != kind for file in found)]
 
 
 def found_config(
@@ -184,7 +190,7 @@ def found_config(
         return {**entry, **named, **category, **keys}
 
     entries = {
-        kind: [(propose_entry(file), file) for file in found if file.kind == kind] for kind in set(KINDS.values())
+        kind: [(propose_entry(file), file) for file in found if file.kind == kind] for kind in set(FOUND_KINDS.values())
     }
     patterns = {path: escape(listed[path]) for path in skies.values()}
     notes = {patterns[file.path]: file.notes for file in found if file.kind == "hdri" and file.path in patterns}

@@ -14,14 +14,14 @@ from hulldown.base.errors import ConfigError
 from hulldown.base.outside import DOCUMENT, read_text
 from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses, PoseLine, Vector
 
-NAMES = ("scenery", "vehicle", "sequence")
-NUMBERS = (
+NAME_COLUMNS = ("scenery", "vehicle", "sequence")
+NUMBER_COLUMNS = (
     *("x", "y", "z", "yaw_deg"),
     *("camera_x", "camera_y", "camera_z"),
     *("look_at_x", "look_at_y", "look_at_z"),
 )
-SHARED = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # columns that are equal in all lines of a sequence
-CAMERA, LOOK_AT = NUMBERS[4:7], NUMBERS[7:]
+SEQUENCE_COLUMNS = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # columns that are equal in all lines of a sequence
+CAMERA, LOOK_AT = NUMBER_COLUMNS[4:7], NUMBER_COLUMNS[7:]
 
 
 def read_poses(path: Path) -> GivenPoses:
@@ -41,9 +41,9 @@ def read_poses(path: Path) -> GivenPoses:
 
 
 def _parse_columns(cells: list[str], path: Path) -> list[str]:
-    columns, known = [cell.strip() for cell in cells], f"columns are {', '.join((*NAMES, *NUMBERS))}"
+    columns, known = [cell.strip() for cell in cells], f"columns are {', '.join((*NAME_COLUMNS, *NUMBER_COLUMNS))}"
     for k, name in enumerate(columns):
-        if name not in NAMES and name not in NUMBERS:
+        if name not in NAME_COLUMNS and name not in NUMBER_COLUMNS:
             raise line_error(path, 1, f"has the unknown column {name!r:.60}", known)
         if name in columns[:k]:
             raise line_error(path, 1, f"has the column {name} twice", "remove one")
@@ -56,15 +56,15 @@ def _parse_line(cells: list[str], columns: list[str], number: int, path: Path) -
     if len(cells) != len(columns):
         raise line_error(path, number, f"has {len(cells)} cells", f"the first line names {len(columns)} columns")
     given = {name: cell.strip() for name, cell in zip(columns, cells, strict=True) if cell.strip()}
-    values = {name: _parse_number(given[name], name, number, path) for name in NUMBERS if name in given}
+    values = {name: _parse_number(given[name], name, number, path) for name in NUMBER_COLUMNS if name in given}
     for name, needed in _needed_columns(given):
         if needed not in given:
             raise line_error(path, number, f"has {name} but no {needed}", f"give {needed}, or leave {name} empty")
     camera, look_at = _join_vector(values, CAMERA), _join_vector(values, LOOK_AT)
     if camera is not None and camera == look_at:
         raise line_error(path, number, "column look_at_x: the camera looks at its own place", "change one of both")
-    x, y, z, yaw_deg = map(values.get, NUMBERS[:4])
-    scenery, vehicle, sequence = map(given.get, NAMES)
+    x, y, z, yaw_deg = map(values.get, NUMBER_COLUMNS[:4])
+    scenery, vehicle, sequence = map(given.get, NAME_COLUMNS)
     return PoseLine(
         line=number, scenery=scenery, vehicle=vehicle, x=x, y=y, z=z, yaw_deg=yaw_deg,
         camera=camera, look_at=look_at, sequence=sequence,
@@ -109,7 +109,7 @@ def _check_sequences(lines: list[PoseLine], path: Path) -> None:
                 what = f"column sequence: {line.sequence!r:.60} goes on after other lines"
                 raise line_error(path, line.line, what, "keep a sequence's lines together, or name it otherwise")
         elif line.sequence is not None:
-            for name in SHARED:
+            for name in SEQUENCE_COLUMNS:
                 if getattr(line, name) != getattr(before, name):
                     what = f"column {name}: differs from line {before.line} of sequence {line.sequence!r:.60}"
                     raise line_error(path, line.line, what, "in a sequence only the camera moves")

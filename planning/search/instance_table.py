@@ -20,7 +20,7 @@ from hulldown.camera.size import Measure, box_length, refine_distance, solve_dis
 from hulldown.geometry.transforms import compose_affine, transform_points
 from hulldown.plan.config.scene_sections import RenderSection
 from hulldown.plan.row import round_field
-from hulldown.planning.search.stage import Fleet, Model
+from hulldown.planning.search.stage import Fleet, FleetModel
 from hulldown.scene.posed_vehicle import PosedVehicle
 
 # Framing turns the camera, which changes the size a little; correcting the distance changes the framing less.
@@ -73,7 +73,7 @@ class Instances:
         row, index = matching_pairs(owner, self.row)
         return replace(self.take(index), row=row), index
 
-    def by_model(self) -> Iterator[tuple[Model, Int[np.ndarray, " n"]]]:
+    def by_model(self) -> Iterator[tuple[FleetModel, Int[np.ndarray, " n"]]]:
         """Yield each model of the table, and the indices of its instances."""
         for i in np.unique(self.model).tolist():
             yield self.fleet.models[i], np.flatnonzero(self.model == i)
@@ -94,7 +94,7 @@ class Instances:
             for model, i in self.by_model()
         ]
 
-    def model_angles(self, model: Model, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
+    def model_angles(self, model: FleetModel, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
         """Return the angles of instances of one model, for the parts that it has."""
         return self.angles[index, : len(model.shape.part_names)]
 
@@ -131,7 +131,7 @@ def articulated_boxes(
 
 
 def posed_hull(
-    model: Model, world_from_vehicle: Float[np.ndarray, "n 4 4"], angles: Float[np.ndarray, "n q"]
+    model: FleetModel, world_from_vehicle: Float[np.ndarray, "n 4 4"], angles: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n h 3"]:
     """Return the posed vertices of the convex hulls of what can be seen of all parts, which determine the box."""
     poses = compose_affine(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))

@@ -15,7 +15,7 @@ from hulldown.plan.row import LeftOut
 from hulldown.planning.search.budget import Budget, Positions
 from hulldown.planning.search.positions import HopelessPosition, plan_block
 from hulldown.planning.search.random_streams import RandomStreams
-from hulldown.planning.search.stage import Model, PlanStage, Site
+from hulldown.planning.search.stage import FleetModel, PlanStage, Site
 from hulldown.planning.search.tables import Block
 
 # A pair whose first trial fails needs both further trials to succeed: where few positions have a place, each of the
@@ -115,7 +115,7 @@ def _plan_trials(
     return plan_block(Block(stage, draws, site, {}, positions, models, movable=one > 0)).problems
 
 
-def _too_large(site: Site, model: Model, config: Config) -> ConfigError | None:
+def _too_large(site: Site, model: FleetModel, config: Config) -> ConfigError | None:
     room = config.placement.margin * (site.bounds[1] - site.bounds[0])
     length = max(model.shape.size_xyz[:2])
     if length > min(room):

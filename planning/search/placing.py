@@ -18,7 +18,7 @@ from hulldown.plan.row import round_field
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import scale_uniform
 from hulldown.planning.search.stage import Site, settle_rules
-from hulldown.planning.search.tables import Role
+from hulldown.planning.search.tables import InstanceRole
 from hulldown.scene.obstacles import boxes_touch
 
 SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the sky start
@@ -32,7 +32,7 @@ def extra_offsets(
     low, high = of_roles[role].T
     by_distance = scale_uniform(low, high, uniform[:, 0])
     by_area = np.clip(np.sqrt(scale_uniform(low**2, high**2, uniform[:, 0])), low, high)
-    away = np.where(role == Role.COMPANION, by_distance, by_area)
+    away = np.where(role == InstanceRole.COMPANION, by_distance, by_area)
     return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
 

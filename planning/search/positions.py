@@ -21,7 +21,14 @@ from hulldown.base.indices import index_batches, matching_pairs
 from hulldown.camera.cameras import Cameras
 from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.settle import Settled
-from hulldown.plan.rejection import AIMING, KINDS, PLACING, Rejection, first_accepted, rejection_sentence
+from hulldown.plan.rejection import (
+    CAMERA_REJECTIONS,
+    PLACE_REJECTIONS,
+    REJECTION_KINDS,
+    Rejection,
+    first_accepted,
+    rejection_sentence,
+)
 from hulldown.planning.search.likeness import QUARTER_PLACES, PhotographedPoses, candidate_directions, companion_poses
 from hulldown.planning.search.placing import clear_of_vehicles, extra_offsets, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
@@ -29,10 +36,10 @@ from hulldown.planning.search.tables import (
     MOST_EXTRAS,
     Block,
     CameraTries,
+    ExtraViews,
+    InstanceRole,
     InstanceTable,
     PlaceState,
-    Role,
-    Seen,
     Views,
     draw_instances,
     draw_weathers,
@@ -44,15 +51,15 @@ from hulldown.weather.kinds import Weather
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 MAX_BATCH_PLACES = 8192
 MAX_BATCH_CAMERAS = 2048
-COMPANION_FOLLOWS = 20  # tries over which a companion's place moves from that in the photograph to any
+COMPANION_FOLLOWING_TRIES = 20  # tries over which a companion's place moves from that in the photograph to any
 MAX_EXTRA_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
 # Places of a position without a camera before it's given up.
-BLIND_PLACES = 40
+MAX_PLACES_WITHOUT_CAMERA = 40
 # Places of a position without room for all extras before some of them are left out.
-CROWDED_PLACES = 40
+MAX_PLACES_WITHOUT_ROOM = 40
 # A plan begins with the first positions of each vehicle, so that an impossible config fails within seconds.
-SCOUTS_PER_MODEL = 4
-SCOUTED_POSITIONS = 256
+EARLY_POSITIONS_PER_MODEL = 4
+EARLY_POSITIONS = 256
 FIRST_EXTRA_TRIES = 2  # tries of an extra in its first batch; each later batch doubles their number
 
 
@@ -73,7 +80,7 @@ class Planned:
     is_abandoned: Bool[np.ndarray, " n"]
     table: InstanceTable
     views: Views  # views of the m images' targets
-    seen: Seen
+    seen: ExtraViews
     # counts of rejections; those of places are with the first image of the position
     rejected: Int[np.ndarray, "m kinds"]
     weathers: list[Weather | None]  # weather of the images; None where it is clear
@@ -84,13 +91,13 @@ class Planned:
 
 def plan_block(block: Block) -> Planned:
     """Search for the poses and cameras of a block."""
-    search, number = _Search(block), block.positions.number
-    early = number.min(initial=SCOUTED_POSITIONS) < SCOUTED_POSITIONS
+    search, number = _BlockSearch(block), block.positions.number
+    early = number.min(initial=EARLY_POSITIONS) < EARLY_POSITIONS
     ranks = np.empty(len(block.model), dtype=np.int64)
     for model in np.unique(block.model):
         of_model = np.flatnonzero(block.model == model)
         ranks[of_model] = np.arange(len(of_model))
-    scouts = early & (ranks < SCOUTS_PER_MODEL)
+    scouts = early & (ranks < EARLY_POSITIONS_PER_MODEL)
     search.settle_positions(np.flatnonzero(scouts))
     search.settle_positions(np.flatnonzero(~scouts))
     fixed = [error for row, error in search.problems.items() if not block.movable[row]]
@@ -109,7 +116,7 @@ def plan_block(block: Block) -> Planned:
     )
 
 
-class _Search:
+class _BlockSearch:
     """What has been found for a block so far; `Planned` has its parts."""
 
     def __init__(self, block: Block) -> None:
@@ -121,11 +128,11 @@ class _Search:
         self.owner, self.image = block.owner, block.image
         self.problems: dict[int, HopelessPosition] = {}
         self.table = draw_instances(block)
-        self.target = np.flatnonzero(self.table.role == Role.TARGET)  # the first instance of each position
+        self.target = np.flatnonzero(self.table.role == InstanceRole.TARGET)  # the first instance of each position
         self.end = np.append(self.target[1:], len(self.table))
         self.views = no_views(len(self.image))
-        self.place_rejections = np.zeros((n, KINDS), dtype=np.int64)
-        self.camera_rejections = np.zeros((len(self.image), KINDS), dtype=np.int64)
+        self.place_rejections = np.zeros((n, REJECTION_KINDS), dtype=np.int64)
+        self.camera_rejections = np.zeros((len(self.image), REJECTION_KINDS), dtype=np.int64)
 
     @property
     def is_abandoned(self) -> Bool[np.ndarray, " n"]:
@@ -142,7 +149,7 @@ class _Search:
         while len(pending := self._hopeful_positions(pending)):
             self._place_targets(pending)
             pending = self._hopeful_positions(pending)
-            crowded = self.place_rejections[pending, Rejection.COMPANION] >= CROWDED_PLACES
+            crowded = self.place_rejections[pending, Rejection.COMPANION] >= MAX_PLACES_WITHOUT_ROOM
             crowded |= 2 * self.tries[pending] >= self.config.placement.max_tries
             roomy = self._place_extras(pending, leave_out=crowded)
             self.place_rejections[pending[~roomy], Rejection.COMPANION] += 1
@@ -225,7 +232,7 @@ class _Search:
         """Return where the photographs of first images show these companions."""
         table, likeness, k = self.table, self.block.likeness, len(self.table)
         poses = PhotographedPoses(np.zeros((k, 3)), np.zeros(k, dtype=bool))
-        extras = extras[table.role[extras] == Role.COMPANION]
+        extras = extras[table.role[extras] == InstanceRole.COMPANION]
         if likeness is None or not len(extras):
             return poses
         row = table.row[extras]
@@ -253,7 +260,7 @@ class _Search:
             extras = which[batch]
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
-                np.where(role == Role.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
+                np.where(role == InstanceRole.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
                 self.number[row] * MOST_EXTRAS + table.number[extras],
                 # The number counts all places of the target, so that every place has new random numbers.
                 self.tries[row] * MAX_EXTRA_TRIES + number[batch],
@@ -261,7 +268,7 @@ class _Search:
             )
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
             pose = np.column_stack([extra_offsets(role, limits, uniform[:, :2]), yaw])
-            anywhere = np.minimum(number[batch] / COMPANION_FOLLOWS, 1.0)[:, None]
+            anywhere = np.minimum(number[batch] / COMPANION_FOLLOWING_TRIES, 1.0)[:, None]
             shown = take(photographed, extras)
             pose = np.where(shown.is_shown[:, None], shown.xy_yaw + anywhere * (pose - shown.xy_yaw), pose)
             xy, yaw = pose[:, :2] + table.world_from_vehicle[self.target[row], :2, 3], pose[:, 2]
@@ -310,7 +317,7 @@ class _Search:
             ahead = max(1, min(2 * ahead, MAX_BATCH_CAMERAS // max(len(pending), 1)))
         return np.unique(self.owner[pending])
 
-    def see_extras(self) -> Seen:
+    def see_extras(self) -> ExtraViews:
         """Return the cameras' views of the extras."""
         table, shown = self.table, np.flatnonzero(~self.is_abandoned[self.owner])
         present = np.flatnonzero(table.is_placed & (table.is_extra | ~self.block.empty[table.row]))
@@ -331,7 +338,7 @@ class _Search:
                 visibility_m=self._visibility_m[image[batch]],
                 rays=self.config.camera.visibility_rays,
             )
-            seen.append(Seen(image[batch], instance[batch], views, pixels))
+            seen.append(ExtraViews(image[batch], instance[batch], views, pixels))
         return join_rows(seen)
 
     def _hopeful_positions(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
@@ -341,15 +348,15 @@ class _Search:
         self._abandon_positions(
             rows[self.tries[rows] >= self.config.placement.max_tries],
             "finds no place to stand",
-            PLACING,
+            PLACE_REJECTIONS,
             "widen the limits in [placement]",
         )
 
     def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
         self._abandon_positions(
-            rows[self.place_rejections[rows, Rejection.NO_VIEW] >= BLIND_PLACES],
+            rows[self.place_rejections[rows, Rejection.NO_VIEW] >= MAX_PLACES_WITHOUT_CAMERA],
             "cannot be seen as wanted",
-            AIMING,
+            CAMERA_REJECTIONS,
             "widen the limits in [camera] or those of visibility in [weather], or raise camera.max_tries",
         )
 
@@ -364,7 +371,7 @@ class _Search:
             counts = self.place_rejections[row] + self.camera_rejections[self.owner == row].sum(axis=0)
             model, position = self.fleet.models[block.model[row]], int(self.number[row])
             found = [kind for kind in kinds if counts[kind]]
-            one = given.has_place[row] and len(found) == 1 and found[0] in PLACING  # one try is like the other
+            one = given.has_place[row] and len(found) == 1 and found[0] in PLACE_REJECTIONS  # one try is like the other
             self.problems[row] = HopelessPosition(
                 position,
                 f"vehicle {model.shape.name!r} on scenery {block.site.name!r} {what}: "

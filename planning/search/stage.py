@@ -28,7 +28,7 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import VehicleCaster
 
 _BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
-_BOUNDS = (np.min, np.max)
+_BOUND_FUNCTIONS = (np.min, np.max)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,7 +48,7 @@ class Site:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class FleetModel:
     """A vehicle with its query objects."""
 
     shape: VehicleShape  # shape, category: the vehicle and its class; None for a distractor without one
@@ -69,7 +69,7 @@ class Model:
 class Fleet:
     """All vehicles and distractors; tables of their parts' boxes (vehicle frame, at rest), padded by the first."""
 
-    def __init__(self, models: tuple[Model, ...]) -> None:
+    def __init__(self, models: tuple[FleetModel, ...]) -> None:
         self.models = models
         self.index = {model.shape.name: i for i, model in enumerate(self.models)}
         self.classed = np.array([model.category is not None for model in self.models])
@@ -83,7 +83,8 @@ class Fleet:
         padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
         self.box_part = np.array([[part.index for part, _ in of_model] for of_model in padded])
         low, high = (
-            np.array([[bound(hull, axis=0) for _, hull in of_model] for of_model in padded]) for bound in _BOUNDS
+            np.array([[bound(hull, axis=0) for _, hull in of_model] for of_model in padded])
+            for bound in _BOUND_FUNCTIONS
         )
         self.half, self.box_center = (high - low) / 2, (low + high) / 2
         self.corners = np.where(BOX_CORNERS > 0.0, high[..., None, :], low[..., None, :])
@@ -162,8 +163,8 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
     )
 
 
-def _make_model(shape: VehicleShape, category: str | None, config: Config) -> Model:
-    return Model(
+def _make_model(shape: VehicleShape, category: str | None, config: Config) -> FleetModel:
+    return FleetModel(
         shape=shape,
         category=category,
         boxes=VehicleBoxes(shape),

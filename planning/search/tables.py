@@ -26,15 +26,15 @@ from hulldown.planning.search.likeness import Likeness, TargetBoxes
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.weather.extinction import rain_visibility_m, surface_wetness
-from hulldown.weather.kinds import KINDS, Weather
+from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
 MOST_EXTRAS = 64  # extras of one role in an image; streams of random numbers are numbered by it
-_NUMBERS = 1 + MOST_EXTRAS  # random numbers of each extra: its model, its articulation
-WEATHER_NAMES = tuple(KINDS)
+_NUMBERS_PER_EXTRA = 1 + MOST_EXTRAS  # random numbers of each extra: its model, its articulation
+WEATHER_NAMES = tuple(WEATHER_KINDS)
 CLEAR_WEATHER = len(WEATHER_NAMES)
 
 
-class Role(IntEnum):
+class InstanceRole(IntEnum):
     """The role of an instance; roles are placed in this order."""
 
     TARGET = 0
@@ -46,7 +46,7 @@ class Role(IntEnum):
 class Extras:
     """The companions or distractors that may occur at a position."""
 
-    role: Role
+    role: InstanceRole
     models: Int[np.ndarray, " m"]  # models, weights: candidates as indices in the fleet, and their weights
     weights: Float[np.ndarray, " m"]
     count: tuple[int, int]  # least and largest number in an image
@@ -61,11 +61,11 @@ class Extras:
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, "q 64"]]:
         """Draw extras: rows, numbers, models, uniform numbers for angles; as many as `wanted` where `is_wanted`."""
         low, high = self.count
-        choice = Purpose.COMPANY if self.role == Role.COMPANION else Purpose.DISTRACTORS
+        choice = Purpose.COMPANY if self.role == InstanceRole.COMPANION else Purpose.DISTRACTORS
         size = draws.uniform(choice, position, 0, count=1)[:, 0]
         number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
         number = np.where(is_wanted, np.clip(wanted, low, high), number)
-        uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS)
+        uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS_PER_EXTRA)
         model = self.models[choose_weighted(self.weights, uniform[..., 0])]
         row, rank = np.nonzero(np.arange(high) < number[:, None])
         return row, rank, model[row, rank], uniform[row, rank, 1:]
@@ -74,12 +74,12 @@ class Extras:
 def scenery_extras(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
     """Return companions, drawn by `of_vehicles`, and distractors on a scenery, by whether it's for backgrounds."""
     limits, (least, most) = stage.config.placement, stage.config.placement.vehicles_per_image
-    companions = Extras(Role.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
+    companions = Extras(InstanceRole.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
     extras: dict[bool, list[Extras]] = {False: [companions], True: []}
     for background, kinds in extras.items():
         models, weights = scenery_distractors(site, stage, unlabeled=background)
         if weights.any():
-            kinds.append(Extras(Role.DISTRACTOR, models, weights, limits.distractors_per_image))
+            kinds.append(Extras(InstanceRole.DISTRACTOR, models, weights, limits.distractors_per_image))
     return extras
 
 
@@ -125,7 +125,7 @@ def draw_weathers(
 
     n = len(image)
     visible, rate, covers, windy = np.full(n, np.nan), np.zeros(n), np.zeros((2, n)), np.zeros(n, dtype=bool)
-    for k, each in enumerate(KINDS.values()):
+    for k, each in enumerate(WEATHER_KINDS.values()):
         rows = kind == k
         windy |= rows & each.windy
         if each.visibility:
@@ -226,7 +226,7 @@ class Views:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Seen:
+class ExtraViews:
     """Views of p pairs of an image and an extra in it, ordered by image and then by instance."""
 
     image: Int[np.ndarray, " p"]  # image, instance: rows of the block's images and of its table
@@ -328,7 +328,7 @@ class InstanceTable(Instances):
     @property
     def is_extra(self) -> Bool[np.ndarray, " k"]:
         """Whether each instance is a companion or distractor."""
-        return self.role != Role.TARGET
+        return self.role != InstanceRole.TARGET
 
 
 def draw_instances(block: Block) -> InstanceTable:
@@ -352,7 +352,7 @@ def draw_instances(block: Block) -> InstanceTable:
                 draws,
                 positions.number[rows],
                 wanted=photographed[rows],
-                is_wanted=is_photographed[rows] & (kind.role == Role.COMPANION),
+                is_wanted=is_photographed[rows] & (kind.role == InstanceRole.COMPANION),
             )
             turned = np.zeros((len(i), fleet.parts))
             turned[:, :MOST_EXTRAS] = uniform[:, : fleet.parts]

@@ -110,10 +110,12 @@ def sample_lenses(
 
 
 # The places of cameras by a rule: poses and distances from targets' centers of these rows of the tries.
-Places: TypeAlias = tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, " k"]]
+PlacedCameras: TypeAlias = tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, " k"]]
 
 
-def place_given_cameras(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+def place_given_cameras(
+    block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
+) -> PlacedCameras:
     """Place cameras where users give them, level and toward the targets' centers."""
     centers = tries.targets.take(rows).centers
     away, azimuth, elevation = shell_place(tries.given.camera[rows] - centers)
@@ -123,7 +125,7 @@ def place_given_cameras(block: Block, tries: CameraTries, drawn: CameraDraws, ro
 
 def place_cameras_by_equation(
     block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
-) -> Places:
+) -> PlacedCameras:
     """Place cameras at the paper's distance."""
     targets = tries.targets.take(rows)
     smallest = targets.fleet.size.min(axis=1)[targets.model]
@@ -131,7 +133,9 @@ def place_cameras_by_equation(
     return camera_pose(targets.centers, distance, drawn.azimuth[rows], drawn.elevation[rows]), distance
 
 
-def place_cameras_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> Places:
+def place_cameras_by_size(
+    block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
+) -> PlacedCameras:
     """Frame targets by cameras at which their boxes have the drawn size; nan without such a distance."""
     measure = block.config.camera.size_measure
     assert measure != "paper"
@@ -156,7 +160,7 @@ def place_cameras_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, 
 
 def place_cameras_by_photograph(
     block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
-) -> Places:
+) -> PlacedCameras:
     """Reproduce photographs' boxes; nan where no distance does."""
     assert drawn.boxes is not None
     return match_cameras(

@@ -24,9 +24,9 @@ from hulldown.reading.blender.capture import OUR_CAMERA, visit_render
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.blender.exact_poses import Poses
 from hulldown.reading.blender.hidden_objects import (
-    SOLID,
-    SURFACES,
-    UNDRAWN,
+    SOLID_TYPES,
+    SURFACE_TYPES,
+    UNDRAWN_TYPES,
     follows_camera,
     is_hidden,
     list_hidden,
@@ -44,12 +44,12 @@ from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import level_share
 
 MAX_COORDINATE_M = 1e8  # meters, in any direction; the Earth is 4e7 m around
-REPAIR = "repair or delete it in Blender"
+REPAIR_REMEDY = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
 MIN_SHEET_WIDTH_M = 1.0  # meters; narrower pieces aren't ground or water by their shape
-NOTHING = {"MESH": "has no faces", "CURVES": "has no hair", "POINTCLOUD": "has no points"}
+EMPTY_REASONS = {"MESH": "has no faces", "CURVES": "has no hair", "POINTCLOUD": "has no points"}
 NOT_SEEN = "its faces have no area"
-STRANDS = "strands of "  # in the place of a material: the key of a particle system's strands
+STRANDS_KEY_PREFIX = "strands of "  # in the place of a material: the key of a particle system's strands
 
 
 def evaluate_scene(
@@ -104,14 +104,14 @@ class _Reader:
                 self.result.markers.append(self._parent_chain(instance, pose, scattered=_is_scattered(instance)))
             elif not instance.show_self:
                 self._leave_instance(instance, "its instances are drawn, but not it itself")
-            elif kind in SOLID:
+            elif kind in SOLID_TYPES:
                 self._read_mesh(instance)
-            elif kind in UNDRAWN:
-                self._leave_instance(instance, UNDRAWN[kind])
+            elif kind in UNDRAWN_TYPES:
+                self._leave_instance(instance, UNDRAWN_TYPES[kind])
                 if kind == "VOLUME":
                     text = f"the volume {instance.object.name!r} isn't rendered"
                     self.result.doubts.append(Doubt(DoubtKind.NOT_READ, text))
-            elif kind not in SURFACES:
+            elif kind not in SURFACE_TYPES:
                 self._leave_instance(instance, "type " + kind.lower().replace("_", " "))
             # Surfaces of curves, texts and the like come once more as the meshes they make; CURVES are hair.
 
@@ -132,7 +132,7 @@ class _Reader:
             with _name_object(drawn):
                 mesh = self._hiding_mesh(drawn)
             if mesh is None:
-                self._leave_instance(instance, NOTHING[drawn.type])
+                self._leave_instance(instance, EMPTY_REASONS[drawn.type])
                 return
             seen = faces_with_area(mesh)
             if not len(seen):
@@ -159,7 +159,7 @@ class _Reader:
     def _read_strands(self, instance: Any) -> None:
         drawn = instance.object
         for system in strand_systems(drawn):
-            key = (drawn.data.as_pointer(), (STRANDS, system.name))
+            key = (drawn.data.as_pointer(), (STRANDS_KEY_PREFIX, system.name))
             if key not in self.index:
                 with _name_object(drawn):
                     mesh, materials = strands_mesh(drawn, system)
@@ -308,7 +308,7 @@ def _is_own_surface(instance: Any) -> bool:
 
 def _refuse_endless(name: str, pose: Float[np.ndarray, "4 4"]) -> None:
     if not np.isfinite(pose).all():
-        raise AssetError(f"object {name!r} has a position that isn't finite", remedy=REPAIR)
+        raise AssetError(f"object {name!r} has a position that isn't finite", remedy=REPAIR_REMEDY)
 
 
 @contextmanager
@@ -316,7 +316,7 @@ def _name_object(drawn: Any) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise AssetError(f"object {drawn.name!r}: {error}", remedy=REPAIR) from None
+        raise AssetError(f"object {drawn.name!r}: {error}", remedy=REPAIR_REMEDY) from None
 
 
 def _is_clear(drawn: Any) -> bool:

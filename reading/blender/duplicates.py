@@ -11,12 +11,12 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.blender.buffers import STORED, read_property
+from hulldown.blender.buffers import STORED_TYPES, read_property
 from hulldown.reading.blender.exact_poses import own_poses
 from hulldown.reading.blender.tidy import piece_look
 
 MIN_OBJECTS = 1000  # so that files of the usual size are read as they are
-HARMLESS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
+HARMLESS_USERS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,9 +82,9 @@ def _mesh_key(mesh: Any) -> object:
         return mesh
     kinds = []
     for attribute in sorted(mesh.attributes, key=lambda attribute: str(attribute.name)):
-        if attribute.data_type not in STORED:
+        if attribute.data_type not in STORED_TYPES:
             return mesh
-        values = read_property(attribute.data, *STORED[attribute.data_type])
+        values = read_property(attribute.data, *STORED_TYPES[attribute.data_type])
         stored.update(values.tobytes())
         kinds.append((attribute.name, attribute.domain, attribute.data_type, len(values)))
     own_space = None if mesh.use_auto_texspace else (*mesh.texspace_location, *mesh.texspace_size)
@@ -108,7 +108,7 @@ def _is_plain(obj: Any) -> bool:
 
 
 def _is_unused(users: set[Any]) -> bool:
-    return all(user.bl_rna.identifier in HARMLESS for user in users)
+    return all(user.bl_rna.identifier in HARMLESS_USERS for user in users)
 
 
 def _collection_users(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from hulldown.reading.pieces.roles import Link
 
-AGREE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the chain of matrices
+POSE_TOLERANCE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the chain of matrices
 
 
 class Poses:
@@ -122,7 +122,7 @@ def _pose_span(outer: np.ndarray, outer_size: float, inner_size: float) -> float
 
 def _agreed_pose(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
     # NaN agrees with nothing.
-    if exact is not None and np.abs(exact - seen).max() <= AGREE * max(size, float(np.abs(seen).max())):
+    if exact is not None and np.abs(exact - seen).max() <= POSE_TOLERANCE * max(size, float(np.abs(seen).max())):
         return exact
     return seen
 

@@ -18,16 +18,21 @@ from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto
 
-NAME = "terrain"
+TERRAIN_NAME = "terrain"
 # Linear colors by the upward component of the normal: rock, scree, soil, grass.
-SLOPES = ((0.65, (0.17, 0.15, 0.13)), (0.8, (0.2, 0.17, 0.13)), (0.9, (0.13, 0.11, 0.06)), (0.97, (0.06, 0.08, 0.025)))
-PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # noise: waves per meter, and amplitude of brightness
+SLOPE_COLORS = (
+    (0.65, (0.17, 0.15, 0.13)),
+    (0.8, (0.2, 0.17, 0.13)),
+    (0.9, (0.13, 0.11, 0.06)),
+    (0.97, (0.06, 0.08, 0.025)),
+)
+NOISE_PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # noise: waves per meter, and amplitude of brightness
 
 
 def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     """Fill Blender's scene with a GeoTIFF's terrain; return its elevations, and the files it refers to."""
     terrain = read_elevations(path, area=options.area, scale=options.scale)
-    mesh = bpy.data.meshes.new(NAME)
+    mesh = bpy.data.meshes.new(TERRAIN_NAME)
     vertices, faces = terrain.mesh.vertices, terrain.mesh.faces
     mesh.vertices.add(len(vertices))
     mesh.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
@@ -37,10 +42,10 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
     mesh.update(calc_edges=True)
     mesh.shade_smooth()
-    obj = bpy.data.objects.new(NAME, mesh)
+    obj = bpy.data.objects.new(TERRAIN_NAME, mesh)
     obj.location = terrain.anchor
     bpy.context.scene.collection.objects.link(obj)
-    material = bpy.data.materials.new(NAME)
+    material = bpy.data.materials.new(TERRAIN_NAME)
     mesh.materials.append(material)
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Roughness"].default_value = 0.95
@@ -66,16 +71,16 @@ def _neighbor_file(path: Path, name: str) -> Path:
 def _by_slope(tree: Any) -> Any:
     normal, place = (add_node(tree, kind).outputs for kind in ("NewGeometry", "TexCoord"))
     brightness, uneven = 1.0, add_node(tree, "SeparateXYZ", {0: normal["Normal"]}).outputs["Z"]
-    for scale, depth in PATCHES:
+    for scale, depth in NOISE_PATCHES:
         noise = add_node(tree, "TexNoise", {"Vector": place["Object"], "Scale": scale, "Detail": 5.0}).outputs["Factor"]
         uneven = add_math(tree, "MULTIPLY_ADD", noise, 0.06, uneven)
         brightness = add_math(
             tree, "MULTIPLY", add_math(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness
         )
     ramp = add_node(tree, "ValToRGB", {0: uneven})
-    for k, (at, color) in enumerate(SLOPES):
+    for k, (at, color) in enumerate(SLOPE_COLORS):
         stop = ramp.color_ramp.elements[k] if k < 2 else ramp.color_ramp.elements.new(1.0)
-        stop.position, stop.color = at + 0.015 * len(PATCHES), (*color, 1.0)
+        stop.position, stop.color = at + 0.015 * len(NOISE_PATCHES), (*color, 1.0)
     inputs = {0: ramp.outputs["Color"], "Scale": brightness}
     return add_node(tree, "VectorMath", inputs, operation="SCALE").outputs[0]
 

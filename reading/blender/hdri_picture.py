@@ -18,7 +18,7 @@ from hulldown.reading.reader_process import Job
 from hulldown.reading.surroundings import backdrop_elevation, shows_land, small_map
 
 
-def read_picture(job: Job) -> FoundSky:
+def read_sky_picture(job: Job) -> FoundSky:
     """Check a picture; write a repaired copy if needed."""
     image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:

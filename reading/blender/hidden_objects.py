@@ -10,13 +10,13 @@ from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.roles import Evaluated, Unseen
 
-SURFACES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
-SOLID = ("MESH", "CURVES", "POINTCLOUD")
-UNDRAWN = {
+SURFACE_TYPES = ("MESH", "CURVE", "SURFACE", "FONT", "META")
+SOLID_TYPES = ("MESH", "CURVES", "POINTCLOUD")
+UNDRAWN_TYPES = {
     "GREASEPENCIL": "grease pencil is not rendered by Cycles",
     "VOLUME": "a volume hides nothing as a surface, and isn't rendered",
 }
-DRAWN = (*SURFACES, *SOLID, *UNDRAWN)
+DRAWN_TYPES = (*SURFACE_TYPES, *SOLID_TYPES, *UNDRAWN_TYPES)
 ACTIVE_CAMERA = "GeometryNodeInputActiveCamera"
 
 
@@ -26,7 +26,7 @@ def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
     off = dict(_hidden_collections(layer.layer_collection, False))
     for obj in scene.objects:
-        if obj.name not in drawn and obj.type in DRAWN:
+        if obj.name not in drawn and obj.type in DRAWN_TYPES:
             for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
                 why, by = _why_hidden(obj, off)
                 result.left[ObjectRow(name, obj.type, "dropped", why, by=by)] += 1

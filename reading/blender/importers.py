@@ -29,11 +29,11 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.geotiff import Elevations
 
 NODES_ONLY = (2, 80)  # materials are nodes only since then
-GLASS = ("4", "6", "7", "9")  # illumination models with transparency or refraction
-WEIGHT = "Transmission Weight"
+GLASS_MODELS = ("4", "6", "7", "9")  # illumination models with transparency or refraction
+TRANSMISSION_SOCKET = "Transmission Weight"
 MIN_MAP_COORDINATE = 1e5  # meters; from here on a float32 has steps of a centimeter
 MAP_STEP = 1000.0  # meters; float32 holds its multiples exactly
-AGAIN = "open it in Blender and save it again"
+RESAVE_REMEDY = "open it in Blender and save it again"
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,9 +132,9 @@ def _map_offset(path: Path) -> list[float]:
 
 
 def _clear_false_glass(path: Path) -> None:
-    """Make materials opaque whose illumination model isn't in `GLASS`: exporters write ``Tf 1 1 1`` for those too."""
+    """Make materials opaque whose model isn't in `GLASS_MODELS`: exporters write ``Tf 1 1 1`` for those too."""
     found = [(m.name, shader) for m in bpy.data.materials for shader, _ in surface_shaders(m)]
-    clear = [(name, shader.inputs[WEIGHT]) for name, shader in found if shader.type == "BSDF_PRINCIPLED"]
+    clear = [(name, shader.inputs[TRANSMISSION_SOCKET]) for name, shader in found if shader.type == "BSDF_PRINCIPLED"]
     clear = [(name, weight) for name, weight in clear if weight.default_value > 0.0]
     if not clear:
         return
@@ -142,7 +142,7 @@ def _clear_false_glass(path: Path) -> None:
         name: model for library in material_libraries(path) for name, model in _illumination_models(library).items()
     }
     for name, weight in clear:
-        if models.get(name, GLASS[0]) not in GLASS:
+        if models.get(name, GLASS_MODELS[0]) not in GLASS_MODELS:
             weight.default_value = 0.0
 
 
@@ -164,7 +164,7 @@ def _open_blend(path: Path) -> Opened:
     try:
         left_out = open_blend(str(path), then=lambda: duplicates.update(take_duplicates()))
     except RuntimeError as error:
-        raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=AGAIN) from None
+        raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=RESAVE_REMEDY) from None
     version = ".".join(map(str, bpy.data.version[:2]))
     if tuple(bpy.data.version[:2]) > bpy.app.version[:2]:
         raise AssetError(

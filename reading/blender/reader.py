@@ -19,42 +19,44 @@ from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.files import atomic_writer
 from hulldown.reading.blender.depsgraph import evaluate_scene
 from hulldown.reading.blender.file_pictures import lost_geometry
-from hulldown.reading.blender.geotiff_object import NAME
-from hulldown.reading.blender.hdri_picture import read_picture
+from hulldown.reading.blender.geotiff_object import TERRAIN_NAME
+from hulldown.reading.blender.hdri_picture import read_sky_picture
 from hulldown.reading.blender.importers import open_file
 from hulldown.reading.blender.surfaces.material_rows import material_rows
 from hulldown.reading.blender.surfaces.object_inputs import lost_inputs
 from hulldown.reading.blender.surfaces.textures import missing_files, nearby_pictures, used_files
-from hulldown.reading.blender.tidy import write_scenery, write_vehicle
+from hulldown.reading.blender.tidy import write_scenery, write_tidy_vehicle
 from hulldown.reading.blender.vehicle_picture import vehicle_picture
 from hulldown.reading.build import build_scenery, build_vehicle
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, format_xyz, gather_copies
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
-from hulldown.reading.reader_process import ANSWER, DIFFERENCES, PICTURE, FoundAsset, Job, Refused
+from hulldown.reading.reader_process import ANSWER_NAME, DIFFERENCES_NAME, PICTURE_NAME, FoundAsset, Job, Refused
 from hulldown.reading.scenery.parked import parked_vehicles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
-from hulldown.reading.vehicle.seen_colors import color_doubts, save_picture
+from hulldown.reading.vehicle.seen_colors import color_doubts, save_color_picture
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 
-BARE = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
+NO_MATERIAL_DOUBT = (
+    "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
+)
 
 
 def main(job_path: str) -> None:
     """Do the job in the JSON file `job_path` and write the answer."""
     job = msgspec.convert(json.loads(Path(job_path).read_text(encoding="utf-8")), Job)
     try:
-        answer = msgspec.to_builtins(read_picture(job) if job.format == "hdri" else read_file(job))
+        answer = msgspec.to_builtins(read_sky_picture(job) if job.format == "hdri" else read_asset_file(job))
     except HulldownError as error:
         path = str(error.path or job.path)
         answer = {"error": Refused(problem=error.problem, path=path, remedy=error.remedy)}
-    with atomic_writer(job.file(ANSWER)) as file:
+    with atomic_writer(job.file(ANSWER_NAME)) as file:
         file.write(json.dumps(answer).encode())
 
 
-def read_file(job: Job) -> FoundAsset:
+def read_asset_file(job: Job) -> FoundAsset:
     """Read the file, and write bundle and tidy twin."""
     path, options = Path(job.path).resolve(), job.options
     opened = open_file(path, job.format, options)
@@ -69,11 +71,11 @@ def read_file(job: Job) -> FoundAsset:
         texture_size=options.texture_size,
     )
     if opened.terrain:
-        (ground,) = (piece.mesh for piece in drawn.pieces if piece.name == NAME)
+        (ground,) = (piece.mesh for piece in drawn.pieces if piece.name == TERRAIN_NAME)
         drawn.meshes[ground] = drawn.meshes[ground].with_vertices(opened.terrain.mesh.vertices)  # Blender has float32
     _refuse_nothing(drawn, job.kind)
     if not any(material for block in drawn.blocks for material in block.materials):
-        drawn.doubts.append(Doubt(DoubtKind.NO_MATERIAL, BARE))
+        drawn.doubts.append(Doubt(DoubtKind.NO_MATERIAL, NO_MATERIAL_DOUBT))
     upright, judged = None, drawn.pieces
     kind = job.kind or likely_kind(judged, options)
     if kind == "vehicle":  # of a scenery, every solid would be looked at
@@ -88,7 +90,7 @@ def read_file(job: Job) -> FoundAsset:
             kind=kind,
             absent={duplicate.name for same in opened.duplicates.values() for duplicate in same},
             drop=options.drop,
-            picture=job.file(DIFFERENCES),
+            picture=job.file(DIFFERENCES_NAME),
         )
     if kind == "vehicle":
         assert upright is not None, "a vehicle is stood upright first"
@@ -104,9 +106,9 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     drawn, shape = upright.drawn, vehicle.shape
     save_asset(job.file("bundle.npz"), shape)
     lost = lost_inputs(_used_materials(drawn, vehicle.roles), moved=True)
-    twin = write_vehicle(job.file("tidy.blend"), drawn, vehicle.piece_part, shape.vehicle_from_file)
+    twin = write_tidy_vehicle(job.file("tidy.blend"), drawn, vehicle.piece_part, shape.vehicle_from_file)
     picture = vehicle_picture(twin, shape.surface[0].bounds)
-    save_picture(picture, job.file(PICTURE))
+    save_color_picture(picture, job.file(PICTURE_NAME))
     report = FileReport(
         kind="vehicle",
         path=job.path,

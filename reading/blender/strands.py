@@ -13,7 +13,7 @@ from hulldown.blender.buffers import read_property
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.scenery.hair import hair_mesh
 
-OCTANTS = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]  # corners of an octahedron's faces
+OCTAHEDRON_FACES = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]  # corners of an octahedron's faces
 # Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
 CATMULL_ROM, POLY = 0, 1
 BARE_RADIUS = 0.005  # of curves that have none of their own, as Cycles draws them in Blender 5.0
@@ -39,7 +39,7 @@ def points_mesh(cloud: Any, name: str) -> Mesh | None:
         return None
     corners = np.concatenate([np.eye(3), -np.eye(3)]) * np.sqrt(np.pi / np.sqrt(3.0))
     vertices = (points + radii[:, None, None] * corners).reshape(-1, 3)
-    faces = np.array([(a, b, c) if a // 3 + b // 3 + c // 3 in (0, 2) else (a, c, b) for a, b, c in OCTANTS])
+    faces = np.array([(a, b, c) if a // 3 + b // 3 + c // 3 in (0, 2) else (a, c, b) for a, b, c in OCTAHEDRON_FACES])
     return Mesh(vertices, (faces + 6 * np.arange(len(points))[:, None, None]).reshape(-1, 3), name)
 
 

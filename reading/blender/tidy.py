@@ -16,14 +16,14 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.blender.frames import set_pose as set_pose
-from hulldown.blender.tidy_properties import PART, RANDOM, REST, VISIBILITY
+from hulldown.blender.tidy_properties import PART_PROPERTY, RANDOM_PROPERTY, REST_PROPERTY, VISIBILITY_FLAGS
 from hulldown.reading.blender.surfaces.object_inputs import detach_materials
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
-CUT = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
+CUT_OUT_USES = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
 MIN_COPIES = 8  # from so many on, copies are drawn by one object
-POSE = "pose"
-LOOK = (*VISIBILITY, "pass_index", "color")
+POSE_PROPERTY = "pose"
+LOOK_ATTRIBUTES = (*VISIBILITY_FLAGS, "pass_index", "color")
 
 
 def lasting_data(drawn: Any, materials: Sequence[Any]) -> Any:
@@ -43,8 +43,8 @@ def lasting_data(drawn: Any, materials: Sequence[Any]) -> Any:
 
 
 def piece_look(drawn: Any) -> tuple[object, ...]:
-    """Return the look that a piece's object adds to its mesh: values of `LOOK`."""
-    return (*(getattr(drawn, name) for name in VISIBILITY), drawn.pass_index, tuple(drawn.color))
+    """Return the look that a piece's object adds to its mesh: values of `LOOK_ATTRIBUTES`."""
+    return (*(getattr(drawn, name) for name in VISIBILITY_FLAGS), drawn.pass_index, tuple(drawn.color))
 
 
 def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
@@ -60,7 +60,7 @@ def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
     return same and list(file.materials) == list(materials)
 
 
-def write_vehicle(
+def write_tidy_vehicle(
     path: Path,
     drawn: Evaluated,
     piece_part: Sequence[int],
@@ -74,8 +74,8 @@ def write_vehicle(
             continue
         rest = vehicle_from_file @ piece.pose
         obj = _make_object(piece, drawn.blocks[piece.mesh])
-        obj[PART] = int(part)
-        obj[REST] = rest.ravel().tolist()
+        obj[PART_PROPERTY] = int(part)
+        obj[REST_PROPERTY] = rest.ravel().tolist()
         collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
     return collection
@@ -83,9 +83,9 @@ def write_vehicle(
 
 def _make_object(piece: Piece, block: Any) -> Any:
     obj = bpy.data.objects.new(piece.name, block)
-    for name, value in zip(LOOK, piece.look, strict=True):
+    for name, value in zip(LOOK_ATTRIBUTES, piece.look, strict=True):
         setattr(obj, name, value)
-    obj[RANDOM] = piece.random
+    obj[RANDOM_PROPERTY] = piece.random
     return obj
 
 
@@ -99,7 +99,7 @@ def write_scenery(
     collection.objects.link(root)
     alike: dict[tuple[int, tuple[object, ...]], list[Piece]] = defaultdict(list)
     for piece, role in zip(drawn.pieces, roles, strict=True):
-        if role.use not in ("backdrop", "removed") and piece.unseen not in CUT:
+        if role.use not in ("backdrop", "removed") and piece.unseen not in CUT_OUT_USES:
             alike[piece.mesh, piece.look].append(piece)
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
@@ -122,8 +122,8 @@ def _carrier_object(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequ
     points.vertices.add(len(poses))
     # Blender stores matrices column by column.
     flat = np.ascontiguousarray(np.swapaxes(poses, 1, 2), dtype=np.float32).ravel()
-    points.attributes.new(POSE, "FLOAT4X4", "POINT").data.foreach_set("value", flat)
-    points.attributes.new(RANDOM, "FLOAT", "POINT").data.foreach_set("value", numbers)
+    points.attributes.new(POSE_PROPERTY, "FLOAT4X4", "POINT").data.foreach_set("value", flat)
+    points.attributes.new(RANDOM_PROPERTY, "FLOAT", "POINT").data.foreach_set("value", numbers)
     group = bpy.data.node_groups.new(f"draw {thing.name}", "GeometryNodeTree")
     for way in ("INPUT", "OUTPUT"):
         group.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
@@ -133,7 +133,7 @@ def _carrier_object(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequ
     drawn.inputs["Object"].default_value, drawn.inputs["As Instance"].default_value = thing, True
     on_points = nodes.new("GeometryNodeInstanceOnPoints")
     named = nodes.new("GeometryNodeInputNamedAttribute")
-    named.data_type, named.inputs["Name"].default_value = "FLOAT4X4", POSE
+    named.data_type, named.inputs["Name"].default_value = "FLOAT4X4", POSE_PROPERTY
     posed = nodes.new("GeometryNodeSetInstanceTransform")
     link(given.outputs[0], on_points.inputs["Points"])
     link(drawn.outputs["Geometry"], on_points.inputs["Instance"])

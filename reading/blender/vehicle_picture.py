@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from hulldown.blender.frames import set_pose, world_from_blender_camera
 from hulldown.blender.light_pictures import render_light, store_light
-from hulldown.blender.tidy_properties import REST
+from hulldown.blender.tidy_properties import REST_PROPERTY
 from hulldown.camera.shell import camera_pose
 
 PICTURE_SIDE_PX = 240  # pixels
@@ -30,7 +30,7 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
     scene.collection.objects.link(root)
     for obj in collection.objects:
         obj.parent = root
-        set_pose(obj, np.reshape(obj[REST], (4, 4)))
+        set_pose(obj, np.reshape(obj[REST_PROPERTY], (4, 4)))
     cycles, render = scene.cycles, scene.render
     render.engine, cycles.device, render.threads_mode, render.threads = "CYCLES", "CPU", "FIXED", 2
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = PICTURE_SAMPLES, False, False

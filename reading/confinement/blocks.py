@@ -15,8 +15,8 @@ from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
 from hulldown.reading.pieces.formats import kind_of_file
 
-OPENED = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
-PATH = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")
+FILE_BLOCKS = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
+PATH_PATTERN = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")
 MAX_BLOCK_BYTES = 1 << 20  # largest block that is read, in bytes; usual ones have some thousand
 MOST_LIBRARIES = 1000  # that refer to each other
 
@@ -41,7 +41,7 @@ def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
     try:
         with open_regular(path) as raw, _decompress_blend(raw) as file:
             for code, data in _file_blocks(file):
-                for found in PATH.finditer(data):
+                for found in PATH_PATTERN.finditer(data):
                     yield code, found[1].decode("utf-8", "surrogateescape")
     except _damage_errors():
         return
@@ -84,7 +84,7 @@ def _file_blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
         code, size = fields[0], fields[size_at]
         if code == b"ENDB" or size < 0:
             return
-        if code in OPENED and size <= MAX_BLOCK_BYTES:
+        if code in FILE_BLOCKS and size <= MAX_BLOCK_BYTES:
             yield code, _read_exactly(file, size)
         else:
             file.seek(size, os.SEEK_CUR)

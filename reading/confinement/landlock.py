@@ -25,14 +25,14 @@ RULE_PATH_BENEATH = 1  # type of rule: a path and what is beneath it
 EXECUTE, WRITE_FILE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
 REFER, TRUNCATE, IOCTL = 1 << 13, 1 << 14, 1 << 15
 FIRST_ABI = (1 << 13) - 1  # the rights that ABI 1 knows
-SINCE = {2: REFER, 3: TRUNCATE, 5: IOCTL}
+RIGHTS_SINCE_ABI = {2: REFER, 3: TRUNCATE, 5: IOCTL}
 NETWORK_ABI, TCP = 4, 3  # bind and connect
 SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
 SPECIAL_FILE_RIGHTS = (
     1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12
 )  # making devices, sockets, FIFOs and links is allowed nowhere
 OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # rights that files can have
-SYSTEM = (
+SYSTEM_FOLDERS = (
     *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/nix/store"),
     *("/opt/rocm", "/opt/intel", "/run/opengl-driver"),
     *("/etc/ld.so.cache", "/etc/ld.so.conf", "/etc/ld.so.conf.d", "/etc/alternatives", "/etc/fonts", "/etc/localtime"),
@@ -41,11 +41,13 @@ SYSTEM = (
     *("/proc/sys/vm", "/proc/sys/kernel", "/proc/driver", "/dev/urandom", "/dev/random"),
     *("/sys/devices", "/sys/class", "/sys/bus", "/sys/module", "/sys/fs/cgroup", "/sys/kernel/mm"),
 )
-PYTHON = ("bin", "lib", "lib64", "share", "etc", "pyvenv.cfg")  # in its prefix
-HERE = Path(__file__).parents[2]  # the package hulldown
-DEVICES = ("/dev/null",)  # written to by programs of every kind
-OFF = "HULLDOWN_CONFINEMENT"  # set to "off", processes run as before there was Landlock
-MORE = "HULLDOWN_READ"  # folders besides those of the assets that may be read, programs in them run, as in PATH
+PYTHON_FOLDERS = ("bin", "lib", "lib64", "share", "etc", "pyvenv.cfg")  # in its prefix
+PACKAGE_FOLDER = Path(__file__).parents[2]  # the package hulldown
+WRITABLE_DEVICES = ("/dev/null",)  # written to by programs of every kind
+CONFINEMENT_VARIABLE = "HULLDOWN_CONFINEMENT"  # set to "off", processes run as before there was Landlock
+READABLE_VARIABLE = (
+    "HULLDOWN_READ"  # folders besides those of the assets that may be read, programs in them run, as in PATH
+)
 
 
 @cache
@@ -60,7 +62,9 @@ def unconfined_reason() -> str:
     """Return the reason why processes aren't confined on this machine; empty if they are."""
     if not landlock_version():
         return "this kernel has no Landlock"
-    return f"switched off by {OFF}" if os.environ.get(OFF, "").lower() == "off" else ""
+    return (
+        f"switched off by {CONFINEMENT_VARIABLE}" if os.environ.get(CONFINEMENT_VARIABLE, "").lower() == "off" else ""
+    )
 
 
 def describe_confinement() -> str:
@@ -74,27 +78,31 @@ def confine_command(
     """Return a command that runs `command` confined; `command` itself if that's impossible or switched off."""
     if unconfined_reason():
         return list(command)
-    more = [path for path in os.environ.get(MORE, "").split(os.pathsep) if path]
+    more = [path for path in os.environ.get(READABLE_VARIABLE, "").split(os.pathsep) if path]
     program = os.path.realpath(command[0])
     policy = {
-        "execute": [*SYSTEM, *_python_folders(), *more, command[0], os.path.dirname(program)],
+        "execute": [*SYSTEM_FOLDERS, *_python_folders(), *more, command[0], os.path.dirname(program)],
         "list": _searched_folders(),
         "read": [*map(str, read)],
-        "write": [*map(str, write), *DEVICES, *devices],
+        "write": [*map(str, write), *WRITABLE_DEVICES, *devices],
     }
     return [sys.executable, "-I", "-S", os.path.abspath(__file__), json.dumps(policy), *command]
 
 
 def _python_folders() -> list[str]:
     """Return where this Python, hulldown, and packages are; other files in the folders of `sys.path` aren't open."""
-    own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON]
-    return [*own, str(HERE), *(str(path) for entry in _searched_folders() for path in _installed_files(entry))]
+    own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON_FOLDERS]
+    return [
+        *own,
+        str(PACKAGE_FOLDER),
+        *(str(path) for entry in _searched_folders() for path in _installed_files(entry)),
+    ]
 
 
 def _searched_folders() -> list[str]:
     own = (sys.prefix, sys.base_prefix)
     entries = [entry for entry in sys.path if entry and not any(Path(entry).is_relative_to(prefix) for prefix in own)]
-    return [entry for entry in entries if HERE.parent == Path(entry) or _installed_files(entry)]
+    return [entry for entry in entries if PACKAGE_FOLDER.parent == Path(entry) or _installed_files(entry)]
 
 
 @cache
@@ -114,7 +122,7 @@ def asset_folders(path: Path) -> list[Path]:
 
 def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
     """Return whether a file, links followed, is in one of these folders or of those in ``HULLDOWN_READ``."""
-    more = [folder for folder in os.environ.get(MORE, "").split(os.pathsep) if folder]
+    more = [folder for folder in os.environ.get(READABLE_VARIABLE, "").split(os.pathsep) if folder]
     real = Path(os.path.realpath(path))
     return any(real.is_relative_to(os.path.realpath(folder)) for folder in [*folders, *more])
 
@@ -122,7 +130,7 @@ def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
 def confine_process(policy: dict[str, list[str]]) -> None:
     """Confine this process and its children permanently. Existing threads aren't confined."""
     version = landlock_version()
-    handled = FIRST_ABI | sum(right for since, right in SINCE.items() if version >= since)
+    handled = FIRST_ABI | sum(right for since, right in RIGHTS_SINCE_ABI.items() if version >= since)
     # A kernel takes a larger description than it knows only if the rest is zero.
     asked = struct.pack("=QQQ", handled, TCP * (version >= NETWORK_ABI), SCOPES * (version >= SCOPE_ABI))
     ruleset = _system_call(CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0)

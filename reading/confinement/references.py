@@ -15,12 +15,19 @@ from hulldown.base.outside import parse_json
 from hulldown.reading.confinement.landlock import asset_folders, is_inside
 from hulldown.reading.pieces.formats import kind_of_file
 
-AGAIN = "export it again"
+REEXPORT_REMEDY = "export it again"
 GLB_JSON = b"JSON"
 READ_PICTURES = "EXT_texture_webp"  # the one extension that names a texture's picture and that Blender knows
-COMPRESSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
+COMPRESSION_EXTENSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 SEARCH_DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
-TEXTURES = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
+TEXTURE_FOLDERS = (
+    "textures",
+    "texture",
+    "tex",
+    "materials",
+    "maps",
+    "images",
+)  # folders beside it that are searched too
 MOST_FILES = 20_000  # files that are looked at for them
 LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
 
@@ -38,7 +45,7 @@ def refuse_odd_references(path: Path, kind: str) -> None:
 def _refuse_references(path: Path, named: str) -> None:
     found = kind_of_file(path.parent / named)
     if found not in ("", "a file"):
-        raise AssetError(f"refers to {named[:200]}, which is {found}, not a file", path=path, remedy=AGAIN)
+        raise AssetError(f"refers to {named[:200]}, which is {found}, not a file", path=path, remedy=REEXPORT_REMEDY)
 
 
 def material_libraries(path: Path) -> Iterator[Path]:
@@ -64,9 +71,9 @@ def _check_gltf(path: Path) -> None:
     try:
         data = parse_json(_gltf_json(path), object)
     except (ValueError, struct.error) as error:
-        raise AssetError(f"isn't readable glTF ({str(error)[:200]})", path=path, remedy=AGAIN) from None
+        raise AssetError(f"isn't readable glTF ({str(error)[:200]})", path=path, remedy=REEXPORT_REMEDY) from None
     if not isinstance(data, dict):
-        raise AssetError("isn't glTF: it isn't a JSON object", path=path, remedy=AGAIN)
+        raise AssetError("isn't glTF: it isn't a JSON object", path=path, remedy=REEXPORT_REMEDY)
     asset = data.get("asset")
     if isinstance(asset, dict) and (version := str(asset.get("version"))).startswith("1"):
         raise AssetError(f"is glTF {version}, which Blender does not read", path=path, remedy="convert it to glTF 2.0")
@@ -87,7 +94,7 @@ def _check_gltf(path: Path) -> None:
     meshes = sum(1 for _ in _referred_entries(data, "meshes"))
     for i, node in _referred_entries(data, "nodes"):
         if isinstance(mesh := node.get("mesh"), int) and not 0 <= mesh < meshes:
-            raise AssetError(f"nodes[{i}].mesh = {mesh}, but it has {meshes} meshes", path=path, remedy=AGAIN)
+            raise AssetError(f"nodes[{i}].mesh = {mesh}, but it has {meshes} meshes", path=path, remedy=REEXPORT_REMEDY)
 
 
 def mesh_compression(path: Path) -> str:
@@ -96,7 +103,7 @@ def mesh_compression(path: Path) -> str:
     Blender's modules decode Draco up to 5.0, not in 5.2.3, and none decodes meshopt.
     """
     required = parse_json(_gltf_json(path), dict).get("extensionsRequired", [])
-    return next((one for one in COMPRESSIONS if isinstance(required, list) and one in required), "")
+    return next((one for one in COMPRESSION_EXTENSIONS if isinstance(required, list) and one in required), "")
 
 
 def _gltf_json(path: Path) -> bytes:
@@ -133,7 +140,7 @@ def nearby_files(path: Path) -> Iterator[Path]:
     readable = asset_folders(path)
     own = [path.parent, Path(os.path.realpath(path)).parent]
     children = [child for around in readable if around not in own for child in around.glob("*")]
-    folders = own + [child for child in children if child.name.lower() in TEXTURES and child.is_dir()]
+    folders = own + [child for child in children if child.name.lower() in TEXTURE_FOLDERS and child.is_dir()]
     levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, SEARCH_DEPTH + 2)]
     files = islice(chain.from_iterable(levels), MOST_FILES)
     return (file for file in files if file.is_file() and is_inside(file, readable))

@@ -16,10 +16,10 @@ from hulldown.base.arguments import Positive, make_parser
 from hulldown.base.child import Child, memory_limit
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import print_warning
-from hulldown.reading.confinement.landlock import OFF, unconfined_reason
+from hulldown.reading.confinement.landlock import CONFINEMENT_VARIABLE, unconfined_reason
 
 POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
-GIB = 2**30
+GIB_BYTES = 2**30
 LAST_LINES = 40
 LONGEST_LINE = 4096  # bytes
 
@@ -28,10 +28,10 @@ def parse_gib(text: str) -> int:
     """Return bytes of a number of GiB."""
     if not 0.0 < (number := float(text)) < math.inf:
         raise ValueError(text)
-    return round(number * GIB)
+    return round(number * GIB_BYTES)
 
 
-GIBIBYTES = make_parser("a number above 0", parse_gib, metavar="GIB")
+GIBIBYTES_PARSER = make_parser("a number above 0", parse_gib, metavar="GIB")
 
 
 @Parameter(name="*")
@@ -51,7 +51,7 @@ class ReadLimits:
     """
 
     silence_s: Annotated[Positive, Parameter(name="--read-timeout")] = 900.0
-    memory_bytes: Annotated[int | None, GIBIBYTES, Parameter(name="--read-memory")] = None
+    memory_bytes: Annotated[int | None, GIBIBYTES_PARSER, Parameter(name="--read-memory")] = None
     require_confinement: bool = False
     share: Annotated[int, Parameter(parse=False)] = 1  # how many files are read at a time, which share the memory
 
@@ -63,7 +63,7 @@ class ReadLimits:
     def check_confinement(self) -> None:
         """Refuse to go on unconfined, or warn, once in a process."""
         if (why := unconfined_reason()) and self.require_confinement:
-            remedy = f"use Linux 5.13 or later without {OFF}=off, or leave out --require-confinement"
+            remedy = f"use Linux 5.13 or later without {CONFINEMENT_VARIABLE}=off, or leave out --require-confinement"
             raise HulldownError(f"Blender would not be confined: {why}", remedy=remedy)
         if why:
             _warn_unconfined(why)
@@ -94,8 +94,8 @@ def run_limited(
         while child.code is None and not exceeded:
             held = child.memory
             if held > limits.memory:
-                allowed = f"the limit of {limits.memory / GIB:.2f} GiB"
-                exceeded = f"reading it took {held / GIB:.2f} GiB of memory, more than {allowed}"
+                allowed = f"the limit of {limits.memory / GIB_BYTES:.2f} GiB"
+                exceeded = f"reading it took {held / GIB_BYTES:.2f} GiB of memory, more than {allowed}"
             elif time.monotonic() - heard > limits.silence_s:
                 exceeded = f"reading it got nowhere for {limits.silence_s:g} s, which is the limit"
             time.sleep(0 if exceeded else POLL_S)

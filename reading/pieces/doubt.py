@@ -48,7 +48,7 @@ class DoubtKind(StrEnum):
     REPAIRED = "repaired"
 
 
-_RANK = {kind: rank for rank, kind in enumerate(DoubtKind)}
+_DOUBT_RANKS = {kind: rank for rank, kind in enumerate(DoubtKind)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,4 +80,4 @@ def file_warnings(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
 
 
 def _doubt_rank(doubt: Doubt) -> int:
-    return _RANK[doubt.kind]
+    return _DOUBT_RANKS[doubt.kind]

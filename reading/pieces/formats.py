@@ -9,7 +9,7 @@ from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
 from hulldown.base.outside import describe_path
 
-MAGIC = {
+FORMAT_MAGIC = {
     b"BLENDER": "blend",
     b"\x28\xb5\x2f\xfd": "blend",  # Zstandard, which Blender compresses with
     b"\x1f\x8b": "blend",  # gzip, which it did before 3.0
@@ -20,7 +20,7 @@ MAGIC = {
     b"II+\0": "geotiff",  # of more than 4 GB
     b"MM\0+": "geotiff",
 }
-SUFFIXES = {
+FORMAT_SUFFIXES = {
     ".blend": "blend",
     ".glb": "gltf",
     ".gltf": "gltf",
@@ -70,13 +70,13 @@ def file_format(path: Path) -> str:
     if not start:
         raise AssetError("is empty", path=path, remedy="copy it again")
     suffix = ".blend" if path.suffix.lower().startswith(".blend") else path.suffix.lower()
-    for magic, kind in MAGIC.items():
-        if start.startswith(magic) and SUFFIXES.get(suffix, kind) == kind:
+    for magic, kind in FORMAT_MAGIC.items():
+        if start.startswith(magic) and FORMAT_SUFFIXES.get(suffix, kind) == kind:
             return kind
-    expected = SUFFIXES.get(suffix)
+    expected = FORMAT_SUFFIXES.get(suffix)
     if expected is None:
         raise AssetError(
-            f"is {describe_path(path)}, not a vehicle or scenery; expected one of {', '.join(SUFFIXES)}",
+            f"is {describe_path(path)}, not a vehicle or scenery; expected one of {', '.join(FORMAT_SUFFIXES)}",
             path=path,
             remedy="save it as .blend in Blender",
         )

@@ -8,12 +8,12 @@ from collections.abc import Iterable
 from fnmatch import fnmatchcase
 from functools import lru_cache
 
-TURRET = ("turret",)
-LAUNCHER = ("launcher", "tower")  # the turret in files without one named so
+TURRET_WORDS = ("turret",)
+LAUNCHER_WORDS = ("launcher", "tower")  # the turret in files without one named so
 NOT_LAUNCHER = ("smoke", "grenade")
-GUN = ("gun", "barrel", "cannon", "howitzer", "mantlet")
+GUN_WORDS = ("gun", "barrel", "cannon", "howitzer", "mantlet")
 NOT_GUN = ("machine", "mg", "coax", "oil", "fuel", "water", "drum", "rack")
-PIVOT = ("pivot",)
+PIVOT_WORDS = ("pivot",)
 # Tried if no name has one of those as a whole word: parts of words, other languages, typos of one letter.
 TURRET_HINTS = (
     *("turret", "turm", "tourelle", "bashnya", "bashnia", "torreta", "torretta", "torre", "wieza", "vez", "torn"),
@@ -31,26 +31,26 @@ NOT_GUN_HINTS = (
     *("begun",),
 )
 
-ARMED = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # carried by an aiming part
+WEAPON_WORDS = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # carried by an aiming part
 
-FRONT = (  # parts at a vehicle's nose
+FRONT_WORDS = (  # parts at a vehicle's nose
     *("front", "windscreen", "windshield", "headlight", "head light", "head lamp", "headlamp", "grille", "grill"),
     *("bonnet", "hood", "cab", "cabin", "driver", "glacis", "radiator", "wiper", "steering", "mirror", "fog light"),
     *("scheinwerfer", "motorhaube", "kuehlergrill", "fahrerhaus", "fuehrerhaus", "frontscheibe", "vorne", "lenkrad"),
     *("capot", "phare", "pare brise", "avant", "cabine", "volant", "kabina", "kapot", "fara", "cofano", "faro"),
     *("delantero", "anteriore", "cabina", "parabrezza", "parabrisas"),
 )
-REAR = (  # parts at its tail
+REAR_WORDS = (  # parts at its tail
     *("rear", "tail", "taillight", "tail lamp", "tailgate", "trunk", "brake light", "back", "exhaust", "tow bar"),
     *("tow hook", "tow hitch", "trailer hitch", "heck", "hinten", "rueckleuchte", "auspuff", "arriere", "hayon"),
     *("zad", "posteriore", "trasero"),
 )
 
-VEHICLE = (  # parts that only vehicles have
+VEHICLE_PART_WORDS = (  # parts that only vehicles have
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
 )
 
-VEHICLES = (  # whole ones
+VEHICLE_WORDS = (  # whole ones
     *("vehicle", "car", "truck", "lorry", "bus", "van", "minivan", "pickup", "jeep", "suv", "sedan", "hatchback"),
     *("taxi", "cab", "limousine", "ambulance", "firetruck", "humvee", "tractor", "bulldozer", "excavator"),
     *("motorcycle", "motorbike", "tank", "mbt", "apc", "ifv", "howitzer", "semi trailer", "police car", "auto"),
@@ -68,23 +68,26 @@ NO_TURRET = (  # vehicles without a turret
     *("roof", "lamp", "light", "mirror", "wiper", "hood", "bonnet", "trunk"),
 )
 
-BODY = (  # other parts of vehicles: a file with such names would name a turret too
+BODY_WORDS = (  # other parts of vehicles: a file with such names would name a turret too
     *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window"),
     *("glass", "bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
 )
 
-HELPERS = (
+HELPER_WORDS = (
     *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp", "bounding box", "bbox", "occluder"),
     *("shadow catcher", "backdrop", "cyclorama", "skydome"),
 )
-FIGURES = ("human", "person", "soldier", "figure", "man", "woman", "mannequin", "character", "dummy")  # for scale
-STAGES = (
+PERSON_WORDS = ("human", "person", "soldier", "figure", "man", "woman", "mannequin", "character", "dummy")  # for scale
+STAGE_WORDS = (
     *("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference", "platform", "pedestal"),
     *("podium", "plinth", "turntable", "shadow"),
 )
-PRIMITIVES = ("grid", "plane")  # Blender's names of a new sheet, which things modeled from it keep, such as car bodies
+PRIMITIVE_WORDS = (
+    "grid",
+    "plane",
+)  # Blender's names of a new sheet, which things modeled from it keep, such as car bodies
 
-GROUND = (
+GROUND_WORDS = (
     *("ground", "groundplane", "terrain", "landscape", "floor", "road", "soil", "dirt", "sand", "grassland", "field"),
     *("meadow", "street", "path", "track", "hill", "land", "earth", "heightmap", "dem"),
 )
@@ -95,13 +98,13 @@ NOT_GROUND = (
     *("cloud", "barrier", "guardrail", "kerb", "curb", "fog", "asset", "prop", "vegetation", "foliage", "forest"),
     *("obstacle", "prototype"),
 )
-WATER = (  # substances
+WATER_WORDS = (  # substances
     *("water", "wasser", "eau", "agua", "água", "acqua", "woda", "voda", "vatten", "vann", "vand", "вода", "水"),
     *("waterplane", "watersurface", "watermesh", "waterbody", "watersheet", "watervolume", "waterlevel", "水面"),
     *("wasserfläche", "wasserflaeche", "wasseroberfläche", "wasserspiegel", "seawater", "lakewater", "riverwater"),
     *("seewasser",),
 )
-WATERS = (  # bodies of water
+WATER_BODY_WORDS = (  # bodies of water
     *("lake", "river", "sea", "ocean", "pond", "pool", "stream", "creek", "brook", "lagoon", "canal", "swamp"),
     *("puddle", "flood", "lakesurface", "riversurface", "oceansurface", "oceanplane", "seasurface", "see", "fluss"),
     *("teich", "meer", "ozean", "bach", "tümpel", "weiher", "kanal", "pfütze", "lac", "rivière", "riviere", "fleuve"),
@@ -116,7 +119,7 @@ NOT_WATER = (  # things near water
     *("fall", "well", "barrier", "barriers", "guardrail", "kerb", "curb", "boat", "ship", "bird", "dam", "pier"),
     *("gate", "lock", "window", "glass", "roof", "greenhouse", "under"),
 )
-BACKDROPS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
+BACKDROP_WORDS = ("sky", "skydome", "sky sphere", "backdrop", "cloud", "atmosphere", "fog")
 
 
 def name_words(name: str) -> tuple[str, ...]:

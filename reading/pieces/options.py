@@ -34,4 +34,4 @@ class Options:
     texture: str | None = None  # a GeoTIFF's orthophoto, relative to its folder
 
 
-DEFAULTS = Options()
+DEFAULT_OPTIONS = Options()

@@ -14,7 +14,14 @@ from jaxtyping import Bool, Float
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt
-from hulldown.reading.pieces.naming import FIGURES, HELPERS, PRIMITIVES, STAGES, first_match, name_words
+from hulldown.reading.pieces.naming import (
+    HELPER_WORDS,
+    PERSON_WORDS,
+    PRIMITIVE_WORDS,
+    STAGE_WORDS,
+    first_match,
+    name_words,
+)
 
 MAX_SHEET_THICKNESS_SHARE = 0.02  # a sheet is thinner than this share of its longer side
 MAX_STAGE_THICKNESS_SHARE = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
@@ -65,7 +72,7 @@ class Piece:
     # share of its area that is nearly horizontal; 0 if it's too narrow, or too high, to be ground or water
     level: float = 0.0
     filled: float = 1.0  # that area over the area of its bounds, seen from above; small for a curb around a track
-    look: tuple[object, ...] = ()  # values of `reading.blender.tidy.LOOK`, for the renderer
+    look: tuple[object, ...] = ()  # values of `reading.blender.tidy.LOOK_ATTRIBUTES`, for the renderer
     random: float = 0.0  # Cycles' random number of it, which materials may read
 
     @property
@@ -147,7 +154,7 @@ def _vehicle_by_name(
                 key = "keep" if use == "vehicle" else "drop"
                 return PieceRole(use, f"{name!r} matches {pattern!r} of the config's {key}", By.CONFIG)
     for name in _piece_names(piece):
-        if name not in shared and (pattern := first_match(name, HELPERS)):
+        if name not in shared and (pattern := first_match(name, HELPER_WORDS)):
             return PieceRole("dropped", f"{name!r} matches {pattern!r}", By.NAME)
     return None
 
@@ -165,11 +172,15 @@ def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
 
 def _stage_name(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
-        if pattern := first_match(name, (*STAGES, *FIGURES)):
+        if pattern := first_match(name, (*STAGE_WORDS, *PERSON_WORDS)):
             return name, pattern
     # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
     named = [word for word in name_words(piece.name) if not word.isdigit()]
-    if named and set(named) <= set(PRIMITIVES) and piece.size.min() <= MAX_STAGE_THICKNESS_SHARE * piece.size.max():
+    if (
+        named
+        and set(named) <= set(PRIMITIVE_WORDS)
+        and piece.size.min() <= MAX_STAGE_THICKNESS_SHARE * piece.size.max()
+    ):
         return piece.name, named[0]
     return None
 

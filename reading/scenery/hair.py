@@ -13,14 +13,17 @@ from jaxtyping import Bool, Float, Int
 from hulldown.geometry.meshes import Mesh
 
 PRISM_SIDES = 4
-TURN = 2 * np.pi * np.arange(PRISM_SIDES) / PRISM_SIDES
+RIM_ANGLES = 2 * np.pi * np.arange(PRISM_SIDES) / PRISM_SIDES
 # A polygon in a circle of this many radii has an outline as long as a circle of one.
-WIDER = np.pi / (PRISM_SIDES * np.sin(np.pi / PRISM_SIDES))
+PRISM_WIDENING = np.pi / (PRISM_SIDES * np.sin(np.pi / PRISM_SIDES))
 GOLDEN_ANGLE = np.pi * (3 - np.sqrt(5))
-RIM = np.arange(PRISM_SIDES)
-NEXT = np.roll(RIM, -1)
-FACES = np.concatenate(
-    [np.stack([RIM, NEXT, NEXT + PRISM_SIDES], 1), np.stack([RIM, NEXT + PRISM_SIDES, RIM + PRISM_SIDES], 1)]
+RIM_INDICES = np.arange(PRISM_SIDES)
+NEXT_RIM_INDICES = np.roll(RIM_INDICES, -1)
+PRISM_FACES = np.concatenate(
+    [
+        np.stack([RIM_INDICES, NEXT_RIM_INDICES, NEXT_RIM_INDICES + PRISM_SIDES], 1),
+        np.stack([RIM_INDICES, NEXT_RIM_INDICES + PRISM_SIDES, RIM_INDICES + PRISM_SIDES], 1),
+    ]
 )
 MAX_AXIS_RADII = 1.0  # radii: how far a prism's axis may be from the strand's
 EVEN_TOLERANCE = 1e-6  # of a piece more is rounding
@@ -85,8 +88,8 @@ def _make_prisms(ends: Float[np.ndarray, "k 2 3"], radii: Float[np.ndarray, "k 2
     across = np.cross(along, np.eye(3)[np.argmin(np.abs(along), axis=1)])
     across /= np.linalg.norm(across, axis=1, keepdims=True)
     # Blades of grass are parallel: turned alike, all prisms would be too wide, or too narrow, from the same side.
-    turn = (TURN + GOLDEN_ANGLE * np.arange(len(ends))[:, None])[..., None]
+    turn = (RIM_ANGLES + GOLDEN_ANGLE * np.arange(len(ends))[:, None])[..., None]
     spokes = np.cos(turn) * across[:, None] + np.sin(turn) * np.cross(along, across)[:, None]
-    vertices = ends[:, :, None] + WIDER * radii[:, :, None, None] * spokes[:, None]
-    faces = 2 * PRISM_SIDES * np.arange(len(ends))[:, None, None] + FACES
+    vertices = ends[:, :, None] + PRISM_WIDENING * radii[:, :, None, None] * spokes[:, None]
+    faces = 2 * PRISM_SIDES * np.arange(len(ends))[:, None, None] + PRISM_FACES
     return Mesh(vertices.reshape(-1, 3), faces.reshape(-1, 3).astype(np.int32), name)

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.transforms import transform_points
-from hulldown.reading.pieces.naming import NO_VEHICLES, VEHICLES, first_match
+from hulldown.reading.pieces.naming import NO_VEHICLES, VEHICLE_WORDS, first_match
 from hulldown.reading.pieces.roles import Evaluated, PieceRole
 from hulldown.reading.vehicle.solids import find_solids, find_wheels
 
@@ -31,7 +31,7 @@ def parked_vehicles(
     for name, group in _vehicle_groups(drawn, among):
         own = list(dict.fromkeys(pieces[i].name for i in group))
         names = [name, *own, *(pieces[i].data for i in group), *pieces[group[0]].chain[0].collections[:1]]
-        is_one = any(first_match(n, VEHICLES) and not first_match(n, NO_VEHICLES) for n in names)
+        is_one = any(first_match(n, VEHICLE_WORDS) and not first_match(n, NO_VEHICLES) for n in names)
         key, faces = tuple(sorted(pieces[i].mesh for i in group)), sum(pieces[i].faces for i in group)
         if not is_one and key not in looked and faces <= min(MAX_THING_FACES, left):
             left -= faces

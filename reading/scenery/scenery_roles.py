@@ -8,7 +8,15 @@ from fnmatch import fnmatchcase
 import numpy as np
 
 from hulldown.reading.pieces.asset_report import By
-from hulldown.reading.pieces.naming import BACKDROPS, GROUND, NOT_GROUND, NOT_WATER, WATER, WATERS, first_match
+from hulldown.reading.pieces.naming import (
+    BACKDROP_WORDS,
+    GROUND_WORDS,
+    NOT_GROUND,
+    NOT_WATER,
+    WATER_BODY_WORDS,
+    WATER_WORDS,
+    first_match,
+)
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole, Unseen
 from hulldown.reading.scenery.shape import (
@@ -21,8 +29,12 @@ from hulldown.reading.scenery.shape import (
 
 MIN_WATER_WIDTH_M = 1.0  # meters, of water by its name or material
 # The scenery's keys in the order in which they are asked.
-ASKED = (("drop", "removed"), ("water", "water"), ("not_ground", "obstacle"), ("ground", "ground"))
-_DRY = (*NOT_WATER, *GROUND, *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")))
+ROLE_KEYS = (("drop", "removed"), ("water", "water"), ("not_ground", "obstacle"), ("ground", "ground"))
+_DRY_WORDS = (
+    *NOT_WATER,
+    *GROUND_WORDS,
+    *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")),
+)
 
 
 def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
@@ -69,9 +81,9 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     return roles
 
 
-def unmatched_pattern(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
+def unmatched_role_pattern(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
     """Return the first key and pattern of a scenery without a match; None if all match."""
-    for key, _ in ASKED:
+    for key, _ in ROLE_KEYS:
         for pattern in getattr(options, key) or ():
             drawn = any(piece.carrier and _is_match(piece.carrier, pattern) for piece in pieces) and key == "drop"
             if not drawn and not any(matching_pattern(piece, (pattern,)) for piece in pieces):
@@ -116,7 +128,7 @@ def _piece_role(piece: Piece, options: Options) -> PieceRole:
         return asked
     named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
     for level, name in named:
-        if level != "collection" and (pattern := first_match(name, BACKDROPS)):
+        if level != "collection" and (pattern := first_match(name, BACKDROP_WORDS)):
             return PieceRole("backdrop", f"{level} {name!r} matches {pattern!r}", By.NAME)
     if options.water is None and (water := _water_role(piece)):
         return water
@@ -126,7 +138,7 @@ def _piece_role(piece: Piece, options: Options) -> PieceRole:
             continue
         if pattern := first_match(name, NOT_GROUND):
             return PieceRole("obstacle", f"{level} {name!r} matches {pattern!r}", By.NAME)
-        if pattern := first_match(name, GROUND):
+        if pattern := first_match(name, GROUND_WORDS):
             return PieceRole("ground", f"{level} {name!r} matches {pattern!r}", By.NAME)
     return PieceRole("obstacle", "by default", By.DEFAULT)
 
@@ -134,7 +146,7 @@ def _piece_role(piece: Piece, options: Options) -> PieceRole:
 def _by_config(piece: Piece, options: Options) -> PieceRole | None:
     if piece.carrier and any(_is_match(piece.carrier, pattern) for pattern in options.drop):
         return PieceRole("removed", f"it is drawn by {piece.carrier!r}, which the scenery's `drop` names", By.CONFIG)
-    for key, use in ASKED:
+    for key, use in ROLE_KEYS:
         if use == "ground" and piece.anonymous:
             continue  # its only name is that of the ground that carries it
         if found := matching_pattern(piece, getattr(options, key) or ()):
@@ -145,7 +157,7 @@ def _by_config(piece: Piece, options: Options) -> PieceRole | None:
 
 def is_water_name(name: str) -> bool:
     """Return whether a name means water, and not something in or near it."""
-    return not first_match(name, _DRY) and first_match(name, (*WATER, *WATERS)) is not None
+    return not first_match(name, _DRY_WORDS) and first_match(name, (*WATER_WORDS, *WATER_BODY_WORDS)) is not None
 
 
 def _water_role(piece: Piece) -> PieceRole | None:
@@ -153,15 +165,15 @@ def _water_role(piece: Piece) -> PieceRole | None:
         return None
     own = [("object", piece.name), ("mesh", piece.data)]
     own = own[2 * piece.anonymous :]  # which is called like what carries it
-    if any(first_match(name, _DRY) for _, name in own):
+    if any(first_match(name, _DRY_WORDS) for _, name in own):
         return None
     materials = [("material", name) for name in piece.materials]
     around = [("collection", name) for name in piece.chain[0].collections[:1] if not piece.scattered]
-    for candidates, words in ((own + materials, (*WATER, *WATERS)), (around, WATER)):
+    for candidates, words in ((own + materials, (*WATER_WORDS, *WATER_BODY_WORDS)), (around, WATER_WORDS)):
         for level, name in candidates:
-            if not first_match(name, _DRY) and (pattern := first_match(name, words)):
+            if not first_match(name, _DRY_WORDS) and (pattern := first_match(name, words)):
                 return PieceRole("water", f"{level} {name!r} matches {pattern!r}, and it is wide and level", By.NAME)
-    clear = piece.clear and not piece.unseen and not any(first_match(name, _DRY) for _, name in materials)
+    clear = piece.clear and not piece.unseen and not any(first_match(name, _DRY_WORDS) for _, name in materials)
     if clear and is_wide_and_level(piece, least=5.0):
         return PieceRole("water", "its material is transparent, and it is wide and level", By.FILE)
     return None

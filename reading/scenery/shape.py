@@ -11,7 +11,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece
 
-STEEP = np.cos(np.radians(30.0))  # a face is level if the cosine of its inclination is at least this
+MIN_LEVEL_COSINE = np.cos(np.radians(30.0))  # a face is level if the cosine of its inclination is at least this
 MIN_LEVEL_SHARE = (
     0.5  # least share of its area that is level, for a piece to be so; a box twice as wide as high has this much
 )
@@ -36,7 +36,7 @@ def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple
     corners = transform_points(meters_from_mesh, mesh.vertices)[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
-    whole, level = float(area.sum()), float(area[np.abs(normal[:, 2]) >= STEEP * area].sum())
+    whole, level = float(area.sum()), float(area[np.abs(normal[:, 2]) >= MIN_LEVEL_COSINE * area].sum())
     return (level / whole if whole > 0.0 else 0.0), level / 2
 
 

@@ -12,21 +12,21 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import FRONT, REAR, first_match
-from hulldown.reading.vehicle.solids import PARALLEL, Solids, Wheels
+from hulldown.reading.pieces.naming import FRONT_WORDS, REAR_WORDS, first_match
+from hulldown.reading.vehicle.solids import MIN_PARALLEL_COSINE, Solids, Wheels
 
 Value = TypeVar("Value", str, float)
 
-SNAP = np.radians(1.5)  # a nose this close to an axis of the file points along it
+NOSE_SNAP_RADIANS = np.radians(1.5)  # a nose this close to an axis of the file points along it
 MIN_BARREL_SLENDERNESS = 7.0  # a gun's barrel is longer than this many times its width
 MAX_MIRRORED_SOLIDS = 60  # solids whose mirror plane is sought
 MIRROR_TOLERANCE_SHARE = 0.01  # a mirror image is this close to its original, in lengths of the vehicle
 MIN_NAME_VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
 MAX_WHEELED_AXLES = 5  # of a vehicle on wheels; more are under tracks
 MIN_TUBE_SLENDERNESS = 5.0  # a launching tube is longer than this many times its width
-RISE = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
-TILTED = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
-ELEVATED = np.cos(np.radians(65.0))  # the same for guns by name, which may be raised
+MIN_RISE_RADIANS = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
+MIN_BARREL_COSINE = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
+MIN_NAMED_GUN_COSINE = np.cos(np.radians(65.0))  # the same for guns by name, which may be raised
 NAMED_LONG = 0.4  # of half the vehicle's length: what is named a gun is at least as long
 GUN_LINE = 2.0  # and a vehicle without wheels or a mirror plane lies along one this many times as long as wide
 TUBES_ALIKE = 0.8  # of the longest's length: another gun like it
@@ -34,7 +34,7 @@ MAX_MIRRORED_VERTICES = 1000  # whose mirror images are looked up
 SLANT, ALL_SLANTED = 0.05, 0.3  # of slanted surface that must slant to one end rather than the other
 MIN_SLANTED_SHARE = 0.004  # of all surface, times the sine and the cosine of its slope; less tells nothing
 MIN_PROTRUSION_SHARE = 0.1  # of its length: its muzzle is so much farther out of the rest than its breech
-CONTRADICTED = "its gun points one way and what is named front the other; forward is taken from the gun"
+CONTRADICTION_DOUBT = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
 TUBES_CONTRADICTED = (
     "its tubes rise at one end and what is named front is at the other; forward is taken from the names"
@@ -98,7 +98,7 @@ def find_forward(
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
         (named if names_doubt else 0.0, "names of what is in front and behind", names_doubt),
-        (0.0 if rack else gun_end, gun_why, CONTRADICTED if votes * gun_end < -MIN_NAME_VOTE else ""),
+        (0.0 if rack else gun_end, gun_why, CONTRADICTION_DOUBT if votes * gun_end < -MIN_NAME_VOTE else ""),
         (named, "names of what is in front and behind", ""),
         (raised, "its gun rises there", "" if raised in others else ONE_CLUE),
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
@@ -128,7 +128,7 @@ def forward_text(angle: float) -> str:
     return json.dumps(forward_key(angle))
 
 
-def snap_angle(angle: float, within: float = SNAP) -> float:
+def snap_angle(angle: float, within: float = NOSE_SNAP_RADIANS) -> float:
     """Snap an angle to a close multiple of a right angle."""
     quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
     return float(quarter) if abs(angle - quarter) < within else angle
@@ -152,7 +152,9 @@ def _long_axis(
     line, why = _mirror_line(solids)
     if why == NO_LINE:
         own = solids.where(np.asarray(gun, bool)[solids.piece])
-        slender = (own.size[:, 0] > GUN_LINE * own.size[:, 1]) & (np.hypot(*own.axes[:, 0, :2].T) > ELEVATED)
+        slender = (own.size[:, 0] > GUN_LINE * own.size[:, 1]) & (
+            np.hypot(*own.axes[:, 0, :2].T) > MIN_NAMED_GUN_COSINE
+        )
         if slender.any():
             axis = own.axes[np.argmax(np.where(slender, own.size[:, 0], 0.0)), 0]
             return snap_angle(float(np.arctan2(axis[1], axis[0]))), "along its gun"
@@ -234,7 +236,7 @@ def gun_barrel(
     off = solids.center - middle
     sideways = off @ across
     width = float(np.ptp((solids.bounds.reshape(-1, 3) - middle) @ across))
-    along = np.abs(axis @ ahead) > TILTED
+    along = np.abs(axis @ ahead) > MIN_BARREL_COSINE
     slender = (length > MIN_BARREL_SLENDERNESS * solids.size[:, 1]) & (length > 0.4 * half)
     thick = solids.size[:, 2] > 0.4 * solids.size[:, 1]
     high_up = solids.center[:, 2] > low + 0.33 * (high - low)
@@ -279,7 +281,7 @@ def _name_votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, "
     """Return how far front-named pieces are ahead of rear-named ones, in half lengths; 1 if all agree."""
     places: dict[int, list[float]] = {1: [], -1: []}
     for piece, name in enumerate(names):
-        sign = bool(first_match(name, FRONT)) - bool(first_match(name, REAR))
+        sign = bool(first_match(name, FRONT_WORDS)) - bool(first_match(name, REAR_WORDS))
         of_piece = solids.piece == piece
         if sign and of_piece.any():
             extent = solids.size[of_piece].max(axis=1)
@@ -322,9 +324,13 @@ def rising_end(
         solids.size[:, 0] > 0.25 * length
     )
     tube &= (solids.size[:, 2] > 0.5 * solids.size[:, 1]) & (solids.center[:, 2] > low + 0.33 * (high - low))
-    tube &= (axis[:, 2] > np.sin(RISE)) & (np.abs(along) > 0.3) & (np.hypot(along, axis[:, 2]) > PARALLEL)
+    tube &= (
+        (axis[:, 2] > np.sin(MIN_RISE_RADIANS))
+        & (np.abs(along) > 0.3)
+        & (np.hypot(along, axis[:, 2]) > MIN_PARALLEL_COSINE)
+    )
     if not (tube & named).any():
-        parallel = np.abs(axis @ axis.T) > PARALLEL
+        parallel = np.abs(axis @ axis.T) > MIN_PARALLEL_COSINE
         alike = np.abs(solids.size[:, None] - solids.size).max(axis=2) < 0.05 * solids.size[:, :1]
         tube &= ((parallel & alike & tube).sum(axis=1)) > 1
     return float(np.sign(np.sum(np.where(tube, along * solids.size[:, 0], 0.0))))

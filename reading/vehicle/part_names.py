@@ -6,15 +6,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from hulldown.reading.pieces.naming import (
-    GUN,
     GUN_HINTS,
-    LAUNCHER,
+    GUN_WORDS,
     LAUNCHER_HINTS,
+    LAUNCHER_WORDS,
     NOT_GUN,
     NOT_GUN_HINTS,
     NOT_LAUNCHER,
-    TURRET,
     TURRET_HINTS,
+    TURRET_WORDS,
     first_match,
     hinted_stem,
     name_words,
@@ -25,8 +25,8 @@ from hulldown.reading.vehicle.solids import PlacedPieces
 
 HELPER_WORDS = ("pivot", "axis", "axle", "joint", "hinge")
 HULL, TURRET_PART, GUN_PART = "hull", "turret", "gun"
-Key = tuple[str, bytes]
-Marked = Mapping[Key, tuple[str, str]]  # the part that an object is regardless of its name, and the reason
+ObjectKey = tuple[str, bytes]
+MarkedParts = Mapping[ObjectKey, tuple[str, str]]  # the part that an object is regardless of its name, and the reason
 
 
 def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
@@ -35,21 +35,21 @@ def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
 
 # For each part the words that name it, the next ones only where no name matches: how they are matched, and words that
 # speak against it.
-TIERS = {
+NAME_TIERS = {
     TURRET_PART: (
-        (_turret_word, TURRET, ()),
+        (_turret_word, TURRET_WORDS, ()),
         (hinted_stem, TURRET_HINTS, ((first_match, NOT_LAUNCHER),)),
-        (first_match, LAUNCHER, ((first_match, NOT_LAUNCHER),)),
+        (first_match, LAUNCHER_WORDS, ((first_match, NOT_LAUNCHER),)),
         (hinted_stem, LAUNCHER_HINTS, ((hinted_stem, NOT_GUN_HINTS),)),
     ),
     GUN_PART: (
-        (first_match, GUN, ((first_match, NOT_GUN),)),
+        (first_match, GUN_WORDS, ((first_match, NOT_GUN),)),
         (hinted_stem, GUN_HINTS, ((first_match, NOT_GUN), (hinted_stem, NOT_GUN_HINTS))),
     ),
 }
 
 
-def link_key(link: Link) -> Key:
+def link_key(link: Link) -> ObjectKey:
     """Return a key that identifies one drawn object."""
     return link.name, link.pose.tobytes()
 
@@ -60,7 +60,7 @@ def pivot_named(name: str) -> str | None:
     for word in HELPER_WORDS:
         for rest in (joined.removeprefix(word), joined.removesuffix(word)):
             if rest != joined:
-                for part, stems in ((TURRET_PART, TURRET), (GUN_PART, GUN)):
+                for part, stems in ((TURRET_PART, TURRET_WORDS), (GUN_PART, GUN_WORDS)):
                     if rest in stems or rest in [f"{stem}s" for stem in stems]:
                         return part
     return None
@@ -72,7 +72,7 @@ class Naming:
 
     parts: Mapping[str, str]  # name of an object or a collection -> the part that it names
     no_gun: frozenset[str]  # names of guns that aren't guns by their shape
-    marked: Marked = field(default_factory=dict)  # objects that are a part regardless of their names
+    marked: MarkedParts = field(default_factory=dict)  # objects that are a part regardless of their names
 
     def chain_part(self, chain: Sequence[Link]) -> str | None:
         """Return the part that the first object of `chain` belongs to, by the nearest part's name; None: the hull."""
@@ -113,7 +113,7 @@ def _part_names(part: str, pattern: str | None, known: set[str], drawn: set[str]
         return {name for name in known if pattern and first_match(name, (pattern,))}
     helped = {name: pivot_named(name) for name in known}
     helpers = {name for name in known if helped[name]}
-    for tier, (match, wanted, unless) in enumerate(TIERS[part]):
+    for tier, (match, wanted, unless) in enumerate(NAME_TIERS[part]):
         found = {n for n in known if match(n, wanted) and not any(other(n, unwanted) for other, unwanted in unless)}
         if (found if tier else found - helpers) & drawn:
             # A helper isn't the part if another object has the name, but turns with it.

@@ -11,8 +11,17 @@ from jaxtyping import Float, Int
 from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.asset_report import PartRow, format_xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import ARMED, BODY, FRONT, NO_TURRET, REAR, TURRET, VEHICLE, first_match
-from hulldown.reading.pieces.options import DEFAULTS, Options
+from hulldown.reading.pieces.naming import (
+    BODY_WORDS,
+    FRONT_WORDS,
+    NO_TURRET,
+    REAR_WORDS,
+    TURRET_WORDS,
+    VEHICLE_PART_WORDS,
+    WEAPON_WORDS,
+    first_match,
+)
+from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
 from hulldown.reading.pieces.roles import Link, Piece
 from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.vehicle.nose import gun_barrel, rising_end, snap_angle
@@ -20,24 +29,24 @@ from hulldown.reading.vehicle.part_names import (
     GUN_PART,
     HULL,
     TURRET_PART,
-    Key,
-    Marked,
+    MarkedParts,
     Naming,
+    ObjectKey,
     link_key,
     names_of_parts,
 )
 from hulldown.reading.vehicle.pivots import MIN_RING_WIDTH_SHARE, PIVOT_KEYS, find_pivot
 from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching_clusters
 
-LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
-STRAIGHT = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
+ANGLE_LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
+MAX_GUN_ANGLE_RADIANS = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
 
 MAX_PIECE_GAP_SHARE = 0.05  # of the longer of two pieces: closer ones are one thing
 MAX_STUBBY_RATIO = 2.5  # times its width; shorter pieces have no direction
 MAX_DRUM_SHARE = 0.2  # of the vehicle's length: a drum, not a gun
 MAX_GUN_WIDTH_SHARE = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
 MIN_TURRET_HEIGHT_SHARE = 0.3  # of the vehicle's height: no turret reaches below
-KNOWN = (*VEHICLE, *FRONT, *REAR, *BODY)
+KNOWN_WORDS = (*VEHICLE_PART_WORDS, *FRONT_WORDS, *REAR_WORDS, *BODY_WORDS)
 MIN_BARREL_SHARE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
 MAX_LISTED_NAMES = 6  # that a sentence lists
 MAX_PREFIXED_TURRETS = 2  # objects named turret: more of them, and the author has named all that belongs to it
@@ -54,7 +63,7 @@ class Parts:
     doubts: tuple[Doubt, ...]  # sentences for the user, with the key to set
 
 
-def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
+def find_parts(whole: PlacedPieces, options: Options = DEFAULT_OPTIONS) -> Parts:
     """Return the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
     naming, doubts = _named_parts(whole, options)
     decided = [naming.deciding_name(piece.chain) for piece in whole.pieces]
@@ -78,7 +87,7 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULTS) -> Parts:
         if name == GUN_PART:
             axis = _raising_axis(own.all_vertices, pivot.at)
         parent = moving[0].name if moving else HULL
-        moving.append(PartRow(name, parent, format_xyz(pivot.at), format_xyz(axis), LIMITS[name], pivot.why))
+        moving.append(PartRow(name, parent, format_xyz(pivot.at), format_xyz(axis), ANGLE_LIMITS[name], pivot.why))
         piece_part[np.array(part_of) == name] = len(moving)
     doubts += _missing_parts([row.name for row in moving], options, naming.no_gun)
     if not moving and not doubts and options.turret is None and options.gun is None:
@@ -121,7 +130,7 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
     out = own[:, :2] - pivot[:2]
     reach = np.linalg.norm(out, axis=1)
     tip = out[reach >= 0.95 * reach.max()].mean(axis=0)
-    angle = snap_angle(float(np.arctan2(tip[1], tip[0])), STRAIGHT)
+    angle = snap_angle(float(np.arctan2(tip[1], tip[0])), MAX_GUN_ANGLE_RADIANS)
     # Rounded, so that an axis of the vehicle comes out as exactly that.
     return np.round([np.sin(angle), -np.cos(angle), 0.0], 15) + 0.0
 
@@ -165,7 +174,7 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
     )
 
 
-def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[Marked, list[Doubt]]:
+def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[MarkedParts, list[Doubt]]:
     """Return the gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
     if options.gun is not None or GUN_PART in part_of:
         return {}, []
@@ -209,8 +218,8 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
     return marks, [_parts_doubt(f"{taken}; set gun and turret if that is wrong")]
 
 
-def _carried_pieces(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
-    carried: dict[Key, list[int]] = {}
+def _carried_pieces(pieces: Sequence[Piece]) -> dict[ObjectKey, list[int]]:
+    carried: dict[ObjectKey, list[int]] = {}
     for i, piece in enumerate(pieces):
         for link in piece.chain:
             carried.setdefault(link_key(link), []).append(i)
@@ -219,7 +228,7 @@ def _carried_pieces(pieces: Sequence[Piece]) -> dict[Key, list[int]]:
 
 def pieces_on_turret(
     whole: PlacedPieces, part_of: Sequence[str | None], options: Options
-) -> tuple[Marked, list[Doubt]]:
+) -> tuple[MarkedParts, list[Doubt]]:
     """Return pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
@@ -227,7 +236,7 @@ def pieces_on_turret(
         return {}, []
     roots = {link_key(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
     parents = [link_key(chain[1]) if len(chain) > 1 else None for chain in chains]
-    named = sum(first_match(chains[i][0].name, TURRET) is not None for i in members)
+    named = sum(first_match(chains[i][0].name, TURRET_WORDS) is not None for i in members)
     if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > MAX_PREFIXED_TURRETS:
         return {}, []
     bounds = whole.bounds
@@ -271,10 +280,10 @@ def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
                 f'and gun to what rises; if nothing does, set turret = ""'
             )
         ]
-    if armed := next((p.name for p in pieces if first_match(p.name, ARMED)), None):
+    if armed := next((p.name for p in pieces if first_match(p.name, WEAPON_WORDS)), None):
         doubt = f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""'
         return [_parts_doubt(doubt)]
-    known = any(first_match(n, KNOWN) for p in pieces for n in (p.name, p.data))
+    known = any(first_match(n, KNOWN_WORDS) for p in pieces for n in (p.name, p.data))
     if len(pieces) > 1 and not known and _may_aim(whole.solids, low, high):
         return [_parts_doubt('its names name no part; set turret and gun if it has any, or turret = ""')]
     return []

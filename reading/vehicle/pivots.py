@@ -11,10 +11,10 @@ from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
 from hulldown.geometry.transforms import transform_points
-from hulldown.reading.pieces.naming import PIVOT, first_match, name_words
+from hulldown.reading.pieces.naming import PIVOT_WORDS, first_match, name_words
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link
-from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Key, Naming, link_key, pivot_named
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Naming, ObjectKey, link_key, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces
 
 MAX_ORIGIN_DISTANCE_SHARE = (
@@ -36,7 +36,7 @@ MAX_MIDDLE_DISTANCE_SHARE = (
     0.01  # share of the longest side: an origin this close to its mesh's middle was set automatically
 )
 
-_NAMED = re.compile(r"(?:kp_|keypoint[_.\- ]*)(.*)", re.IGNORECASE | re.DOTALL)
+_KEYPOINT_NAME = re.compile(r"(?:kp_|keypoint[_.\- ]*)(.*)", re.IGNORECASE | re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -99,7 +99,7 @@ def find_pivot(
     def first(some: list[Node]) -> Node | None:
         return min(some, key=rank, default=None)
 
-    helpers = [n for n in nodes if first_match(n.link.name, PIVOT) or pivot_named(n.link.name) == part]
+    helpers = [n for n in nodes if first_match(n.link.name, PIVOT_WORDS) or pivot_named(n.link.name) == part]
     if node := first([n for n in helpers if believed(n)]):
         return Pivot(whole.origin(node.link), f"origin of {node.link.name!r}, named pivot")
     if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY" and believed(n)]):
@@ -147,8 +147,8 @@ def _configured_pivot(whole: PlacedPieces, part: str, options: Options) -> Pivot
 
 
 def _part_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
-    links: dict[Key, tuple[Link, bool]] = {}
-    faces: dict[Key, int] = {}
+    links: dict[ObjectKey, tuple[Link, bool]] = {}
+    faces: dict[ObjectKey, int] = {}
     carried = [(piece.chain, piece.faces) for piece in own.pieces]
     for chain, count in [*carried, *((m, 0) for m in own.markers if read_keypoint(m[0].name) is None)]:
         for i, link in enumerate(chain):
@@ -290,7 +290,7 @@ def gun_ends(
 
 def read_keypoint(name: str) -> str | None:
     """Return the keypoint of an empty with this name; None if it isn't one."""
-    found = _NAMED.fullmatch(name)
+    found = _KEYPOINT_NAME.fullmatch(name)
     return (found[1] or name) if found else None
 
 

@@ -22,7 +22,7 @@ ROUND_TOLERANCE = (
 )
 WIDEST_GAP = np.radians(65.0)  # between points on the rim of what is round: a hexagon is, a box is not
 RIM_RADIUS_SHARE = 0.85  # of the largest radius: what lies beyond is the rim
-PARALLEL = float(np.cos(np.radians(4.0)))
+MIN_PARALLEL_COSINE = float(np.cos(np.radians(4.0)))
 LEAST_WHEELS = 4
 FLAT_WHEELS = 0.5  # centers of wheels lie in one plane, give or take this share of their radius
 
@@ -191,7 +191,11 @@ def find_wheels(solids: Solids) -> Wheels | None:
     for seed in np.argsort(-radius):
         if not left[seed] or radius[seed] <= 0:
             continue
-        alike = (np.abs(axle @ axle[seed]) > PARALLEL) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
+        alike = (
+            (np.abs(axle @ axle[seed]) > MIN_PARALLEL_COSINE)
+            & (radius > 0.75 * radius[seed])
+            & (radius < 1.34 * radius[seed])
+        )
         left &= ~alike
         found = _standing_wheels(center[alike], radius[alike], axle[seed])
         if found is not None and found[0] > best_score:

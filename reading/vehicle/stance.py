@@ -10,17 +10,17 @@ from jaxtyping import Float
 
 from hulldown.geometry.transforms import rotation_z, transform_points
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import GUN, GUN_HINTS, NOT_GUN, first_match, hinted_stem
+from hulldown.reading.pieces.naming import GUN_HINTS, GUN_WORDS, NOT_GUN, first_match, hinted_stem
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece
 from hulldown.reading.vehicle.nose import Direction, find_forward
 from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 
-UPS = ("z", "-z", "y", "-y", "x", "-x")
+UP_AXES = ("z", "-z", "y", "-y", "x", "-x")
 MAX_SUNK_RADII = 0.5  # radii: a vehicle that reaches lower than its wheels isn't upside down for sure
 MIN_SURE_WHEELS = 6  # wheels on one plane that are sure
-UPRIGHT = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
-NOSE = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
+MIN_UP_COSINE = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
+NOSE_YAWS = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -56,7 +56,7 @@ def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
     if wheels is None:
         return Direction(stated, "as the file states")
     up = up_matrix(stated)[:3, :3].T @ wheels.up
-    axis = next((axis for axis in UPS if float(up_matrix(axis)[2, :3] @ up) > UPRIGHT), None)
+    axis = next((axis for axis in UP_AXES if float(up_matrix(axis)[2, :3] @ up) > MIN_UP_COSINE), None)
     if axis is None:
         doubt = Doubt(DoubtKind.UP, "its wheels stand askew to the axes; set up, or turn it upright in Blender")
         return Direction(stated, "as the file states", doubt)
@@ -125,7 +125,7 @@ def _piece_triangles(upright: Upright, kept: Sequence[int]) -> Float[np.ndarray,
 
 def _forward_angle(forward: str | float | tuple[float, ...]) -> float:
     if isinstance(forward, str):
-        return NOSE[forward]
+        return NOSE_YAWS[forward]
     if isinstance(forward, tuple):
         return float(np.arctan2(forward[1], forward[0]))
     return float(np.radians(forward))
@@ -142,4 +142,4 @@ def vehicle_from_upright(angle: float) -> Float[np.ndarray, "4 4"]:
 
 def _named_gun(piece: Piece) -> bool:
     names = [link.name for link in piece.chain]
-    return any((first_match(n, GUN) or hinted_stem(n, GUN_HINTS)) and not first_match(n, NOT_GUN) for n in names)
+    return any((first_match(n, GUN_WORDS) or hinted_stem(n, GUN_HINTS)) and not first_match(n, NOT_GUN) for n in names)

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import FIGURES, STAGES, first_match, name_words
+from hulldown.reading.pieces.naming import PERSON_WORDS, STAGE_WORDS, first_match, name_words
 from hulldown.reading.pieces.roles import MAX_SUNK_SHARE, MUCH_LARGER, Piece
 from hulldown.reading.pieces.wording import as_key, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
@@ -19,7 +19,7 @@ from hulldown.reading.vehicle.things import piece_patterns, triangle_areas
 MAX_BELOW_SHARE = 0.03  # of the vehicle's height: a tire pressed into the ground
 MIN_OUTREACH_SHARE = 0.1  # of the length of the rest
 MIN_GAP_SHARE = 0.02  # of the rest's length: least gap around it
-BESIDE = (*STAGES, *FIGURES)  # without "plane", which armor plates are named too
+STRAY_WORDS = (*STAGE_WORDS, *PERSON_WORDS)  # without "plane", which armor plates are named too
 MIN_FAR_GAP_SHARE = 0.08  # least gap if it can't belong to the rest
 MAX_THING_DIAGONAL_SHARE = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
 MIN_HULL_SURFACE_SHARE = 0.35  # of the surface: what has more is no stray
@@ -96,7 +96,7 @@ def find_strays(
     backdrops = (sheets | around) & [
         _is_backdrop(own, meshes[p.mesh], sure_parts) for p, own in zip(pieces, whole.points, strict=True)
     ]
-    named = apart & [first_match(piece.name, BESIDE) is not None for piece in pieces]
+    named = apart & [first_match(piece.name, STRAY_WORDS) is not None for piece in pieces]
     sure = backdrops | named | (hidden & (regular | sheets)) | under
     reasons = (
         (backdrops, "a sheet that lies under the rest and rises beside it"),

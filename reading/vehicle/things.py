@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError, cKDTree
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.asset_report import Thing, format_xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import VEHICLES, first_match, name_words
+from hulldown.reading.pieces.naming import VEHICLE_WORDS, first_match, name_words
 from hulldown.reading.pieces.roles import Piece, is_wanted
 from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, touching_clusters
@@ -113,7 +113,7 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
 def _vehicle_library(whole: PlacedPieces) -> list[list[int]]:
     size = np.ptp(whole.bounds, axis=1)
     large = (size >= MIN_THING_DIAGONAL_SHARE * size.max(axis=0)).all(axis=1)
-    kinds = [first_match(piece.name, VEHICLES) for piece in whole.pieces]
+    kinds = [first_match(piece.name, VEHICLE_WORDS) for piece in whole.pieces]
     several = len(kinds) > 1 and len(set(kinds)) > 1 and all(kinds) and bool(large.all())
     return [[i] for i in range(len(kinds))] if several else []
 

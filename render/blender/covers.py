@@ -1,4 +1,4 @@
-"""Node groups for weather in materials: water (Lagarde, 2013), snow, or dust, by the share in a node `SHARE`."""
+"""Node groups for weather in materials: water (Lagarde, 2013), snow, or dust, by the node `SHARE_ATTRIBUTE`."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import Any
 import bpy
 
 from hulldown.blender.add_nodes import add_math, add_node, feed_input
-from hulldown.weather.kinds import KINDS
+from hulldown.weather.kinds import WEATHER_KINDS
 
-SHARE = "hulldown share"
-UP = (0.0, 0.0, 1.0)
-PLANE = "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
+SHARE_ATTRIBUTE = "hulldown share"
+UP_NORMAL = (0.0, 0.0, 1.0)
+UNDERSIDE_PROPERTY = (
+    "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
+)
 # Lagarde: a surface soaks up water if it is rougher than 0.5 (perceptual roughness), fully from 0.9 on.
 POROUS_FROM, POROUS_AT = 0.5, 0.9
 WET_DIFFUSE = 0.6  # of the dry albedo where fully porous; his 0.2 turns soil twice as dark as measured
@@ -23,11 +25,11 @@ DUST_FULL_TO, DUST_TO = 0.2, 1.2  # meters above a vehicle's underside
 DUST_ON_TOPS = 0.35  # of what lies on the lower parts; on scenery too
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
 WATER_SPECULAR = 0.5  # of the usual 4 % that a surface reflects head-on
-PATCHES = (9.0, 1.4, 0.12)  # meters: drifts, patches, and grass that sticks out of thin snow
+PATCH_SIZES_M = (9.0, 1.4, 0.12)  # meters: drifts, patches, and grass that sticks out of thin snow
 PATCH_WEIGHTS = (0.6, 0.65, 0.45)  # of each; their squares add up to 1
 PATCH_EDGE = 0.45  # width of an edge where half the ground is covered, as a share of the noise; at most 0.5
 DUST_PATCH = 0.5  # meters
-NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one size looks like camouflage
+PATCH_NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one size looks like camouflage
 NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # of it, measured
 SKY_REACH = 10.0  # meters; things higher above don't keep snow off
 SKY_RAYS = 2
@@ -46,7 +48,7 @@ class Group:
         self.given = self.tree.nodes.new("NodeGroupInput").outputs
         self._end = self.tree.nodes.new("NodeGroupOutput")
         self.share = self.add("Value").outputs[0]
-        self.share.node.name = SHARE
+        self.share.node.name = SHARE_ATTRIBUTE
         self.share.default_value = 0.0
 
     def add(self, kind: str, inputs: dict[Any, Any] | None = None, /, **settings: Any) -> Any:
@@ -73,7 +75,7 @@ class Group:
         """
         total: Any = NOISE_MEAN * (1.0 - sum(weights))
         for size, weight in zip(sizes, weights, strict=True):
-            noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, **NOISE})
+            noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, **PATCH_NOISE})
             total = self.maths("MULTIPLY_ADD", noise.outputs[0], weight, total)
         reach = 2.1 * NOISE_SPREAD  # of a smooth step that is nearly the normal distribution
         return self.add_ramp(total, NOISE_MEAN - reach, NOISE_MEAN + reach)
@@ -124,19 +126,19 @@ def snow_group(name: str) -> Any:
     g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
     low, high = (math.cos(math.radians(slope)) for slope in (SNOW_SLIDES_FROM, SNOW_LIES_TO))
-    lies = g.add_ramp(g.add_dot(seen["Normal"], UP), low, high)
+    lies = g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), low, high)
     # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
     reach = g.maths("MULTIPLY", wanted, SKY_REACH)
     # About straight up, a slope would hide half of its own sky; about its normal, it would look for it in the ground.
     between = g.add(
-        "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: UP}).outputs[0]}, operation="NORMALIZE"
+        "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: UP_NORMAL}).outputs[0]}, operation="NORMALIZE"
     )
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, SKY_HIDDEN, SKY_OPEN))
-    patches = g.even_noise(seen["Position"], PATCHES, PATCH_WEIGHTS)
+    patches = g.even_noise(seen["Position"], PATCH_SIZES_M, PATCH_WEIGHTS)
     # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
     edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE, 1e-4)
@@ -151,9 +153,9 @@ def dust_group(name: str, *, climbs: bool) -> Any:
     g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
     uneven = g.even_noise(seen["Position"], (DUST_PATCH,))
-    lies = g.maths("MULTIPLY", g.add_ramp(g.add_dot(seen["Normal"], UP), 0.5, 1.0), DUST_ON_TOPS)
+    lies = g.maths("MULTIPLY", g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), 0.5, 1.0), DUST_ON_TOPS)
     if climbs:
-        plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=PLANE).outputs
+        plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=UNDERSIDE_PROPERTY).outputs
         height = g.maths("ADD", g.add_dot(seen["Position"], plane["Vector"]), plane["Alpha"])
         ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
         low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, DUST_FULL_TO, DUST_TO))
@@ -168,7 +170,7 @@ def _cover_group(name: str) -> Group:
 
 def _finish_cover(g: Group, share: Any, weather: str) -> Any:
     """Finish a kind of weather's cover; holes in the surface stay holes."""
-    albedo = KINDS[weather].cover_albedo
+    albedo = WEATHER_KINDS[weather].cover_albedo
     assert albedo is not None
     matt = g.add("BsdfDiffuse", {"Color": (*albedo, 1.0)}).outputs[0]
     solid = g.maths("MULTIPLY", share, g.given["Opacity"])

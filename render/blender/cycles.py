@@ -11,7 +11,7 @@ import bpy
 from hulldown.render.blender.messages import CyclesSettings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
-OIDN = "OPENIMAGEDENOISE"
+DENOISER = "OPENIMAGEDENOISE"
 NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
 FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) busy-waits on another core
@@ -112,7 +112,7 @@ def set_exposure(scene: Any, settings: CyclesSettings, exposure: float, white_ba
 
 def _enable_denoiser(cycles: Any, *, gpu: bool) -> None:
     try:
-        cycles.denoiser = OIDN
+        cycles.denoiser = DENOISER
     except TypeError:  # the distributions' builds often lack it
         raise Unusable(
             f"Blender {bpy.app.version_string} was built without OpenImageDenoise",

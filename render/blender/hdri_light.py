@@ -17,7 +17,7 @@ from hulldown.camera.backdrop import HIGH, even_color, fade_sines
 from hulldown.render.blender.messages import LightInput
 from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 
-HIGHEST = math.radians(89.0)  # of what the camera sees lifted
+MAX_LIFT_RADIANS = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
 MOST_MAPS = 16  # of HDRIs that are kept; each takes 0.8 MB
 FINE_MAP_COLUMNS = (
@@ -78,7 +78,7 @@ class HdriWorld:
         self._link_nodes(seen, self._texture.inputs["Vector"])
         color = self._texture.outputs["Color"]
         if horizon is not None and horizon > HIGH:
-            color = self._veil.visible_color(min(horizon, HIGHEST), even_color(self._map_of_path(), horizon))
+            color = self._veil.visible_color(min(horizon, MAX_LIFT_RADIANS), even_color(self._map_of_path(), horizon))
         self._link_nodes(color, self._background.inputs["Color"])
 
     def _link_nodes(self, output: Any, socket: Any) -> None:
@@ -159,7 +159,7 @@ class _Lifted:
         self._lifted = add_node(tree, "CombineXYZ", {0: x, 1: y, 2: seen})
 
     def lifted_directions(self, horizon: float) -> Any:
-        self._slope.inputs[1].default_value = math.tan(min(horizon, HIGHEST))
+        self._slope.inputs[1].default_value = math.tan(min(horizon, MAX_LIFT_RADIANS))
         return self._lifted.outputs[0]
 
 

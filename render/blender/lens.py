@@ -14,9 +14,9 @@ from hulldown.camera.distortion import seen_radius
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.render.blender.cycles import Unusable
 
-DEVICES = ("CPU", "OPTIX")  # on which Cycles runs such cameras
+LENS_DEVICES = ("CPU", "OPTIX")  # on which Cycles runs such cameras
 # Newton's method, as in `camera.distortion.undistort_points`; a sample that has no ray stays black.
-SOURCE = """shader hulldown_lens(
+SHADER_SOURCE = """shader hulldown_lens(
     output point position = 0.0, output vector direction = vector(0.0, 0.0, 1.0), output color throughput = 1.0)
 {{
   point raster = camera_shader_raster_position();
@@ -61,7 +61,7 @@ def set_lens(camera: Any, intrinsics: Intrinsics, near: float) -> None:
     values |= dict(zip(("k1", "k2", "p1", "p2", "k3"), intrinsics.distortion, strict=True))
     limit = min(seen_radius(intrinsics.distortion) ** 2, 1e6)
     values |= {"width": intrinsics.width, "height": intrinsics.height, "limit": limit, "near": near}
-    code = _compile_shader(SOURCE.format(**{name: f"{value:.9e}" for name, value in values.items()}))
+    code = _compile_shader(SHADER_SOURCE.format(**{name: f"{value:.9e}" for name, value in values.items()}))
     if camera.type != "CUSTOM" or camera.custom_bytecode != code:
         camera.type, camera.custom_mode = "CUSTOM", "INTERNAL"
         camera.custom_bytecode = code

@@ -13,17 +13,17 @@ from hulldown.blender.opacity_nodes import show_opacity
 from hulldown.blender.shaders import is_volume
 from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CyclesSettings
-from hulldown.render.blender.scene import Stage
+from hulldown.render.blender.scene import BlenderScene
 
 FIRST_OBJECT_NUMBER = 30000  # first object number of vehicles; files number their own objects from 1
-DRESSED = "hulldown index"
+INDEX_NODE_LABEL = "hulldown index"
 ONE_RAY = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 
 
 class IndexPictures:
     """A stage that renders object numbers."""
 
-    def __init__(self, stage: Stage, *, device: str, threads: int = 0) -> None:
+    def __init__(self, stage: BlenderScene, *, device: str, threads: int = 0) -> None:
         self.stage = stage
         self._bare = bpy.data.scenes.new("hulldown bare")
         self._bare.collection.objects.link(stage.root)
@@ -61,11 +61,11 @@ class IndexPictures:
 
     def _emit_numbers(self) -> None:
         for material in bpy.data.materials:
-            if DRESSED not in material and not material.is_grease_pencil:
+            if INDEX_NODE_LABEL not in material and not material.is_grease_pencil:
                 if material.node_tree is None:  # before Blender 5.0 it may have none
                     material.use_nodes = True
                 show_opacity(material, _emit_index)
-                material[DRESSED] = True
+                material[INDEX_NODE_LABEL] = True
         for blocks in (bpy.data.meshes, bpy.data.curves, bpy.data.hair_curves, bpy.data.metaballs):
             for data in blocks:
                 if not data.materials:

@@ -12,8 +12,8 @@ from hulldown.blender.nodes import nested_trees
 from hulldown.blender.shaders import BASE_COLORS
 
 MID_GRAY = 0.18  # linear; a painted surface of this brightness has the paint's own, black half of it, white 1.35 times
-PREFIX = "hulldown paint "  # of the properties' names
-Colors = Mapping[str, tuple[float, float, float]]  # linear, by the material's name
+PROPERTY_PREFIX = "hulldown paint "  # of the properties' names
+PaintColors = Mapping[str, tuple[float, float, float]]  # linear, by the material's name
 
 
 class PaintedMaterials:
@@ -28,16 +28,16 @@ class PaintedMaterials:
                     self._materials.setdefault(slot.material.name, slot.material)
         self._properties: dict[str, str] = {}  # by name, of those that have been painted
 
-    def is_first(self, colors: Colors) -> bool:
+    def is_first(self, colors: PaintColors) -> bool:
         """Return whether one of these materials is painted for the first time."""
         return bool((colors.keys() & self._materials.keys()) - self._properties.keys())
 
-    def paint(self, objects: Iterable[Any], colors: Colors) -> None:
+    def paint(self, objects: Iterable[Any], colors: PaintColors) -> None:
         """Paint a copy of the vehicle, replacing earlier paint."""
         named = {name: color for name, color in colors.items() if name in self._materials}
         wanted = {self._property(name): (*color, 1.0) for name, color in named.items()}
         for obj in objects:
-            before = {key: tuple(value) for key, value in obj.items() if key.startswith(PREFIX)}
+            before = {key: tuple(value) for key, value in obj.items() if key.startswith(PROPERTY_PREFIX)}
             if before == wanted:
                 continue
             for key in before:
@@ -48,7 +48,7 @@ class PaintedMaterials:
 
     def _property(self, material: str) -> str:
         if material not in self._properties:
-            self._properties[material] = f"{PREFIX}{len(self._properties)}"
+            self._properties[material] = f"{PROPERTY_PREFIX}{len(self._properties)}"
             _insert_paint(self._own(material).node_tree, self._properties[material])
         return self._properties[material]
 

@@ -11,19 +11,19 @@ import bpy
 import numpy as np
 
 from hulldown.render.blender import cycles
-from hulldown.render.blender.lens import DEVICES as LENS_DEVICES
+from hulldown.render.blender.lens import LENS_DEVICES as LENS_DEVICES
 from hulldown.render.blender.messages import BlendJob, CyclesSettings, Job, MaskJob, RenderJob, StartJob
 from hulldown.render.blender.object_index import IndexPictures
 from hulldown.render.blender.reply import Reply
 from hulldown.render.blender.saved_scene import save_scene
-from hulldown.render.blender.scene import Stage
+from hulldown.render.blender.scene import BlenderScene
 
 
 class Renderer:
     """Renders jobs, keeping the scenery and the device between them."""
 
     def __init__(self) -> None:
-        self._stage: Stage | None = None
+        self._stage: BlenderScene | None = None
         self._index: IndexPictures | None = None
         self._loaded: tuple[type, str] | None = None  # what the stage was set up from
         self._inputs: dict[str, tuple[object, ...]] = {}  # what each part of its scene was last set up from
@@ -53,20 +53,20 @@ class Renderer:
         self._threads = job.threads
         return Reply(device=self._device, devices=count)
 
-    def _prepare_stage(self, job: RenderJob | MaskJob) -> Stage:
+    def _prepare_stage(self, job: RenderJob | MaskJob) -> BlenderScene:
         wanted = type(job), job.scenery
         if any(job.camera.intrinsics.distortion) and self._device.split()[0] not in LENS_DEVICES:
             problem = f"Cycles renders `camera.distortion` on {' and '.join(LENS_DEVICES)} only, not on {self._device}"
             raise cycles.Unusable(problem, "use --device cpu or optix")
         if self._stage is None or self._loaded != wanted:
             self.forget_assets()
-            self._stage = Stage(job.scenery)
+            self._stage = BlenderScene(job.scenery)
             if isinstance(job, MaskJob):
                 self._index = IndexPictures(self._stage, device=self._device, threads=self._threads)
             self._loaded = wanted
         return self._stage
 
-    def _prepare_scene(self, job: RenderJob) -> Stage:
+    def _prepare_scene(self, job: RenderJob) -> BlenderScene:
         stage = self._prepare_stage(job)
         self._set_part("settings", self._configure_scene, job.settings)
         self._set_part("vehicles", stage.place_vehicles, job.vehicles)

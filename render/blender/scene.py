@@ -11,8 +11,8 @@ import numpy as np
 
 from hulldown.blender.frames import set_pose, world_from_blender_camera
 from hulldown.blender.opening import disarm_file, open_blend
-from hulldown.blender.tidy_properties import PART, REST, VISIBILITY
-from hulldown.render.blender.covers import PLANE
+from hulldown.blender.tidy_properties import PART_PROPERTY, REST_PROPERTY, VISIBILITY_FLAGS
+from hulldown.render.blender.covers import UNDERSIDE_PROPERTY
 from hulldown.render.blender.cycles import Unusable
 from hulldown.render.blender.fog import Fog
 from hulldown.render.blender.hdri_light import HdriWorld
@@ -21,7 +21,7 @@ from hulldown.render.blender.messages import CameraInput, VehicleInput
 from hulldown.render.blender.paint_nodes import PaintedMaterials
 from hulldown.render.blender.streaks import Precipitation, falling_streaks
 from hulldown.render.blender.surfaces import Surfaces
-from hulldown.weather.kinds import KINDS, Weather, airlight_radiance
+from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
 
 MAX_VEHICLES = 8  # vehicle files kept in memory if rows have companions, which recur
 SENSOR_WIDTH = 36.0
@@ -29,7 +29,7 @@ SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
 CLIP_END_M = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
 
 
-class Stage:
+class BlenderScene:
     """The tidy twin of a scenery with our own camera and light, to be set up for one row after the other."""
 
     def __init__(self, tidy: str) -> None:
@@ -75,8 +75,8 @@ class Stage:
             parts = np.asarray(vehicle.world_from_parts, dtype=np.float64)
             above = np.linalg.inv(parts[0])[2].tolist()
             for obj in objects:
-                obj[PLANE] = above
-                set_pose(obj, parts[obj[PART]] @ np.array(obj[REST]).reshape(4, 4))
+                obj[UNDERSIDE_PROPERTY] = above
+                set_pose(obj, parts[obj[PART_PROPERTY]] @ np.array(obj[REST_PROPERTY]).reshape(4, 4))
             if loaded.painted.is_first(vehicle.paint):
                 self.surfaces.clear()  # paint is inserted below water and snow
             loaded.painted.paint(objects, vehicle.paint)
@@ -132,7 +132,7 @@ class Stage:
         if streaks is None:
             self.precipitation.clear()
         else:
-            radiance = glow * KINDS[weather.kind].share_of_sky
+            radiance = glow * WEATHER_KINDS[weather.kind].share_of_sky
             self.precipitation.draw_streaks(streaks, radiance, pose[:3, 3])
 
 
@@ -146,7 +146,7 @@ class _LoadedVehicle:
         for obj in collection.objects:
             obj.parent = root
             obj.matrix_basis.identity()  # `set_pose` has the whole transform
-        self._looks = [[getattr(obj, ray) for ray in VISIBILITY] for obj in collection.objects]  # as in the file
+        self._looks = [[getattr(obj, ray) for ray in VISIBILITY_FLAGS] for obj in collection.objects]  # as in the file
         scene.collection.children.link(collection)
 
     def copy(self, number: int) -> list[Any]:
@@ -161,7 +161,7 @@ class _LoadedVehicle:
     def show(self, copies: int) -> None:
         for number, collection in enumerate(self._collections):
             for obj, look in zip(collection.objects, self._looks, strict=True):
-                for ray, seen in zip(VISIBILITY, look, strict=True):
+                for ray, seen in zip(VISIBILITY_FLAGS, look, strict=True):
                     if getattr(obj, ray) != (shown := seen and number < copies):
                         setattr(obj, ray, shown)
 

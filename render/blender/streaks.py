@@ -12,15 +12,15 @@ from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.frames import set_pose
 from hulldown.render.blender.fog import set_hidden
 from hulldown.render.blender.messages import CameraInput
-from hulldown.weather.kinds import KINDS, Weather
+from hulldown.weather.kinds import WEATHER_KINDS, Weather
 from hulldown.weather.precipitation import Streaks, drops_in_view, streak_quads, symmetric_view
 
-NAME = "hulldown precipitation"
+STREAKS_NAME = "hulldown precipitation"
 
 
 def falling_streaks(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
     """Streaks in front of a camera; None in weather without rain or snow."""
-    sizes_of = KINDS[weather.kind].sizes
+    sizes_of = WEATHER_KINDS[weather.kind].sizes
     if sizes_of is None:
         return None
     pose = np.array(camera.world_from_camera)
@@ -35,7 +35,7 @@ class Precipitation:
         self._object = obj
         for rays in ("diffuse", "glossy", "transmission", "volume_scatter", "shadow"):
             setattr(obj, f"visible_{rays}", False)
-        material = bpy.data.materials.new(NAME)
+        material = bpy.data.materials.new(STREAKS_NAME)
         material.cycles.emission_sampling = "NONE"  # otherwise they'd be thousands of lamps
         self._emission = _glow_by_opacity(material.node_tree)
         obj.data.materials.append(material)

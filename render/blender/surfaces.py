@@ -9,24 +9,24 @@ import bpy
 import numpy as np
 
 from hulldown.blender.nodes import material_output, nested_trees
-from hulldown.blender.opacity_nodes import SOCKET, opacity_socket
+from hulldown.blender.opacity_nodes import OPACITY_SOCKET, opacity_socket
 from hulldown.blender.shaders import is_clear
-from hulldown.reading.pieces.naming import NOT_WATER, WATER, WATERS, first_match
+from hulldown.reading.pieces.naming import NOT_WATER, WATER_BODY_WORDS, WATER_WORDS, first_match
 from hulldown.render.blender import covers
-from hulldown.weather.kinds import KINDS
+from hulldown.weather.kinds import WEATHER_KINDS
 
-MARK = "hulldown weather"  # label of inserted nodes
-OURS = "hulldown"  # begins the names of the stage's own materials
+NODE_LABEL = "hulldown weather"  # label of inserted nodes
+MATERIAL_PREFIX = "hulldown"  # begins the names of the stage's own materials
 SCENERY, VEHICLES = "scenery", "vehicles"
-UNTOUCHED = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")
+UNCOVERED_SHADERS = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")
 
 # By the name of a cover, the node groups that make it, of a name and for vehicles or not.
-COVERS: Mapping[str, Callable[[str, bool], list[Any]]] = {
+COVER_BUILDERS: Mapping[str, Callable[[str, bool], list[Any]]] = {
     "water": lambda name, vehicles: [covers.wetting_group(name, film=vehicles), covers.soaking_group(f"{name}, matt")],
     "snow": lambda name, vehicles: [covers.snow_group(name)],
     "dust": lambda name, vehicles: [covers.dust_group(name, climbs=vehicles)],
 }
-Shape = tuple[tuple[str, int], ...]  # names of a material's node tree and the groups in it, with their nodes
+NodeTreeShape = tuple[tuple[str, int], ...]  # names of a material's node tree and the groups in it, with their nodes
 
 
 class Surfaces:
@@ -35,12 +35,12 @@ class Surfaces:
     def __init__(self) -> None:
         self._kind = ""
         self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
-        self._dressed: dict[int, Shape] = {}  # by session id of a material
+        self._dressed: dict[int, NodeTreeShape] = {}  # by session id of a material
         self.left: list[str] = []  # materials without a shader that rain can change
 
     def set(self, kind: str, ground: float, vehicle: float, vehicles: Iterable[Any]) -> None:
         """Cover scenery and vehicles, each by shares from 0 to 1 of water in pores, snow on level ground, or dust."""
-        kind = kind if KINDS[kind].surfaces and max(ground, vehicle) > 0 else ""
+        kind = kind if WEATHER_KINDS[kind].surfaces and max(ground, vehicle) > 0 else ""
         if kind != self._kind or any(self._dressed.get(m.session_uid, s) != s for m, s in _scene_materials()):
             self.clear()
             self._kind = kind
@@ -49,7 +49,7 @@ class Surfaces:
         self._dress_new({slot.material for obj in vehicles for slot in obj.material_slots})
         for wearer, share in ((SCENERY, ground), (VEHICLES, vehicle)):
             for group in self._cover_group(wearer):
-                value = group.nodes[covers.SHARE].outputs[0]
+                value = group.nodes[covers.SHARE_ATTRIBUTE].outputs[0]
                 if value.default_value != np.float32(share):  # setting it would have Cycles compile all shaders anew
                     value.default_value = share
 
@@ -76,12 +76,12 @@ class Surfaces:
     def _cover_group(self, wearer: str) -> list[Any]:
         key = self._kind, wearer
         if key not in self._groups:
-            name = f"{OURS} {self._kind} on {wearer}"
-            self._groups[key] = COVERS[KINDS[self._kind].surfaces](name, wearer == VEHICLES)
+            name = f"{MATERIAL_PREFIX} {self._kind} on {wearer}"
+            self._groups[key] = COVER_BUILDERS[WEATHER_KINDS[self._kind].surfaces](name, wearer == VEHICLES)
         return self._groups[key]
 
     def _cover_material(self, material: Any, wearer: str) -> None:
-        groups, cover = self._cover_group(wearer), KINDS[self._kind].surfaces
+        groups, cover = self._cover_group(wearer), WEATHER_KINDS[self._kind].surfaces
         if cover == "water":
             wetted = [_wet_shaders(tree, *groups) for tree in nested_trees(material.node_tree)]
             if not any(wetted):
@@ -90,14 +90,14 @@ class Surfaces:
             _cover_output(material, groups[0])
 
 
-def _scene_materials() -> Iterator[tuple[Any, Shape]]:
+def _scene_materials() -> Iterator[tuple[Any, NodeTreeShape]]:
     for material in list(bpy.data.materials):
-        if material.node_tree and not material.is_grease_pencil and not material.name.startswith(OURS):
+        if material.node_tree and not material.is_grease_pencil and not material.name.startswith(MATERIAL_PREFIX):
             yield material, tuple((tree.name, len(tree.nodes)) for tree in nested_trees(material.node_tree))
 
 
 def _is_water(material: Any) -> bool:
-    wet = first_match(material.name, (*WATER, *WATERS)) and not first_match(material.name, NOT_WATER)
+    wet = first_match(material.name, (*WATER_WORDS, *WATER_BODY_WORDS)) and not first_match(material.name, NOT_WATER)
     return bool(wet) or is_clear(material)
 
 
@@ -107,9 +107,9 @@ def _wet_shaders(tree: Any, principled: Any, matt: Any) -> int:
         if node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE"):
             group = principled if node.type == "BSDF_PRINCIPLED" else matt
             outputs = [item.name for item in group.interface.items_tree if item.in_out == "OUTPUT"]
-            if not any(link.from_node.label == MARK for link in node.inputs[outputs[0]].links):
+            if not any(link.from_node.label == NODE_LABEL for link in node.inputs[outputs[0]].links):
                 _insert_group(tree, node, group, outputs)
-        understood += node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE", *UNTOUCHED)
+        understood += node.type in ("BSDF_PRINCIPLED", "BSDF_DIFFUSE", *UNCOVERED_SHADERS)
     return understood
 
 
@@ -134,7 +134,7 @@ def _cover_output(material: Any, group: Any) -> None:
     for inner, nodes in before:
         for node in inner.nodes:
             if node.as_pointer() not in nodes:
-                node.label = MARK
+                node.label = NODE_LABEL
     node, surface = _group_node(tree, group), output.inputs["Surface"]
     tree.links.new(surface.links[0].from_socket, node.inputs["Surface"])
     tree.links.new(node.outputs["Surface"], surface)
@@ -146,12 +146,12 @@ def _cover_output(material: Any, group: Any) -> None:
 
 def _group_node(tree: Any, group: Any) -> Any:
     node = tree.nodes.new("ShaderNodeGroup")
-    node.node_tree, node.label = group, MARK
+    node.node_tree, node.label = group, NODE_LABEL
     return node
 
 
 def _remove_nodes(tree: Any) -> None:
-    marked = [node for node in tree.nodes if node.label == MARK]
+    marked = [node for node in tree.nodes if node.label == NODE_LABEL]
     for node in marked:
         for socket in node.outputs if node.bl_idname == "ShaderNodeGroup" else ():
             given = node.inputs[socket.name]
@@ -160,5 +160,5 @@ def _remove_nodes(tree: Any) -> None:
                     tree.links.new(given.links[0].from_socket, link.to_socket)
     for node in marked:
         tree.nodes.remove(node)
-    for item in [item for item in tree.interface.items_tree if item.name.startswith(SOCKET)]:
+    for item in [item for item in tree.interface.items_tree if item.name.startswith(OPACITY_SOCKET)]:
         tree.interface.remove(item)

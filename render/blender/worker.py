@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from hulldown.render.blender.messages import Job
 
-OLDEST = (5, 0)  # Blender; older ones keep compositor and world nodes elsewhere
+OLDEST_BLENDER = (5, 0)  # Blender; older ones keep compositor and world nodes elsewhere
 
 
 def main() -> int:
@@ -37,14 +37,14 @@ def main() -> int:
     threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
     import bpy  # takes a second, and its messages belong in the log
 
-    from hulldown.render.blender.reply import BEGINNING, Reply
+    from hulldown.render.blender.reply import REPLY_PREFIX, Reply
 
     def reply(message: Reply) -> None:
-        replies.write(BEGINNING + json.dumps(vars(message)) + "\n")
+        replies.write(REPLY_PREFIX + json.dumps(vars(message)) + "\n")
         replies.flush()
 
-    if bpy.app.version < OLDEST:
-        wanted = ".".join(map(str, OLDEST))
+    if bpy.app.version < OLDEST_BLENDER:
+        wanted = ".".join(map(str, OLDEST_BLENDER))
         reply(Reply(unusable=f"it is Blender {bpy.app.version_string}", remedy=f"use version {wanted} or later"))
         return 1
     try:

@@ -19,7 +19,7 @@ from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.footprint import contact_footprint, vehicle_underside
 from hulldown.placement.rest import support_plane
-from hulldown.placement.settle import RULES, SettleRules, settle
+from hulldown.placement.settle import REST_RULES, SettleRules, settle
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.obstacles import Obstacles
@@ -193,7 +193,7 @@ RAYS, GRID, LINE = (
 SCENES = [InstancedScene([], [], []), InstancedScene([CUBE], [], np.zeros((0, 4, 4))), InstancedScene([CUBE], [0], ONE)]
 NO_ROWS = [
     (lambda: Terrain(FLOOR).top_hits(np.empty((0, 2))).normal, (0, 3)),
-    *((lambda r=r: settled(n=0, rules=SettleRules(rule=r)).world_from_vehicle, (0, 4, 4)) for r in RULES),
+    *((lambda r=r: settled(n=0, rules=SettleRules(rule=r)).world_from_vehicle, (0, 4, 4)) for r in REST_RULES),
     (lambda: SCENES[0].bounds, (0, 2, 3)),
     (lambda: support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).gradient, (0, 2)),
     *((lambda s=scene: s.first_hits(RAYS).distance, (0,)) for scene in SCENES),

@@ -12,7 +12,7 @@ from hulldown.assets.plan_assets import asset_fingerprint
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.geometry.alpha import GRADES, AlphaMap, Cutouts, Extension
+from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Cutouts, Extension
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.tests.builders.shapes import scenery_of, vehicle_of
 
@@ -87,7 +87,7 @@ def test_a_fingerprint_tells_a_moved_vertex_and_a_turned_face_from_rounding() ->
 
 def test_holes_round_trip_and_each_texture_is_stored_once(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    curve = (GRADES > 0.4).astype(np.float32)
+    curve = (TEXEL_GRADES > 0.4).astype(np.float32)
     soft = AlphaMap(rng.integers(0, 256, (8, 8)).astype(np.uint8))
     stepped = AlphaMap(soft.texels, Extension.CLIP, smooth=False, curve=curve)
     floats = AlphaMap(np.full((2, 3), 0.25, dtype=np.float32))

@@ -11,9 +11,9 @@ from hulldown.conftest import PACKAGES
 @pytest.fixture
 def copied(tmp_path, monkeypatch):
     for name in PACKAGES:
-        if (code.ROOT / name).is_dir():
-            shutil.copytree(code.ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
-    monkeypatch.setattr(code, "ROOT", tmp_path)
+        if (code.PACKAGE_FOLDER / name).is_dir():
+            shutil.copytree(code.PACKAGE_FOLDER / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+    monkeypatch.setattr(code, "PACKAGE_FOLDER", tmp_path)
     return tmp_path
 
 

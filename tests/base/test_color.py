@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from hulldown.base.color import LUMINANCE, linear_color, linear_from_srgb, srgb_from_linear
+from hulldown.base.color import LUMINANCE_WEIGHTS, linear_color, linear_from_srgb, srgb_from_linear
 
 
 def test_colors_are_linear_light():
     assert linear_color("#ffffff") == (1.0, 1.0, 1.0)
     assert linear_color("#808080") == pytest.approx((0.2158605,) * 3)
-    assert LUMINANCE.sum() == pytest.approx(1.0)
+    assert LUMINANCE_WEIGHTS.sum() == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])

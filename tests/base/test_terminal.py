@@ -9,7 +9,7 @@ from hulldown.base.terminal import Terminal, titled_bar, track_items
 def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
     out, now = io.StringIO(), [0.0]
     console = Terminal(file=out, force_terminal=True, width=150, get_time=lambda: now[0])
-    monkeypatch.setattr(terminal, "STDERR", console)
+    monkeypatch.setattr(terminal, "STDERR_TERMINAL", console)
     with titled_bar(unit="images") as advance:
         advance("rendering on 1 worker", 10, 40)  # images of an earlier run, which don't count for the speed
         for finished in (11, 12):
@@ -22,7 +22,7 @@ def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
 
 def test_tracked_items_move_a_bar_that_an_error_ends(monkeypatch):
     out = io.StringIO()
-    monkeypatch.setattr(terminal, "STDERR", Terminal(file=out, force_terminal=True, width=150))
+    monkeypatch.setattr(terminal, "STDERR_TERMINAL", Terminal(file=out, force_terminal=True, width=150))
     assert list(track_items("checking", iter("abc"), 3)) == ["a", "b", "c"]
     assert "3/3" in out.getvalue()
     try:
@@ -35,6 +35,6 @@ def test_tracked_items_move_a_bar_that_an_error_ends(monkeypatch):
 
 def test_tracked_items_have_no_bar_in_a_file(monkeypatch):
     out = io.StringIO()
-    monkeypatch.setattr(terminal, "STDERR", Terminal(file=out))
+    monkeypatch.setattr(terminal, "STDERR_TERMINAL", Terminal(file=out))
     assert list(track_items("checking", "abc", 3)) == ["a", "b", "c"]
     assert out.getvalue() == ""

@@ -17,7 +17,7 @@ import numpy as np
 from PIL import Image
 
 from hulldown.blender.add_nodes import add_node
-from hulldown.blender.tidy_properties import PART, REST
+from hulldown.blender.tidy_properties import PART_PROPERTY, REST_PROPERTY
 from hulldown.tests.builders.blend_parts import collection, cube, fresh, from_library, link, place, save
 from hulldown.tests.builders.node_trees import node_group, shader_of, textured, write_picture
 
@@ -195,7 +195,7 @@ def as_vehicle():
     vehicle = collection("A vehicle")
     for obj in [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]:
         vehicle.objects.link(obj)
-        obj[PART], obj[REST] = 0, np.eye(4).ravel().tolist()
+        obj[PART_PROPERTY], obj[REST_PROPERTY] = 0, np.eye(4).ravel().tolist()
 
 
 def gltf(path, owner, uri):

@@ -7,31 +7,31 @@ from pathlib import Path
 
 from distributed import get_worker
 
-from hulldown.cluster.workers import Answer, task_is_wanted
+from hulldown.cluster.workers import TaskResult, task_is_wanted
 
 
 def address_unless(refused):
     """Answer with the worker's address; the worker at `refused` refuses."""
     address = str(get_worker().address)
-    return "is slow" if address == refused else Answer(address)
+    return "is slow" if address == refused else TaskResult(address)
 
 
 def fails(reason):
     """Fail on each worker."""
-    return Answer(f"{reason} on {get_worker().address}", has_failed=True)
+    return TaskResult(f"{reason} on {get_worker().address}", has_failed=True)
 
 
 def fails_on(bad):
     """Answer with the worker's address; the worker at `bad` fails."""
     address = str(get_worker().address)
-    return Answer(address, has_failed=address == bad)
+    return TaskResult(address, has_failed=address == bad)
 
 
 def kills_its_worker(deadly):
     """End the worker at once if the job is deadly."""
     if deadly:
         os.kill(os.getpid(), signal.SIGKILL)
-    return Answer("done")
+    return TaskResult("done")
 
 
 def until_unwanted(folder):
@@ -41,7 +41,7 @@ def until_unwanted(folder):
     while is_wanted():
         time.sleep(0.05)
     (Path(folder) / "ended").touch()
-    return Answer(None)
+    return TaskResult(None)
 
 
 def slow_at_first(folder):
@@ -49,6 +49,6 @@ def slow_at_first(folder):
     try:
         (Path(folder) / "called").touch(exist_ok=False)
     except FileExistsError:
-        return Answer("second")
+        return TaskResult("second")
     time.sleep(600)
-    return Answer("first")
+    return TaskResult("first")

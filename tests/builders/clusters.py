@@ -16,7 +16,7 @@ from distributed import Client
 
 from hulldown.base.outputs import LOCK_NAME
 from hulldown.dataset.store.document import JOURNAL_NAME
-from hulldown.dataset.store.journal import MERGED
+from hulldown.dataset.store.journal import MERGED_LINE
 from hulldown.render.session import LOGS_NAME
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -135,7 +135,7 @@ def digests(dataset):
         name = path.relative_to(dataset)
         if path.is_file() and name.parts[0] not in (LOGS_NAME, LOCK_NAME):
             lines = path.read_bytes().splitlines(keepends=True)
-            lines = sorted(line for line in lines if line != MERGED) if name == Path(JOURNAL_NAME) else lines
+            lines = sorted(line for line in lines if line != MERGED_LINE) if name == Path(JOURNAL_NAME) else lines
             found[str(name)] = hashlib.sha256(b"".join(lines)).hexdigest()
     return found
 

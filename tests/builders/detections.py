@@ -48,13 +48,13 @@ def matched(coco, found):
 
 
 def by_position(seen):
-    """`metrics.SUMS` of each position."""
+    """`metrics.SUM_METRICS` of each position."""
     all_of = {"of_detection": np.zeros(len(seen.box), dtype=int), "of_label": np.zeros(len(seen.detection), dtype=int)}
     return grouped_sums(seen, **all_of, bins=1)[:, 0]
 
 
 def total(seen):
-    """`metrics.SUMS` of all images and classes."""
+    """`metrics.SUM_METRICS` of all images and classes."""
     return by_position(seen).sum(axis=0)
 
 

@@ -76,7 +76,7 @@ if __name__ == "__main__":
         out = folder / up
         out.mkdir()
         job = reader_job(folder / "cards.blend", out, kind="scenery", options=Options(up=up))
-        found[up] = [doubt.text for doubt in reader.read_file(job).report.doubts]
+        found[up] = [doubt.text for doubt in reader.read_asset_file(job).report.doubts]
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     pictures += [picture(twin(folder / "z" / "tidy.blend")) for _ in range(2)]
     np.savez(folder / "pictures.npz", *pictures)

@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from hulldown.assets.plan_assets import Assets
-from hulldown.assets.skylight import EVEN
+from hulldown.assets.skylight import EVEN_SKYLIGHT
 from hulldown.dataset.store.document import read_coco
 from hulldown.plan.library import Library
 from hulldown.reading.hdri import Hdri
@@ -26,7 +26,7 @@ def library_of(assets, folder=Path()):
     def files(names):
         return {name: moved(exported, folder / f"{name}.blend") for name in names}
 
-    hdris = {name: Hdri(folder / f"{name}.exr", "", EVEN) for name in assets.hdris}
+    hdris = {name: Hdri(folder / f"{name}.exr", "", EVEN_SKYLIGHT) for name in assets.hdris}
     return Library(assets, files([*assets.vehicles, *assets.distractors]), files(assets.sceneries), hdris)
 
 

@@ -12,11 +12,11 @@ import numpy as np
 
 from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.light_pictures import render_light, store_light
-from hulldown.blender.tidy_properties import PART, REST
+from hulldown.blender.tidy_properties import PART_PROPERTY, REST_PROPERTY
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, VehicleInput
-from hulldown.render.blender.scene import Stage
+from hulldown.render.blender.scene import BlenderScene
 from hulldown.tests.builders.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.builders.node_trees import grouped, material_of, principled, shader_group, write_picture
 from hulldown.weather.kinds import Weather
@@ -105,7 +105,7 @@ def vehicle(path):
     obj = cuboid("car", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0), black("black"))
     rest = np.diag([4.0, 4.0, 3.0, 1.0])
     rest[2, 3] = 1.5
-    obj[PART], obj[REST] = 0, rest.ravel().tolist()
+    obj[PART_PROPERTY], obj[REST_PROPERTY] = 0, rest.ravel().tolist()
     collection = bpy.data.collections.new("hulldown vehicle")
     collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, fake_user=True)
@@ -143,7 +143,7 @@ class Studio:
 
     def __init__(self, folder, name):
         self.folder = folder
-        self.stage = Stage(str(folder / f"{name}.blend"))
+        self.stage = BlenderScene(str(folder / f"{name}.blend"))
         cycles.configure_scene(self.stage.scene, SETTINGS, device="CPU")
         store_light(self.stage.scene)
 

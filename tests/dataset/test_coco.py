@@ -9,7 +9,7 @@ import pytest
 import hulldown.dataset.store.document as documents
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.provenance import GROWING, Failure, Provenance, add_provenance, write_failures
+from hulldown.dataset.provenance import GROWING_LISTS, Failure, Provenance, add_provenance, write_failures
 from hulldown.dataset.store.document import read_coco
 from hulldown.tests.builders.editing import edit
 
@@ -165,7 +165,7 @@ def test_a_link_in_place_of_the_temporary_file_is_not_followed(tmp_path):
     for name in ("annotations.json", "provenance.json", "failures.jsonl"):
         (folder / f".{name}.{os.getpid()}.tmp").symlink_to(tmp_path / "mine")
     CocoDataset.open(folder).close()
-    add_provenance(folder, {"a": Provenance(**{key: [] for key in GROWING})})
+    add_provenance(folder, {"a": Provenance(**{key: [] for key in GROWING_LISTS})})
     write_failures(folder, [Failure(file_name="a.png")])
     assert (tmp_path / "mine").read_text() == "mine"
     assert not any(path.name.endswith(".tmp") for path in folder.iterdir())

@@ -11,7 +11,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.cli import main
 from hulldown.dataset.photographs import read_photographs
 from hulldown.dataset.reports.dataset_report import (
-    FEATURES,
+    REPORT_FEATURES,
     brightness_and_contrast,
     compare_with_photographs,
     report_dataset,
@@ -44,7 +44,7 @@ def compared(folder, photographs):
 
 def test_distances_of_equal_distributions_are_small(tmp_path):
     found = compared(coco(tmp_path / "a", 80, seed=1), coco(tmp_path / "b", 80, seed=2))
-    assert set(found.distances()) == set(FEATURES)
+    assert set(found.distances()) == set(REPORT_FEATURES)
     assert max(found.distances().values()) < 0.3
 
 
@@ -66,7 +66,7 @@ def test_photographs_without_files_are_compared_by_boxes(tmp_path):
     shutil.rmtree(photographs / "images")
     with pytest.warns(UserWarning, match="only boxes"):
         found = report_dataset(own, tmp_path / "page.html", photographs=photographs)
-    assert set(FEATURES) - set(found.distances()) == {"brightness", "contrast"}
+    assert set(REPORT_FEATURES) - set(found.distances()) == {"brightness", "contrast"}
 
 
 def test_photographs_without_boxes_are_refused(tmp_path):

@@ -7,7 +7,7 @@ from PIL import Image as Pictures
 from hulldown.annotate.records import Image, Label
 from hulldown.base.outputs import DONE_NAME, UNFINISHED_NAME, OutputError
 from hulldown.dataset.exports.export import export_dataset
-from hulldown.dataset.exports.split import SPLITS, assign_splits
+from hulldown.dataset.exports.split import SPLIT_NAMES, assign_splits
 from hulldown.dataset.images import position_group
 from hulldown.dataset.record_checks import read_usable
 from hulldown.tests.builders.editing import write_dataset
@@ -58,7 +58,7 @@ def test_every_class_has_its_share_in_every_split(dataset):
     for category, total in ((1, 200), (2, 100), (None, 20)):
         first = {image.id: image.labels[0].category_id if image.labels else None for image in images}
         splits = [split_of[i] for i, found in first.items() if found == category]
-        for split, share in zip(SPLITS, (0.7, 0.2, 0.1), strict=True):
+        for split, share in zip(SPLIT_NAMES, (0.7, 0.2, 0.1), strict=True):
             assert abs(splits.count(split) - share * total) <= 5  # one position
 
 
@@ -66,7 +66,7 @@ def shared_out(classes_of_images, **options):
     """Number of images in each split, and mean number of objects per image."""
     images = [image_of(i, [{"category_id": c} for c in found]) for i, found in enumerate(classes_of_images)]
     split_of = assign_splits(images, **options)
-    members = {split: [image for image in images if split_of[image.id] == split] for split in SPLITS}
+    members = {split: [image for image in images if split_of[image.id] == split] for split in SPLIT_NAMES}
     counts = {split: len(found) for split, found in members.items()}
     return counts, {split: np.mean([len(image.labels) for image in found]) for split, found in members.items()}
 
@@ -143,7 +143,7 @@ def test_the_remains_of_a_killed_export_are_replaced(dataset, tmp_path):
     (tmp_path / "out" / ".unfinished" / "train").mkdir(parents=True)
     (tmp_path / "out" / ".unfinished" / "train" / "old.png").touch()
     export_dataset(dataset, tmp_path / "out")
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted((DONE_NAME, *SPLITS))
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted((DONE_NAME, *SPLIT_NAMES))
     assert not (tmp_path / "out" / "train" / "old.png").exists()
 
 

@@ -15,7 +15,7 @@ from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.join import join_datasets
 from hulldown.dataset.record_checks import Finding
 from hulldown.dataset.verification import check_pictures
-from hulldown.reading.confinement.watch import GIB
+from hulldown.reading.confinement.watch import GIB_BYTES
 from hulldown.render.cycles_masks import MaskReport
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.editing import append, edit
@@ -278,7 +278,7 @@ def test_a_plans_assets_are_read_once_within_the_users_limits(planned, monkeypat
     monkeypatch.setattr("hulldown.render.verify.load_planned_library", load)
     monkeypatch.setattr("hulldown.render.verify.verify_masks", lambda *_, **__: MaskReport((), ()))
     main(["verify", str(folder), "--plan", str(plan), "--masks", "1", "--read-timeout", "7", "--read-memory", "3"])
-    assert [(limits.silence_s, limits.memory_bytes) for limits in read] == [(7, 3 * GIB)]
+    assert [(limits.silence_s, limits.memory_bytes) for limits in read] == [(7, 3 * GIB_BYTES)]
 
 
 def test_a_missing_plan_and_a_missing_dataset_are_errors(dataset, tmp_path_factory):

@@ -14,14 +14,14 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.demo import make_assets, project
 from hulldown.demo.catalog import (
-    CATEGORY,
     DISTRACTOR_FILES,
     DISTRACTORS,
-    LAUNCHER,
-    SCENERIES,
+    LAUNCHER_CLASS,
     SCENERY_FILES,
-    SKIES,
-    TRUCK,
+    SCENERY_NAMES,
+    SKY_NAMES,
+    TRUCK_CLASS,
+    VEHICLE_CLASSES,
     VEHICLE_FILES,
 )
 from hulldown.plan.config.schema import Config
@@ -107,7 +107,7 @@ def test_building_keeps_existing_files_and_continues_after_a_crash(tmp_path, mon
         files = make_assets.build_demo_assets(
             tmp_path / "out", progress=lambda done, total: steps.append((done, total))
         )
-        assert files == tuple(tmp_path / "out" / file for file in make_assets.FILES)
+        assert files == tuple(tmp_path / "out" / file for file in make_assets.ASSET_FILES)
         assert steps == [(k + 2, 26) for k in range(25)]
     assert [file.read_text() for file in files] == ["built", "mine", *["built"] * 24]
     monkeypatch.setattr(make_assets, "MAX_ATTEMPTS", 2)
@@ -120,7 +120,7 @@ def test_the_config_of_a_project_names_every_asset(tmp_path, monkeypatch):
     config = project.create_project(tmp_path / "mine")
     parsed = tomllib.loads(config.read_text(encoding="utf-8"))
     assert [v["path"] for v in parsed["assets"]["vehicles"]] == list(VEHICLE_FILES)
-    assert [v["category"] for v in parsed["assets"]["vehicles"]] == list(CATEGORY.values())
+    assert [v["category"] for v in parsed["assets"]["vehicles"]] == list(VEHICLE_CLASSES.values())
     assert [s["path"] for s in parsed["assets"]["sceneries"]] == list(SCENERY_FILES)
     assert [d["path"] for d in parsed["assets"]["distractors"]] == list(DISTRACTOR_FILES)
     assert (parsed["render"]["width"], parsed["render"]["profile"]) == (1920, "paper")
@@ -131,7 +131,7 @@ def test_the_config_of_a_project_names_every_asset(tmp_path, monkeypatch):
 def test_a_small_project_has_twelve_small_images(tmp_path, monkeypatch):
     monkeypatch.setattr(project, "build_demo_assets", lambda folder, **_: None)
     parsed = tomllib.loads(project.create_project(tmp_path, small=True).read_text(encoding="utf-8"))
-    budget = make_budget(Config.of(parsed).budget, CATEGORY)
+    budget = make_budget(Config.of(parsed).budget, VEHICLE_CLASSES)
     assert (budget.n_images, budget.images.sum()) == (12, 10)
     assert set(budget.images.tolist()) == {1}  # each vehicle once
     assert parsed["render"]["width"] == 480
@@ -139,7 +139,7 @@ def test_a_small_project_has_twelve_small_images(tmp_path, monkeypatch):
 
 @pytest.mark.blender
 def test_the_same_seed_makes_the_same_vehicles(built, tmp_path):
-    vehicles, names = built(*CATEGORY), ("mbt_slab", "truck_canvas")
+    vehicles, names = built(*VEHICLE_CLASSES), ("mbt_slab", "truck_canvas")
     again = _build(tmp_path / "again", *names)
     files = [f"vehicles/{name}.blend" for name in names]
     assert _fingerprints(*(vehicles / f for f in files)) == _fingerprints(*(again / f for f in files))
@@ -152,14 +152,14 @@ def test_the_same_seed_makes_the_same_vehicles(built, tmp_path):
 def test_sceneries_are_reproducible_and_change_with_the_seed(built, tmp_path):
     path = "sceneries/dry_steppe.blend"
     same, other = (_build(tmp_path / str(seed), "dry_steppe", seed=seed) for seed in (0, 1))
-    one, two, three = _fingerprints(built(*SCENERIES) / path, same / path, other / path)
+    one, two, three = _fingerprints(built(*SCENERY_NAMES) / path, same / path, other / path)
     assert one == two
     assert one["digest"] != three["digest"]
 
 
 @pytest.mark.blender
 def test_sceneries_have_copies_instances_and_clutter_like_real_files(built):
-    for found in _fingerprints(*(built(*SCENERIES) / path for path in SCENERY_FILES)):
+    for found in _fingerprints(*(built(*SCENERY_NAMES) / path for path in SCENERY_FILES)):
         assert found["kinds"]["CAMERA"] == 1
         assert found["kinds"]["CURVES"] > 1000
         assert found["instances"] > 2000  # by collections and geometry nodes
@@ -167,24 +167,28 @@ def test_sceneries_have_copies_instances_and_clutter_like_real_files(built):
 
 
 @pytest.mark.blender
-@pytest.mark.parametrize("name", few(CATEGORY, "mbt_slab", "truck_canvas", "sam_rails"))
+@pytest.mark.parametrize("name", few(VEHICLE_CLASSES, "mbt_slab", "truck_canvas", "sam_rails"))
 def test_vehicles_are_read_as_intended(built, name, tmp_path):
-    report, shape = _read(built(*CATEGORY) / "vehicles" / f"{name}.blend", tmp_path)
+    report, shape = _read(built(*VEHICLE_CLASSES) / "vehicles" / f"{name}.blend", tmp_path)
     length, width, height = shape.size_xyz
     assert 6.5 < length < 12
     assert 2.5 < width < 4.1
     assert 2.4 < height < 7.5
     assert length > width  # the nose points along x
     assert len(shape.mesh.faces) >= 5_000
-    assert shape.part_names == (("hull",) if CATEGORY[name] == TRUCK else ("hull", "turret", "gun"))
+    assert shape.part_names == (("hull",) if VEHICLE_CLASSES[name] == TRUCK_CLASS else ("hull", "turret", "gun"))
     assert {row.name for row in report.rows if row.use == "dropped"} >= {"Floor", "Grid", "Camera", "Sun"}
-    if CATEGORY[name] != TRUCK:
+    if VEHICLE_CLASSES[name] != TRUCK_CLASS:
         # Raising the gun moves it up in front of its pivot and moves nothing else.
         rest, raised = vertices_at(shape, {}), vertices_at(shape, {"gun": 0.2})
         moved = np.abs(raised - rest).max(axis=1) > 1e-9
         assert moved.any()
         assert set(shape.vertex_part[moved]) == {shape.part_names.index("gun")}
-        tip = rest[:, 0].argmax() if CATEGORY[name] != LAUNCHER else np.flatnonzero(moved)[rest[moved, 0].argmax()]
+        tip = (
+            rest[:, 0].argmax()
+            if VEHICLE_CLASSES[name] != LAUNCHER_CLASS
+            else np.flatnonzero(moved)[rest[moved, 0].argmax()]
+        )
         assert raised[tip, 2] > rest[tip, 2]
 
 
@@ -221,7 +225,7 @@ for name in sys.argv[2:]:
     print("SKY " + json.dumps([*map(float, found), sky.light, sky.sun_elevation_deg]))
 """
     names = ("sky_noon", "sky_evening")
-    assert set(names) < set(SKIES)
+    assert set(names) < set(SKY_NAMES)
     lines = run_python("-c", code, tmp_path, *names).splitlines()
     lights = [json.loads(line[4:]) for line in lines if line[:4] == "SKY "]
     assert len(lights) == len(names)

@@ -92,7 +92,7 @@ def test_each_supported_python_has_one_blender_with_its_constraint(stack):
 
 
 def test_the_readme_has_the_line_that_installs_blenders_libraries():
-    assert f"\nsudo {libraries.INSTALL}\n" in (ROOT / "README.md").read_text()
+    assert f"\nsudo {libraries.INSTALL_COMMAND}\n" in (ROOT / "README.md").read_text()
 
 
 def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_path):
@@ -113,7 +113,7 @@ def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_
         ["make", "setup", f"PYTHON={python}", f"VENV={tmp_path}/venv"], cwd=ROOT, capture_output=True, text=True
     )
     assert ran.returncode == 2
-    assert f"sudo {libraries.INSTALL}\n" in ran.stderr
+    assert f"sudo {libraries.INSTALL_COMMAND}\n" in ran.stderr
     assert not (tmp_path / "venv").exists()
 
 
@@ -144,7 +144,10 @@ def test_setup_takes_a_supported_python_and_tells_which(tmp_path, machine, expec
 @pytest.mark.parametrize(
     ("message", "remedy"),
     [
-        ("ImportError: libX11.so.6: cannot open shared object file: No such file or directory\n", libraries.INSTALL),
+        (
+            "ImportError: libX11.so.6: cannot open shared object file: No such file or directory\n",
+            libraries.INSTALL_COMMAND,
+        ),
         ("No module named 'bpy'\n", "hulldown[blender]"),
         ("ImportError: cannot import name 'x' from 'y'\n", "None"),
     ],

@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import FORMATS, Mesh, first_equal, merge_meshes
+from hulldown.geometry.meshes import MESH_SUFFIXES, Mesh, first_equal, merge_meshes
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
 from hulldown.tests.builders.shapes import surface
 
@@ -33,7 +33,7 @@ def hill() -> Mesh:
     return surface(x, y, np.add.outer(np.sin(x), np.sin(y)) / 3.0, "hill")
 
 
-@pytest.mark.parametrize("ending", [*FORMATS, ".PLY"])
+@pytest.mark.parametrize("ending", [*MESH_SUFFIXES, ".PLY"])
 def test_a_mesh_file_is_loaded(tmp_path, ending):
     mesh, kind = hill(), ending[1:].lower()
     options = {"obj": {"digits": 17}, "gltf": {"merge_buffers": True, "embed_buffers": True}}.get(kind, {})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import IGNORED, Overlay, category_color, draw_boxes
+from hulldown.annotate.drawing import IGNORED_COLOR, Overlay, category_color, draw_boxes
 from hulldown.annotate.masks import encode_mask
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
@@ -45,7 +45,9 @@ def test_a_box_outside_its_picture_is_drawn_at_the_edge(bbox):
 @pytest.mark.parametrize("bbox", [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]])
 def test_names_are_inside_the_picture(bbox):
     named = [Overlay(np.array(bbox), 2, name) for name in ("i", "truck" * 4)]
-    outline = pixels_of(draw_boxes(gray(), [replace(named[0], ignored=True)]), IGNORED)  # ignored ones have no name
+    outline = pixels_of(
+        draw_boxes(gray(), [replace(named[0], ignored=True)]), IGNORED_COLOR
+    )  # ignored ones have no name
     short, long = (pixels_of(draw_boxes(gray(), [box]), category_color(2)) & ~outline for box in named)
     # The name's background, but for the letters: 10 pixels high at least, and a third as wide for each letter.
     assert short.sum() >= 30

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import linprog
 
 from hulldown.placement.footprint import Samples
-from hulldown.placement.rest import NUDGE, averaged_plane, support_plane, underside_plane
+from hulldown.placement.rest import PLANE_NUDGE, averaged_plane, support_plane, underside_plane
 
 SAMPLES = np.stack(np.meshgrid(np.linspace(-3, 4, 5), np.linspace(-1.5, 2, 4), indexing="ij"), -1).reshape(-1, 2)
 PLATE = Samples(SAMPLES, np.zeros(20), np.ones(20, dtype=bool), np.array([0.5, 0.25]))
@@ -56,7 +56,7 @@ def test_no_plane_on_or_above_all_samples_is_lower_at_the_center_than_the_suppor
     # Steps of 0.1 m give many ties.
     heights = np.round(rng.normal(0, 0.3, (100, n * n)) + xy @ [0.2, -0.1], 1) + 500.0
     valid = rng.random(heights.shape) < share
-    plane, center = support_plane(xy, heights, valid), NUDGE * np.ptp(xy, axis=0)
+    plane, center = support_plane(xy, heights, valid), PLANE_NUDGE * np.ptp(xy, axis=0)
     above = plane.height[:, None] + plane.gradient @ xy.T - heights
     assert above[valid & plane.found[:, None]].min() > -1e-11
     assert plane.found.sum() > (10 if n == 2 and share < 1 else 60)

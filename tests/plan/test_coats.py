@@ -5,7 +5,7 @@ import pytest
 
 from hulldown.plan.coats import Coat, color_of_material
 from hulldown.plan.config.asset_sections import PaintEntry
-from hulldown.plan.library import unmatched_pattern
+from hulldown.plan.library import unmatched_paint_pattern
 from hulldown.plan.pictures.preview import image_caption
 from hulldown.plan.pictures.shading import coated_color
 from hulldown.plan.summary import summarize_plan
@@ -34,7 +34,7 @@ def test_only_a_named_material_is_painted_by_the_first_matching_coat(name, color
 def test_a_pattern_that_matches_no_material_is_found():
     def unmatched(*materials):
         rows = [MaterialRow("Camo_Hull", 0.6), MaterialRow("Canvas", 0.4)]
-        return unmatched_pattern([PaintEntry(materials=(m,), colors=(GREEN,)) for m in materials], rows)
+        return unmatched_paint_pattern([PaintEntry(materials=(m,), colors=(GREEN,)) for m in materials], rows)
 
     assert unmatched("camo*", "canvas") is None
     assert unmatched("camo*", "camuflage", "canvas") == "camuflage"

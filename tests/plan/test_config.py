@@ -8,8 +8,8 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.plan.config.config_keys import (
-    ENTRIES,
-    PAGE,
+    CONFIG_PAGE,
+    ENTRY_SECTIONS,
     bare_text,
     config_sections,
     config_text,
@@ -19,7 +19,7 @@ from hulldown.plan.config.config_keys import (
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import hdri_paths
 from hulldown.plan.rejection import Rejection
-from hulldown.weather.kinds import KINDS
+from hulldown.weather.kinds import WEATHER_KINDS
 
 MINIMAL = """
 [[assets.vehicles]]
@@ -59,23 +59,23 @@ def test_the_template_has_every_key():
 
 
 def test_every_key_has_a_description_in_the_docs():
-    for kind in (Config, *config_sections().values(), *ENTRIES.values()):
+    for kind in (Config, *config_sections().values(), *ENTRY_SECTIONS.values()):
         assert all(key.meaning for key in section_keys(kind)), kind
         assert all(key.default or key.example or key.required or key.name == "name" for key in section_keys(kind)), kind
-    text = PAGE.read_text(encoding="utf-8")
-    assert text.count("<!-- keys of ") == len(config_sections()) + len(ENTRIES) + 1
+    text = CONFIG_PAGE.read_text(encoding="utf-8")
+    assert text.count("<!-- keys of ") == len(config_sections()) + len(ENTRY_SECTIONS) + 1
     assert filled_page(text) == text, "run python -m hulldown.plan.config.config_keys"
 
 
 def test_the_docs_of_limits_have_every_reason_and_existing_keys():
-    rows = re.findall(r"(?m)^\| `(\w+)` \|(.*)\|.*\|$", PAGE.with_name("limits.md").read_text(encoding="utf-8"))
+    rows = re.findall(r"(?m)^\| `(\w+)` \|(.*)\|.*\|$", CONFIG_PAGE.with_name("limits.md").read_text(encoding="utf-8"))
     assert sorted(reason for reason, _ in rows) == sorted(each.key for each in Rejection if each)
     for section, key in re.findall(r"`(\w+)\.(\w+)`", " ".join(keys for _, keys in rows)):
         assert key in config_sections()[section].model_fields
 
 
 def test_examples_of_keys_without_a_default_are_allowed(read):
-    vehicle = [f"{key.name} = {key.example}" for key in section_keys(ENTRIES["vehicle"]) if key.example]
+    vehicle = [f"{key.name} = {key.example}" for key in section_keys(ENTRY_SECTIONS["vehicle"]) if key.example]
     assert len(vehicle) >= 8
     read(MINIMAL.replace('category = "tank"', "\n".join(['category = "tank"', *vehicle])))
 
@@ -132,7 +132,7 @@ WRONG = [  # the addition, the key in the error, and its text
     ("[placment]\nmargin = 1", "unknown key placment", "did you mean placement?"),
     ("[ground]\ninclude = ['Hills']", "ground.include is gone; ", "`ground` of each scenery"),
     ("[ground]\nqwerty = 1", "unknown key ground.qwerty", "known here: fallback_z"),
-    (WEATHER, "weather", f"{', '.join(KINDS)} are 1.1 together; expected shares of at most 1 in all"),
+    (WEATHER, "weather", f"{', '.join(WEATHER_KINDS)} are 1.1 together; expected shares of at most 1 in all"),
     *((f"[camera]\nfov_x_deg = {x}", f"camera.fov_x_deg = {x}", "0.1 <= low <= high <= 179")
       for x in ("[50, 40]", "'wide'", "nan", "[1, 2, 3]")),
     ("[light]\nstrength = [0, inf]", "light.strength = [0, inf]", "0 <= low <= high <= 1e+09"),

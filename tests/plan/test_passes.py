@@ -10,7 +10,7 @@ from PIL import Image
 from hulldown.annotate.masks import mask_box
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.cli import main
-from hulldown.plan.pictures.passes import PASSES, STUFF, write_passes
+from hulldown.plan.pictures.passes import PASS_MEANINGS, STUFF_CLASSES, write_passes
 from hulldown.plan.pictures.preview import Artist
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.write import write_plan
@@ -35,7 +35,7 @@ def made(tmp_path_factory):
         render={"width": 240, "height": 136},
     )
     plan = write_plan(config, ASSETS, folder / "plan.jsonl")
-    assert write_passes(plan, folder / "passes", assets=ASSETS) == dict.fromkeys(PASSES, len(plan))
+    assert write_passes(plan, folder / "passes", assets=ASSETS) == dict.fromkeys(PASS_MEANINGS, len(plan))
     return plan, folder / "passes"
 
 
@@ -107,7 +107,7 @@ def test_panoptic_segments_have_cocos_format(made):
     plan, folder = made
     document = json.loads((folder / "panoptic.json").read_text())
     names = {category["id"]: category["name"] for category in document["categories"]}
-    assert list(names.values()) == [*plan.header.categories, *STUFF]
+    assert list(names.values()) == [*plan.header.categories, *STUFF_CLASSES]
     assert len(document["annotations"]) == len(plan)
     for row, annotation in zip(plan, document["annotations"], strict=True):
         colors = np.array(Image.open(folder / "panoptic" / annotation["file_name"])).astype(int)

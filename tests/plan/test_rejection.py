@@ -1,9 +1,9 @@
-from hulldown.plan.rejection import AIMING, PLACING, Rejection
+from hulldown.plan.rejection import CAMERA_REJECTIONS, PLACE_REJECTIONS, Rejection
 
 
 def test_every_rejection_has_different_words_and_is_one_of_places_or_of_cameras():
     assert len({r.phrase for r in Rejection}) == len(Rejection)
-    assert {*PLACING, *AIMING} == set(Rejection) - {Rejection.NONE}
+    assert {*PLACE_REJECTIONS, *CAMERA_REJECTIONS} == set(Rejection) - {Rejection.NONE}
 
 
 def test_codes_and_keys_of_plan_files_never_change():

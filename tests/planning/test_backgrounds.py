@@ -9,7 +9,7 @@ from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.row import encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.placing import extra_offsets
-from hulldown.planning.search.tables import Role
+from hulldown.planning.search.tables import InstanceRole
 from hulldown.tests.builders.planning_assets import DISTRACTOR_ENTRIES, plan, small_assets, small_config
 
 ASSETS = small_assets(distractors=True)
@@ -65,7 +65,7 @@ def test_distractors_are_uniform_over_the_disk():
     shares, bearings = (np.arange(1000) + 0.5) / 1000, np.linspace(0.0, 1.0, 1000)
     limits = PlacementSection(distractor_distance=(10.0, 40.0))
     away = np.linalg.norm(
-        extra_offsets(np.full(1000, Role.DISTRACTOR), limits, np.stack([shares, bearings], 1)), axis=1
+        extra_offsets(np.full(1000, InstanceRole.DISTRACTOR), limits, np.stack([shares, bearings], 1)), axis=1
     )
     shares = np.histogram(away**2, bins=10, range=(100.0, 1600.0))[0]
     assert shares.tolist() == [100] * 10

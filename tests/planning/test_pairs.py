@@ -128,7 +128,7 @@ def crowded(**placement):
 
 def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch):
     # It ended the plan, with advice that led to the same error.
-    monkeypatch.setattr("hulldown.planning.search.positions.CROWDED_PLACES", 0)
+    monkeypatch.setattr("hulldown.planning.search.positions.MAX_PLACES_WITHOUT_ROOM", 0)
     assets = small_assets(BARE)
     made = write_plan(crowded(companion_distance=[6, 6.5]), assets, tmp_path / "plan.jsonl")
     rows = list(made)

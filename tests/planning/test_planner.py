@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.assets.plan_assets import HdriSource, Source
+from hulldown.assets.plan_assets import AssetSource, HdriSource
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.meshes import merge_meshes
 from hulldown.plan.lines import PlanWriter
@@ -74,7 +74,7 @@ def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, rows, kept):
 
 
 def test_the_header_has_the_plans_inputs(tmp_path):
-    vehicles = {"t72": Source(path="vehicles/t72.blend", sha256="ab" * 32)}
+    vehicles = {"t72": AssetSource(path="vehicles/t72.blend", sha256="ab" * 32)}
     hdris = {"noon": HdriSource(path="hdris/noon.exr", sha256="cd" * 32)}
     made = replace(ASSETS, files={"vehicles": vehicles, "hdris": hdris})
     config = small_config(seed=5)
@@ -114,7 +114,7 @@ def test_without_ground_vehicles_are_on_the_fallback_plane():
     ],
 )
 def test_an_impossible_config_is_explained(sections, message, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 2)
+    monkeypatch.setattr("hulldown.planning.search.positions.MAX_PLACES_WITHOUT_CAMERA", 2)
     with pytest.raises(ConfigError, match=message):
         list(plan(small_config(**sections), small_assets(hills("hills"))))
 

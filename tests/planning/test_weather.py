@@ -14,7 +14,7 @@ from hulldown.planning.search.random_streams import RandomStreams
 from hulldown.planning.search.tables import WEATHER_NAMES, draw_weathers
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config
 from hulldown.weather.extinction import rain_visibility_m, surface_wetness
-from hulldown.weather.kinds import KINDS, Weather
+from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
 IMAGES = np.arange(4000)
 ASSETS = small_assets()
@@ -27,7 +27,7 @@ def drawn(**keys):
 
 
 def test_the_config_has_the_keys_of_every_kind_and_three_for_all():
-    named = [{name, kind.visibility, kind.rate, *kind.covers} - {""} for name, kind in KINDS.items()]
+    named = [{name, kind.visibility, kind.rate, *kind.covers} - {""} for name, kind in WEATHER_KINDS.items()]
     assert set().union(*named, {"wind_m_s", "exposure_s", "min_contrast"}) == set(WeatherSection.model_fields)
 
 
@@ -124,7 +124,7 @@ def test_every_target_has_the_least_contrast():
 
 
 def test_a_least_contrast_that_no_camera_meets_is_an_error(monkeypatch):
-    monkeypatch.setattr("hulldown.planning.search.positions.BLIND_PLACES", 2)
+    monkeypatch.setattr("hulldown.planning.search.positions.MAX_PLACES_WITHOUT_CAMERA", 2)
     config = small_config(budget=BUDGET, weather={"fog": 1.0, "visibility_m": [5.0, 6.0], "min_contrast": 0.5})
     with pytest.raises(ConfigError, match=r"100 % kept less contrast through the air than weather\.min_contrast"):
         list(plan(config, ASSETS))

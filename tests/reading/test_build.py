@@ -15,7 +15,7 @@ from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Link, Piece
 from hulldown.reading.vehicle.solids import MOST_SOLIDS
-from hulldown.reading.vehicle.stance import UPS, meters_from_file, stand_upright, up_matrix
+from hulldown.reading.vehicle.stance import UP_AXES, meters_from_file, stand_upright, up_matrix
 from hulldown.tests.builders.shapes import CORNERS, FACES, sheet
 
 
@@ -72,7 +72,7 @@ def turned(yaw_deg: float) -> np.ndarray:
     return rigid_matrix(rotation_z(np.radians(yaw_deg)), np.zeros(3))
 
 
-@pytest.mark.parametrize("axis", UPS)
+@pytest.mark.parametrize("axis", UP_AXES)
 @pytest.mark.parametrize("stated", ["z", "y"])
 @pytest.mark.parametrize("parts", [TANK, CAR])
 def test_wheels_show_the_up_axis_and_overruling_the_file_is_a_doubt(parts: dict, axis: str, stated: str) -> None:

@@ -15,7 +15,7 @@ from hulldown import cli
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
-from hulldown.reading.inspect import COLORS, FULL_SIZE_ASSETS, Inspected, draw_asset, write_pictures
+from hulldown.reading.inspect import FULL_SIZE_ASSETS, ROLE_COLORS, Inspected, draw_asset, write_pictures
 from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, ObjectRow
 from hulldown.tests.builders.blender_plans import run_python
 from hulldown.tests.builders.shapes import box, scenery_of, vehicle_of
@@ -73,7 +73,7 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def hue_of(pixels: np.ndarray) -> np.ndarray:
     """Index of the part color of each shaded pixel, -1 for paper and ink."""
     length = np.linalg.norm(pixels, axis=-1, keepdims=True)
-    near = (pixels / np.maximum(length, 1)) @ (COLORS / np.linalg.norm(COLORS, axis=1, keepdims=True)).T
+    near = (pixels / np.maximum(length, 1)) @ (ROLE_COLORS / np.linalg.norm(ROLE_COLORS, axis=1, keepdims=True)).T
     return np.where(near.max(axis=-1) > 0.995, near.argmax(axis=-1), -1)
 
 
@@ -216,7 +216,7 @@ def report(*rows: ObjectRow) -> FileReport:
 
 def shown(monkeypatch: pytest.MonkeyPatch, table: Table, **console: object) -> str:
     file = io.StringIO()
-    monkeypatch.setattr(output, "STDOUT", Terminal(file=file, highlight=False, **console))
+    monkeypatch.setattr(output, "STDOUT_TERMINAL", Terminal(file=file, highlight=False, **console))
     print_report(table)
     return file.getvalue()
 

@@ -10,7 +10,15 @@ from hulldown.base.errors import AssetError
 from hulldown.reading.doubts import vehicle_doubts
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import DoubtKind
-from hulldown.reading.pieces.naming import GROUND, GUN, GUN_HINTS, HELPERS, TURRET_HINTS, first_match, hinted_stem
+from hulldown.reading.pieces.naming import (
+    GROUND_WORDS,
+    GUN_HINTS,
+    GUN_WORDS,
+    HELPER_WORDS,
+    TURRET_HINTS,
+    first_match,
+    hinted_stem,
+)
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link, Piece, Unseen, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
@@ -48,14 +56,14 @@ HULL = piece("Hull", size=(6, 3, 1), at=(0, 0, 1))
 @pytest.mark.parametrize(
     ("match", "name", "words", "found"),
     [
-        (first_match, "groundhog", GROUND, False),
-        (first_match, "playGROUND", GROUND, True),
-        (first_match, "GROUNDS.012", GROUND, True),
-        (first_match, "shadowcatcher", HELPERS, True),
-        (first_match, "Shadow-Catcher.001", HELPERS, True),
-        (first_match, "Gunner_Sight", GUN, False),
-        (first_match, "gunShip", GUN, True),
-        (first_match, "Main_Gun.003", GUN, True),
+        (first_match, "groundhog", GROUND_WORDS, False),
+        (first_match, "playGROUND", GROUND_WORDS, True),
+        (first_match, "GROUNDS.012", GROUND_WORDS, True),
+        (first_match, "shadowcatcher", HELPER_WORDS, True),
+        (first_match, "Shadow-Catcher.001", HELPER_WORDS, True),
+        (first_match, "Gunner_Sight", GUN_WORDS, False),
+        (first_match, "gunShip", GUN_WORDS, True),
+        (first_match, "Main_Gun.003", GUN_WORDS, True),
         (first_match, "TerrainFar", ["terrain*"], True),
         (first_match, "FarTerrain", ["terrain*"], False),
         (first_match, "Tile[3]", ["tile[[]3]"], True),

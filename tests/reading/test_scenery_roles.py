@@ -10,7 +10,7 @@ from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, Unseen
-from hulldown.reading.scenery.scenery_roles import matching_pattern, scenery_roles, unmatched_pattern
+from hulldown.reading.scenery.scenery_roles import matching_pattern, scenery_roles, unmatched_role_pattern
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 from hulldown.tests.reading.test_roles import link, piece
 from hulldown.tests.reading.test_roles import scenery_uses as uses
@@ -227,5 +227,5 @@ def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
 
 def test_only_drop_matches_the_carrier_of_a_piece():
     leaves = [piece("leaf", carrier="Emitter")]
-    assert unmatched_pattern(leaves, Options(drop=("Emitter",))) is None
-    assert unmatched_pattern(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")
+    assert unmatched_role_pattern(leaves, Options(drop=("Emitter",))) is None
+    assert unmatched_role_pattern(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")

@@ -10,7 +10,7 @@ from PIL import Image
 
 from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import HulldownError
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.plan.config.schema import Config
@@ -238,7 +238,7 @@ def test_land_in_an_hdri_is_hidden_or_reported_where_the_terrain_ends(tmp_path):
 )
 def test_fog_is_gray_unless_the_light_has_a_color(light, kept):
     light = np.array(light)
-    gray = light @ LUMINANCE * np.ones(3)
+    gray = light @ LUMINANCE_WEIGHTS * np.ones(3)
     np.testing.assert_allclose(airlight_radiance("fog", light), gray + kept * (light - gray))
     assert not airlight_radiance("fog", np.zeros(3)).any()
 

@@ -5,7 +5,7 @@ import psutil
 import pytest
 
 from hulldown.assets.skylight import level_irradiance
-from hulldown.base.color import LUMINANCE
+from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, display_levels, metered_exposures_ev, white_balance
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
@@ -66,8 +66,8 @@ def rendered(folder, jobs, *, samples=4096, watch=lambda pid: None):
 def error_ev(level):
     """EV by which a card is brighter in a picture than requested."""
     ev = np.linspace(-4.0, 4.0, 801)
-    ramp = display_levels(CARD_ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE
-    return float(np.interp(np.dot(level, LUMINANCE), ramp, ev) - np.interp(CARD_LEVEL, ramp, ev))
+    ramp = display_levels(CARD_ALBEDO * np.exp2(ev)[:, None] * np.ones(3)) @ LUMINANCE_WEIGHTS
+    return float(np.interp(np.dot(level, LUMINANCE_WEIGHTS), ramp, ev) - np.interp(CARD_LEVEL, ramp, ev))
 
 
 def test_a_gray_card_has_the_requested_brightness(tmp_path):

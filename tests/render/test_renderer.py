@@ -29,7 +29,7 @@ from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan
 from hulldown.render.cycles_masks import cycles_masks, verify_masks
 from hulldown.render.jobs import mask_job, readable_paths
-from hulldown.render.process import WORKER, Allowance, Blender, Limits, worker_command
+from hulldown.render.process import WORKER_SCRIPT, Allowance, Blender, Limits, worker_command
 from hulldown.render.supervisor import render_remaining
 from hulldown.render.verify import verify_dataset
 from hulldown.scene.posed_scene import Scene
@@ -191,7 +191,7 @@ def test_a_twin_by_a_newer_blender_is_refused(plan, library, own_worlds, tmp_pat
 def in_place_of_blender(folder, code):
     """Path of a program that runs `code` and then the worker."""
     program = folder / "blender"
-    code = f"{code}; sys.argv = [{str(WORKER)!r}]; runpy.run_path({str(WORKER)!r}, run_name='__main__')"
+    code = f"{code}; sys.argv = [{str(WORKER_SCRIPT)!r}]; runpy.run_path({str(WORKER_SCRIPT)!r}, run_name='__main__')"
     program.write_text(f"#!/bin/sh\nexec {sys.executable} -P -c {shlex.quote('import runpy, sys; ' + code)}\n")
     program.chmod(0o755)
     return str(program)

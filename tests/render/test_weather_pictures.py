@@ -12,7 +12,7 @@ from hulldown.render.process import Blender
 from hulldown.tests.builders.blender_plans import drawn
 from hulldown.weather.kinds import (
     DUSTY_AIR_ALBEDO,
-    KINDS,
+    WEATHER_KINDS,
     Weather,
     air_extinction,
     air_layers,
@@ -142,8 +142,10 @@ def test_streaks_hide_as_much_as_the_falling_drops(studio):
     view = symmetric_view(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
     drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, seed=7)
     expected = moved(drops, view, 192)
-    bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * KINDS["rain"].share_of_sky)
-    share = hidden_by(found, SKY * KINDS["rain"].share_of_sky) - bare
+    bare = hidden_by(
+        studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * WEATHER_KINDS["rain"].share_of_sky
+    )
+    share = hidden_by(found, SKY * WEATHER_KINDS["rain"].share_of_sky) - bare
     assert len(drops.diameters) > 80
     assert share.mean() == pytest.approx(expected.mean(), rel=0.1)
     assert np.corrcoef(share.ravel(), expected.ravel())[0, 1] > 0.95

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.geometry.alpha import GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
+from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.seen_surface import faces_with_area, seen_surface
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
@@ -22,7 +22,7 @@ SQUARE = np.array([[0.0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]])
 HALVES = np.array([[0, 1, 2], [0, 2, 3]])
 CORNERS = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1]])
 CHECKS = AlphaMap((np.indices((4, 4)).sum(axis=0) % 2 * 255).astype(np.uint8), smooth=False)
-HARD = (GRADES > 0.4).astype(np.float32)
+HARD = (TEXEL_GRADES > 0.4).astype(np.float32)
 SOFT = AlphaMap(np.random.default_rng(0).integers(0, 256, (8, 8)).astype(np.uint8))
 
 
@@ -141,7 +141,7 @@ def test_opacity_exactly_at_the_threshold():
     half = np.full((1, 1), 0.5, dtype=np.float32)
     origins, along, _ = through(5)
     assert make_caster(card(AlphaMap(half))).occluded(origins, along).all()
-    for curve, hides in ((GRADES >= 0.5, True), (GRADES > 0.5, False), (GRADES < 0.5, False)):
+    for curve, hides in ((TEXEL_GRADES >= 0.5, True), (TEXEL_GRADES > 0.5, False), (TEXEL_GRADES < 0.5, False)):
         alpha = AlphaMap(half, curve=curve.astype(np.float32))
         assert (make_caster(card(alpha)).occluded(origins, along) == hides).all()
 

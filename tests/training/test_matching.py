@@ -9,7 +9,7 @@ from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
 from hulldown.tests.builders.detections import dataset, loaded, random_case, results
-from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.evaluation.average_precision import AP_NAMES
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 from hulldown.training.evaluation.matching import match_repeatedly
 
@@ -114,7 +114,7 @@ def assert_official_averages(labels, predictions):
     theirs = pycocotools_evaluation(labels, predictions)
     precision = theirs.eval["precision"][:, :, :, 0, -1].mean(axis=1)
     each = np.stack([precision.mean(axis=0), precision[0], precision[5]], axis=1)
-    ours = [*one.summary.values(), *(one.values(c)[key] for c in range(len(each)) for key in AVERAGES)]
+    ours = [*one.summary.values(), *(one.values(c)[key] for c in range(len(each)) for key in AP_NAMES)]
     official = np.concatenate([theirs.stats, each.ravel()])
     assert np.allclose(ours, np.where(official < 0, np.nan, official), rtol=0, atol=1e-12, equal_nan=True)
 

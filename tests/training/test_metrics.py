@@ -4,7 +4,7 @@ from scipy.stats import binomtest
 
 from hulldown.tests.builders.detections import dataset, loaded, matched, random_case, results, total
 from hulldown.training.evaluation.average_precision import (
-    IOUS,
+    IOU_THRESHOLDS,
     resampled_averages,
 )
 from hulldown.training.evaluation.bootstrap import (
@@ -20,7 +20,7 @@ from hulldown.training.evaluation.bootstrap import (
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare_detectors
 from hulldown.training.evaluation.matching import match_repeatedly
 from hulldown.training.evaluation.metrics import (
-    SHARES,
+    RATIO_METRICS,
     confusion_matrix,
     figure_denominators,
     figures_from_sums,
@@ -57,7 +57,7 @@ def test_curves_go_through_the_operating_points():
     assert (np.diff(curve["threshold"]) < 0).all()
     for k in range(len(curve["threshold"])):
         figure = figures_from_sums(total(matching.above_threshold(curve["threshold"][k])))
-        assert [curve[key][k] for key in SHARES] == [figure[key] for key in SHARES]
+        assert [curve[key][k] for key in RATIO_METRICS] == [figure[key] for key in RATIO_METRICS]
     best = best_threshold(matching.labels, matching.predictions)
     assert curve["f1"][curve["threshold"] == best] == curve["f1"].max()
 
@@ -77,15 +77,15 @@ def test_a_position_drawn_three_times_counts_as_three_images(seed):
 
 
 def averages(coco, found, times):
-    """`AVERAGES` of each class, where each image counts so many times."""
+    """`AP_NAMES` of each class, where each image counts so many times."""
     labels, predictions = loaded(coco, found)
-    matchings = match_repeatedly(labels, predictions, IOUS)
+    matchings = match_repeatedly(labels, predictions, IOU_THRESHOLDS)
     weights = np.bincount(labels.position, weights=times)
     return resampled_averages(matchings, np.stack([np.ones_like(weights), weights]))[1]
 
 
 def counted(found):
-    """`SUMS` of positions with one label each, without false positives."""
+    """`metrics.SUM_METRICS` of positions with one label each, without false positives."""
     found = np.asarray(found, dtype=float)
     return np.stack([found, 0 * found, 1 - found, 0.8 * found, found, 0 * found], axis=1)
 

@@ -12,7 +12,7 @@ from hulldown.cli import main
 from hulldown.tests.builders.networks import RUN, write_small_weights
 from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.training.detectors.detector import Detections
-from hulldown.training.detectors.rivals import RIVALS, lower_scores
+from hulldown.training.detectors.rivals import RIVAL_CLASSES, lower_scores
 from hulldown.training.predict import predict_detections
 
 
@@ -94,7 +94,7 @@ def test_results_without_rivals_are_not_continued_with_them(case):
 @pytest.mark.parametrize(
     ("weights", "rivals", "words"),
     [
-        ("run", "run", f"finds tank, bus, none of {', '.join(sorted({*RIVALS} - {'bus'}))}; name one that was"),
+        ("run", "run", f"finds tank, bus, none of {', '.join(sorted({*RIVAL_CLASSES} - {'bus'}))}; name one that was"),
         ("start", "start", r"config\.json: isn.t the config of a run"),
         ("run", "missing.pth", "missing.pth: no such run folder or checkpoint"),
     ],

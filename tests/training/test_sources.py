@@ -18,14 +18,14 @@ from hulldown.tests.builders.networks import tiny_weights
 from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.tests.training.test_augment import TABLE, augmentation
 from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
-from hulldown.training.inputs.sources import check_pictures, read_sources
+from hulldown.training.inputs.sources import check_source_pictures, read_sources
 from hulldown.training.train import train_detector
 
 ROOT = Path(__file__).parents[2]
 
 
 def sha256(sources):
-    return {name: found.sha256 for name, found in check_pictures(sources).items()}
+    return {name: found.sha256 for name, found in check_source_pictures(sources).items()}
 
 
 def test_classes_are_matched_by_name_for_any_ids(tmp_path):

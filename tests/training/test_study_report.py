@@ -17,7 +17,7 @@ from hulldown.training.study.results import Estimate, photographs_needed
 from hulldown.training.study.study_comparison import ReportedCell, compared_runs
 from hulldown.training.study.study_folder import prepare_study, study_runs
 from hulldown.training.study.study_page import (
-    PAPER,
+    PAPER_COLORS,
     PAPER_FIGURES,
     bars_of_arms,
     figure_png,
@@ -179,17 +179,17 @@ def test_the_page_has_every_chart_and_fetches_nothing(study, browser):
 
 def test_charts_of_the_papers_own_figures():
     """This test checks that all is drawn, and the same twice; people looked at the charts."""
-    for fraction, arms in PAPER.items():
+    for fraction, arms in PAPER_COLORS.items():
         cells = [ReportedCell(arm=arm, **dict(zip(PAPER_FIGURES, found, strict=True))) for arm, found in arms.items()]
         figure = bars_of_arms(f"{100 * fraction:g} %", cells)
         bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
         assert [*arms["real"], *arms["mixed"]] == bars[6:12]
     assert chart_svg(figure) == chart_svg(bars_of_arms(f"{100 * fraction:g} %", cells))
-    f1 = {arm: [PAPER[fraction][arm][2] for fraction in sorted(PAPER)] for arm in ("real", "mixed")}
+    f1 = {arm: [PAPER_COLORS[fraction][arm][2] for fraction in sorted(PAPER_COLORS)] for arm in ("real", "mixed")}
     cells = [
         ReportedCell(arm=arm, photographs=420 * fraction, f1=value, intervals={"f1": None}, of_seeds={"f1": [value]})
         for arm, values in f1.items()
-        for fraction, value in zip(sorted(PAPER), values, strict=True)
+        for fraction, value in zip(sorted(PAPER_COLORS), values, strict=True)
     ]
     figure = over_photographs(cells, ["f1"])
     assert [line.get_ydata().tolist() for line in figure.axes[0].lines] == list(f1.values())

@@ -16,10 +16,10 @@ from rich.table import Table
 
 from hulldown import cli
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import STDERR
+from hulldown.base.terminal import STDERR_TERMINAL
 from hulldown.dataset.coco import CocoDataset
 from hulldown.tests.builders.editing import render
-from hulldown.verbs.output import FOUND, STDOUT
+from hulldown.verbs.output import FOUND, STDOUT_TERMINAL
 
 
 def run_apart(*words, cwd, stdout=subprocess.PIPE):
@@ -204,7 +204,7 @@ def test_a_closed_pipe_and_a_full_disk_for_the_result(tmp_path):
     assert crowded.stderr == "hulldown: stdout: No space left on device; make room and run the same command again\n"
 
 
-@pytest.mark.parametrize("console", [STDOUT, STDERR])
+@pytest.mark.parametrize("console", [STDOUT_TERMINAL, STDERR_TERMINAL])
 def test_names_cannot_control_the_terminal(console, capsys):
     """Escape codes, backspaces, bells, and changes of direction, wherever a name from a file is printed."""
     table = Table("object")

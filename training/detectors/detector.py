@@ -29,12 +29,12 @@ RUN_NAME = "run.json"
 WEIGHTS_NAME, WEIGHTS_FOLDER = "weights.pt", "weights"  # of RF-DETR, and of a detector of transformers
 TRANSFORMERS_FILES = ("config.json", "preprocessor_config.json", "model.safetensors")  # in a folder of weights
 # Exceptions of unpickling damaged bytes, or of loading them into a network.
-DAMAGED = (
+DAMAGE_ERRORS = (
     *(RuntimeError, ValueError, LookupError, TypeError, AttributeError, EOFError, OSError),
     *(pickle.UnpicklingError, struct.error, zipfile.BadZipFile, MemoryError, NotImplementedError, RecursionError),
 )
 _REMEDY = "name a folder of `hulldown train`, its weights, or a checkpoint of RF-DETR"
-_KINDS = {
+_WEIGHT_KINDS = {
     b"\x89PNG": "a PNG picture",
     b"\xff\xd8\xff": "a JPEG picture",
     b"PK": "a damaged PyTorch file, or one that holds more than weights",
@@ -140,7 +140,7 @@ def read_weights(path: Path) -> dict[str, object]:
             found = load_tensors(file)
     except FileNotFoundError:
         raise refuse("no such run folder or checkpoint") from None
-    except DAMAGED as error:  # its text advises loading code
+    except DAMAGE_ERRORS as error:  # its text advises loading code
         kind = f"unreadable ({error.strerror})" if isinstance(error, OSError) else _guess_file_kind(path, head)
         raise refuse(f"is {kind}, not the weights of a detector") from None
     if not isinstance(found, dict):
@@ -172,7 +172,7 @@ def refuse_odd_numbers(network: torch.nn.Module, path: Path) -> None:
 
 def _guess_file_kind(path: Path, head: bytes) -> str:
     """Guess the kind of a file that can't be loaded from its first bytes."""
-    for start, kind in _KINDS.items():
+    for start, kind in _WEIGHT_KINDS.items():
         if head.startswith(start):
             return kind
     if path.suffix.lower() in (".onnx", ".safetensors"):

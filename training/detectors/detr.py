@@ -26,7 +26,7 @@ from torchvision.transforms.functional import normalize
 
 from hulldown.base.errors import HulldownError
 from hulldown.training.detectors.detector import (
-    DAMAGED,
+    DAMAGE_ERRORS,
     Detections,
     find_weights,
     first_line,
@@ -45,7 +45,7 @@ with silence_libraries():  # its dependencies give deprecation warnings
     from rfdetr.training.callbacks.best_model import BestModelCallback
     from rfdetr.training.module_model import RFDETRModelModule
 
-CONFIGS = {
+DETR_CONFIGS = {
     "nano": rf_config.RFDETRNanoConfig,
     "rf-small": rf_config.RFDETRSmallConfig,
     "medium": rf_config.RFDETRMediumConfig,
@@ -70,7 +70,7 @@ def starting_module(
         if weights == own:
             own.parent.mkdir(parents=True, exist_ok=True)
         module = RFDETRModelModule(*configs)
-    except DAMAGED as error:
+    except DAMAGE_ERRORS as error:
         if weights is None:
             raise
         if not weights.is_file():  # no network, no room, a proxy's page
@@ -90,7 +90,7 @@ def starting_module(
 
 def own_weights(model: str) -> Path:
     """Return the file of RF-DETR's weights pretrained on COCO, which trainings download."""
-    return Path(get_model_cache_dir()) / str(CONFIGS[model].model_fields["pretrain_weights"].default)
+    return Path(get_model_cache_dir()) / str(DETR_CONFIGS[model].model_fields["pretrain_weights"].default)
 
 
 def _check_kind(path: Path, found: Mapping[str, object]) -> None:
@@ -103,7 +103,7 @@ def detr_configs(
     settings: Settings, classes: Sequence[str], *, weights: Path | None, device: torch.device, folder: Path
 ) -> tuple[Any, Any]:
     """RF-DETR's own two configs for a run."""
-    model = CONFIGS[settings.model](
+    model = DETR_CONFIGS[settings.model](
         num_classes=len(classes),
         resolution=settings.resolution,
         pretrain_weights=None if weights is None else str(weights),
@@ -188,7 +188,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     try:
         with silence_libraries():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
-    except DAMAGED as error:  # a shape or an entry of the file
+    except DAMAGE_ERRORS as error:  # a shape or an entry of the file
         raise HulldownError(
             f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
         ) from None

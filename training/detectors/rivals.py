@@ -13,7 +13,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.training.detectors.detector import Detections, Detector
 
 # COCO's vehicles of the road, but not its truck: that's what a detector that doesn't know tanks takes them for.
-RIVALS = ("car", "bus", "motorcycle", "motorbike")
+RIVAL_CLASSES = ("car", "bus", "motorcycle", "motorbike")
 MIN_RIVAL_IOU = 0.5
 
 
@@ -23,7 +23,7 @@ class ContestedDetector:
     def __init__(self, detector: Detector, pretrained: Detector) -> None:
         self.classes = detector.classes
         self._detector, self._pretrained = detector, pretrained
-        rivals = set(RIVALS) - set(detector.classes)
+        rivals = set(RIVAL_CLASSES) - set(detector.classes)
         self._rivals = [i for i, name in enumerate(pretrained.classes) if name in rivals]
         if not self._rivals:
             raise HulldownError(

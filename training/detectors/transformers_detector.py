@@ -36,7 +36,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular
 from hulldown.base.outputs import DONE_NAME, OutputFolder
 from hulldown.training.detectors.detector import (
-    DAMAGED,
+    DAMAGE_ERRORS,
     TRANSFORMERS_FILES,
     Detections,
     find_weights,
@@ -50,7 +50,7 @@ from hulldown.training.inputs.settings import Settings
 D_FINE_NANO = "ustc-community/dfine-nano-coco"  # at the Hugging Face hub
 LIKE_VEHICLES = "truck"  # class of COCO
 MIN_SCORE = 0.01
-UNUSABLE = (*DAMAGED, SafetensorError, StrictDataclassError)
+UNUSABLE_ERRORS = (*DAMAGE_ERRORS, SafetensorError, StrictDataclassError)
 _REMEDY = f"name a run, a folder with {', '.join(TRANSFORMERS_FILES)}, a detector at the Hugging Face hub, or none"
 
 logging.disable_progress_bar()
@@ -127,7 +127,7 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
                 ignore_mismatched_sizes=settings is not None, use_safetensors=True, output_loading_info=True,
                 trust_remote_code=False,
             )  # fmt: skip
-    except UNUSABLE as error:
+    except UNUSABLE_ERRORS as error:
         raise HulldownError(
             f"{source}: cannot be loaded as a detector of transformers ({first_line(error)})",
             remedy=_REMEDY,

@@ -18,12 +18,12 @@ from hulldown.training.evaluation.matching import Matching, loaded_evaluation
 from hulldown.training.evaluation.metrics import safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
-RECALLS = np.linspace(0.0, 1.0, 101)
-IOUS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
+RECALL_GRID = np.linspace(0.0, 1.0, 101)
+IOU_THRESHOLDS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
 AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
 MAX_ARRAY_CELLS = 1 << 22  # approximate largest size of an array
-AVERAGES = ("ap", "ap50", "ap75")
-SUMMARY = (
+AP_NAMES = ("ap", "ap50", "ap75")
+AP_SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
     *("ar_1", "ar_10", "ar_100", "ar_small", "ar_medium", "ar_large"),
 )
@@ -35,24 +35,24 @@ def average_precision(labels: Labels, predictions: Predictions) -> dict[str, flo
 
 
 def coco_averages(labels: Labels, predictions: Predictions) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
-    """COCO's summary over all classes, and `AVERAGES` of each class; nan without labels."""
+    """COCO's summary over all classes, and `AP_NAMES` of each class; nan without labels."""
     if not len(predictions.score):
         # The library refuses an empty list of results. Without detections, AP is 0 if there are labels.
         wanted = np.bincount(labels.class_index[~labels.crowd], minlength=len(predictions.class_names)) > 0
         each = np.where(wanted, 0.0, np.nan)
-        return dict.fromkeys(SUMMARY, 0.0 if wanted.any() else np.nan), np.tile(each[:, None], len(AVERAGES))
+        return dict.fromkeys(AP_SUMMARY, 0.0 if wanted.any() else np.nan), np.tile(each[:, None], len(AP_NAMES))
     evaluation = loaded_evaluation(labels, predictions)
     evaluation.run()
     figures = (float(figure) if figure >= 0 else float("nan") for figure in evaluation.stats)
     found = evaluation.eval["precision"][:, :, :, 0, -1].mean(axis=1)  # of each IoU and class, over recalls
     each = np.stack([found.mean(axis=0), found[AT_50], found[AT_75]], axis=1)
-    return dict(zip(SUMMARY, figures, strict=False)), np.where(each < 0.0, np.nan, each)
+    return dict(zip(AP_SUMMARY, figures, strict=False)), np.where(each < 0.0, np.nan, each)
 
 
 def resampled_averages(
     matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]
 ) -> Float[np.ndarray, "r c 3"]:
-    """`AVERAGES` of each class in each resample of positions; nan if a resample has no label of the class."""
+    """`AP_NAMES` of each class in each resample of positions; nan if a resample has no label of the class."""
     labels, predictions = matchings[0].labels, matchings[0].predictions
     order = np.argsort(-predictions.score, kind="stable")
     each = []
@@ -67,7 +67,7 @@ def resampled_averages(
         parts = np.split(weights, range(at_once, len(weights), at_once))
         found = np.concatenate([weighted_averages(true, counts, some[:, where], some @ wanted_at) for some in parts])
         each.append(np.stack([found.mean(axis=1), found[:, AT_50], found[:, AT_75]], axis=1))
-    return np.stack(each, axis=1) if each else np.zeros((len(weights), 0, len(AVERAGES)))
+    return np.stack(each, axis=1) if each else np.zeros((len(weights), 0, len(AP_NAMES)))
 
 
 def weighted_averages(
@@ -78,10 +78,10 @@ def weighted_averages(
 ) -> Float[np.ndarray, "r i"]:
     """COCO's AP of one class with integer weights of detections, at 101 recalls; nan without `labels`, their number."""
     # The least count of found labels that reaches each recall, with the rounding of a division.
-    least = np.ceil(RECALLS * labels[:, None])
+    least = np.ceil(RECALL_GRID * labels[:, None])
     with np.errstate(invalid="ignore", divide="ignore"):
-        least -= (least > 0) & ((least - 1) / labels[:, None] >= RECALLS)
-        least += least / labels[:, None] < RECALLS
+        least -= (least > 0) & ((least - 1) / labels[:, None] >= RECALL_GRID)
+        least += least / labels[:, None] < RECALL_GRID
     result = np.empty((len(weight), len(true)))
     for k, right in enumerate(true):
         if k == 0 or (counts[k] != counts[k - 1]).any():

@@ -10,14 +10,14 @@ from itertools import compress
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from hulldown.dataset.attributes import SCALES, SIZE, label_numbers, value_bins
+from hulldown.dataset.attributes import BOX_SIZE_SCALE, SCALES, label_numbers, value_bins
 from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
 from hulldown.training.evaluation.metrics import grouped_sums, safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
-BINNED = ("visible_fraction", "distance")  # of `SCALES`
+BINNED_SCALES = ("visible_fraction", "distance")  # of `SCALES`
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -36,14 +36,14 @@ def binned_fields(labels: Labels, predictions: Predictions) -> list[BinnedField]
     """Return all attributes with bins; those that no label has are left out, as are empty bins."""
     numbers = label_numbers(labels.annotations, labels.images, labels.image)
     classes = np.where(labels.crowd, -1, labels.class_index)
-    sizes = (value_bins(_side_length(boxes), SIZE) for boxes in (labels, predictions))
+    sizes = (value_bins(_side_length(boxes), BOX_SIZE_SCALE) for boxes in (labels, predictions))
     found = [
         _make_field("class", "class", predictions.class_names, classes, predictions.class_index),
-        _make_field(SIZE.name, SIZE.title, SIZE.bins, *sizes),
+        _make_field(BOX_SIZE_SCALE.name, BOX_SIZE_SCALE.title, BOX_SIZE_SCALE.bins, *sizes),
         *(
             _make_field(one.name, one.title, one.bins, value_bins(numbers[one.name], one), None)
             for one in SCALES
-            if one.name in BINNED
+            if one.name in BINNED_SCALES
         ),
     ]
     return [field for field in found if (field.of_label[~labels.crowd] >= 0).any()]

@@ -23,7 +23,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from hulldown.training.evaluation.metrics import MEANS, safe_ratio
+from hulldown.training.evaluation.metrics import MEAN_METRICS, safe_ratio
 
 RESAMPLE_COUNT = 2000
 LEAST_ERROR = 1e-150  # smallest error whose square doesn't underflow
@@ -115,7 +115,7 @@ def figure_intervals(
     found = {}
     for key, whole in wholes.items():
         groups = int((whole > 0).sum())
-        trials = np.inf if key in MEANS else whole.sum()
+        trials = np.inf if key in MEAN_METRICS else whole.sum()
         found[key] = share_interval(
             values[key], standard_error(resampled[key], groups), freedom=groups - 1, trials=trials
         )

@@ -13,7 +13,7 @@ from msgspec import UNSET, Struct, UnsetType
 from hulldown.base.indices import even_sample
 from hulldown.training.evaluation.bins import BinFigures
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
-from hulldown.training.evaluation.metrics import COUNTS, confusion_matrix, threshold_curves
+from hulldown.training.evaluation.metrics import COUNT_METRICS, confusion_matrix, threshold_curves
 
 DECIMAL_DIGITS = 6
 CURVE_POINTS = 200
@@ -153,7 +153,7 @@ def plain_json(value: Any) -> Any:
 
 def _report_figures(one: Evaluation, label: int | None = None) -> ReportedFigures:
     return ReportedFigures(
-        **{key: int(value) if key in COUNTS else plain_json(value) for key, value in one.values(label).items()},
+        **{key: int(value) if key in COUNT_METRICS else plain_json(value) for key, value in one.values(label).items()},
         threshold=one.threshold.value,
         threshold_source=one.threshold.source,
         iou=one.matching.iou_threshold,

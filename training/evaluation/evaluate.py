@@ -8,7 +8,13 @@ from functools import cached_property
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.training.evaluation.average_precision import AVERAGES, IOUS, class_mean, coco_averages, resampled_averages
+from hulldown.training.evaluation.average_precision import (
+    AP_NAMES,
+    IOU_THRESHOLDS,
+    class_mean,
+    coco_averages,
+    resampled_averages,
+)
 from hulldown.training.evaluation.bins import BinFigures, bin_figures, binned_fields
 from hulldown.training.evaluation.bootstrap import (
     difference_interval,
@@ -20,9 +26,9 @@ from hulldown.training.evaluation.bootstrap import (
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import match_detections, match_repeatedly
 from hulldown.training.evaluation.metrics import (
-    COUNTS,
-    FIGURES,
-    SUMS,
+    COUNT_METRICS,
+    DERIVED_METRICS,
+    SUM_METRICS,
     figure_denominators,
     figures_from_sums,
     grouped_sums,
@@ -51,14 +57,14 @@ class Evaluation:
 
     @cached_property
     def position_sums(self) -> Float[np.ndarray, "positions c 6"]:
-        """`metrics.SUMS` of each class in each position."""
+        """`metrics.SUM_METRICS` of each class in each position."""
         classes = len(self.predictions.class_names)
         by_class = {"of_detection": self.predictions.class_index, "of_label": self.labels.class_index}
         return grouped_sums(self.seen, **by_class, bins=classes)
 
     @cached_property
     def resampled_sums(self) -> Float[np.ndarray, "r c 6"]:
-        """`metrics.SUMS` of each class in every resample of positions."""
+        """`metrics.SUM_METRICS` of each class in every resample of positions."""
         return resampled_sums(self.position_sums)
 
     @cached_property
@@ -77,7 +83,7 @@ class Evaluation:
 
     @cached_property
     def _resampled_averages(self) -> Float[np.ndarray, "r c 3"]:
-        matchings = match_repeatedly(self.labels, self.predictions, IOUS)
+        matchings = match_repeatedly(self.labels, self.predictions, IOU_THRESHOLDS)
         some = draw_resamples(self.labels.positions, times=AP_RESAMPLES)
         return np.concatenate([resampled_averages(matchings, weights) for weights in some])
 
@@ -87,27 +93,27 @@ class Evaluation:
         return [bin_figures(field, self.seen) for field in binned_fields(self.labels, self.predictions)]
 
     def values(self, label: int | None = None) -> dict[str, float]:
-        """`metrics.COUNTS`, `metrics.FIGURES`, and `AVERAGES`, over all classes or of one; nan if undefined."""
+        """Return counts, derived metrics, and `AP_NAMES`, over all classes or of one; nan if undefined."""
         sums = self.position_sums[:, _describe_label(label)].sum(axis=0).sum(axis=0)
         summary, of_classes = self._averages
-        averages = [summary[key] for key in AVERAGES] if label is None else of_classes[label]
+        averages = [summary[key] for key in AP_NAMES] if label is None else of_classes[label]
         found = {
-            **dict(zip(SUMS, sums, strict=True)),
+            **dict(zip(SUM_METRICS, sums, strict=True)),
             **figures_from_sums(sums),
-            **dict(zip(AVERAGES, averages, strict=True)),
+            **dict(zip(AP_NAMES, averages, strict=True)),
         }
-        return {key: float(found[key]) for key in (*COUNTS, *FIGURES, *AVERAGES)}
+        return {key: float(found[key]) for key in (*COUNT_METRICS, *DERIVED_METRICS, *AP_NAMES)}
 
     def resampled(self, label: int | None = None) -> dict[str, Float[np.ndarray, " r"]]:
-        """`metrics.FIGURES` in every resample of positions, and `AVERAGES` in `AP_RESAMPLES` resamples."""
+        """`metrics.DERIVED_METRICS` in every resample of positions, and `AP_NAMES` in `AP_RESAMPLES` resamples."""
         averages = class_mean(self._resampled_averages[:, _describe_label(label)])
         found = figures_from_sums(self.resampled_sums[:, _describe_label(label)].sum(axis=1))
-        return found | dict(zip(AVERAGES, averages.T, strict=True))
+        return found | dict(zip(AP_NAMES, averages.T, strict=True))
 
     def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
         """Of all figures, over all classes or of one."""
         wholes = figure_denominators(self.position_sums[:, _describe_label(label)].sum(axis=1))
-        wholes |= dict.fromkeys(AVERAGES, wholes["recall"])
+        wholes |= dict.fromkeys(AP_NAMES, wholes["recall"])
         return figure_intervals(self.values(label), self.resampled(label), wholes)
 
 

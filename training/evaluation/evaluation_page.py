@@ -16,17 +16,26 @@ from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
-from hulldown.dataset.reports.charts import BLUE, COLORS, GREEN, INK, MAX_NAME_CHARACTERS, RED, make_axes, shorten_name
+from hulldown.dataset.reports.charts import (
+    BLUE,
+    GREEN,
+    INK,
+    MAX_NAME_CHARACTERS,
+    RED,
+    SERIES_COLORS,
+    make_axes,
+    shorten_name,
+)
 from hulldown.dataset.reports.page import render_page
-from hulldown.pictures.sheets import BACKGROUND, contact_sheet
+from hulldown.pictures.sheets import BACKGROUND_COLOR, contact_sheet
 from hulldown.training.evaluation.detector_report import DetectorReport
 from hulldown.training.evaluation.evaluate import DetectorComparison, Evaluation
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.metrics import threshold_curves
 from hulldown.training.evaluation.predictions import Predictions
 
-TEMPLATE = "training/evaluation/evaluation_page.html"
-FIGURES = {
+PAGE_TEMPLATE = "training/evaluation/evaluation_page.html"
+FIGURE_TITLES = {
     "tp": "true positives (TP)",
     "fp": "false positives (FP)",
     "fn": "false negatives (FN)",
@@ -41,10 +50,10 @@ FIGURES = {
     "ap50": "AP50",
     "ap75": "AP75",
 }
-COMPARED = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
-SOURCES = {"given": "as given", "validation": "best F1 on the validation set"}
+COMPARED_METRICS = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
+THRESHOLD_SOURCES = {"given": "as given", "validation": "best F1 on the validation set"}
 MAX_TILES = 24  # of a sheet
-TILE = (320, 240)
+TILE_SIZE = (320, 240)
 CROP_WIDTHS = 2.4  # widths of a box that its crop shows
 MIN_CROP_PX = 96  # for context
 LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
@@ -53,10 +62,10 @@ LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 def evaluation_page(one: Evaluation, report: DetectorReport, sheets: Mapping[str, bytes]) -> str:
     """Return the page about one file of detections, from its evaluation, its report, and its `write_sheets`."""
     return render_page(
-        TEMPLATE,
+        PAGE_TEMPLATE,
         {
-            "figures": FIGURES,
-            "sources": SOURCES,
+            "figures": FIGURE_TITLES,
+            "sources": THRESHOLD_SOURCES,
             "reports": {report.predictions: report},
             "columns": {"all classes": report.overall, **report.per_class},
             "curves": {
@@ -74,21 +83,21 @@ def comparison_page(
 ) -> str:
     """Return the page that compares files of detections, which have their own pages in folders of their names."""
     return render_page(
-        TEMPLATE,
+        PAGE_TEMPLATE,
         {
-            "figures": FIGURES,
-            "sources": SOURCES,
+            "figures": FIGURE_TITLES,
+            "sources": THRESHOLD_SOURCES,
             "reports": reports,
             "columns": {name: report.overall for name, report in reports.items()},
             "curves": {"precision over recall of each": precision_recall(evaluations)},
             "changes": [
                 (
-                    f"{FIGURES[key]}: {one.second[:MAX_NAME_CHARACTERS]}",
+                    f"{FIGURE_TITLES[key]}: {one.second[:MAX_NAME_CHARACTERS]}",
                     one.difference[key],
                     one.intervals[key].tolist(),
                 )
                 for one in compared
-                for key in COMPARED
+                for key in COMPARED_METRICS
             ],
         },
     )
@@ -97,7 +106,7 @@ def comparison_page(
 def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
     """Precision over recall, with the operating points: of each class for one detector, of each of several."""
     figure, axes = make_axes("precision over recall", 5.4, 3.6)
-    colors = cycle(COLORS)
+    colors = cycle(SERIES_COLORS)
     for one in evaluations:
         alone = len(evaluations) == 1
         curve, color = threshold_curves(one.matching), next(colors)
@@ -125,7 +134,7 @@ def over_thresholds(one: Evaluation) -> Figure:
     figure, axes = make_axes("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
     curve = threshold_curves(one.matching)
     for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
-        axes.plot(curve["threshold"], curve[key], find_marker(curve[key]), color=color, label=FIGURES[key])
+        axes.plot(curve["threshold"], curve[key], find_marker(curve[key]), color=color, label=FIGURE_TITLES[key])
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="confidence threshold", ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower center")
@@ -146,7 +155,9 @@ def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
         (folder / name).unlink(missing_ok=True)
         if tiles:
             file = io.BytesIO()
-            contact_sheet(list(tiles.values()), columns=6, tile_width=TILE[0], captions=list(tiles)).save(file, "PNG")
+            contact_sheet(list(tiles.values()), columns=6, tile_width=TILE_SIZE[0], captions=list(tiles)).save(
+                file, "PNG"
+            )
             sheets[name] = file.getvalue()
             replace_file(folder / name, sheets[name])
     return sheets
@@ -171,16 +182,16 @@ def _ranked_tiles(
 
 def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[Image.Image, tuple[str, ...]]:
     """Return a box's surroundings with the boxes of all labels and counted detections, and why it can't be read."""
-    tile, name = Image.new("RGB", TILE, BACKGROUND), one.labels.images[image].file_name
+    tile, name = Image.new("RGB", TILE_SIZE, BACKGROUND_COLOR), one.labels.images[image].file_name
     try:
         whole = Image.fromarray(read_pixels(one.labels.folder / name))
     except DatasetError as error:
         return tile, (f"{name} {error.problem}",)
-    ratio = TILE[0] / TILE[1]
+    ratio = TILE_SIZE[0] / TILE_SIZE[1]
     width = max(CROP_WIDTHS * around[2], CROP_WIDTHS * around[3] * ratio, MIN_CROP_PX)
     size = np.minimum([width, width / ratio], whole.size)
     low = np.clip(around[:2] + (around[2:] - size) / 2.0, 0.0, np.maximum(whole.size - size, 0.0))
-    scale = min(TILE[0] / size[0], TILE[1] / size[1])
+    scale = min(TILE_SIZE[0] / size[0], TILE_SIZE[1] / size[1])
     inner = tuple(max(1, round(n * scale)) for n in size.tolist())
     cut = whole.resize((inner[0], inner[1]), Image.Resampling.BICUBIC, box=(*low, *np.minimum(low + size, whole.size)))
     pen = ImageDraw.Draw(cut)
@@ -193,7 +204,7 @@ def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) ->
     for outlines, color in ((true, LABEL_COLOR), (found, FOUND_COLOR)):
         for outline in outlines:
             pen.polygon([(x, y) for x, y in ((outline - low) * scale).tolist()], outline=color, width=2)
-    tile.paste(cut, ((TILE[0] - cut.width) // 2, (TILE[1] - cut.height) // 2))
+    tile.paste(cut, ((TILE_SIZE[0] - cut.width) // 2, (TILE_SIZE[1] - cut.height) // 2))
     return tile, ()
 
 

@@ -21,7 +21,7 @@ from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.files import replace_file
 from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import progress_bar
-from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.evaluation.average_precision import AP_NAMES
 from hulldown.training.evaluation.detector_report import (
     DetectorReport,
     DetectorReports,
@@ -31,10 +31,19 @@ from hulldown.training.evaluation.detector_report import (
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare_detectors
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, write_sheets
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.evaluation.metrics import COUNTS, FIGURES
+from hulldown.training.evaluation.metrics import COUNT_METRICS, DERIVED_METRICS
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
 
-COLUMNS = ("predictions", "scope", *COUNTS, *FIGURES, *AVERAGES, "threshold", "threshold_source", "iou")
+REPORT_COLUMNS = (
+    "predictions",
+    "scope",
+    *COUNT_METRICS,
+    *DERIVED_METRICS,
+    *AP_NAMES,
+    "threshold",
+    "threshold_source",
+    "iou",
+)
 
 
 def evaluate_detections(
@@ -165,7 +174,7 @@ def _write_reports(
 def metrics_csv(reports: Mapping[str, DetectorReport]) -> str:
     """CSV with a line for all classes (``overall``) and one for each (``per_class.NAME``), per file of detections."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, extrasaction="ignore", lineterminator="\n")
+    writer = csv.DictWriter(text, REPORT_COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     for name, found in reports.items():
         rows = {"overall": found.overall} | {f"per_class.{key}": row for key, row in found.per_class.items()}

@@ -10,17 +10,17 @@ from numpy.typing import ArrayLike
 
 from hulldown.training.evaluation.matching import Matching, match_detections
 
-COUNTS = ("tp", "fp", "fn")
-SUMS = (*COUNTS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
-SHARES = ("precision", "recall", "f1")  # ratios of counts
-MEANS = ("mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
-FIGURES = (*SHARES, *MEANS)
+COUNT_METRICS = ("tp", "fp", "fn")
+SUM_METRICS = (*COUNT_METRICS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
+RATIO_METRICS = ("precision", "recall", "f1")  # ratios of counts
+MEAN_METRICS = ("mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
+DERIVED_METRICS = (*RATIO_METRICS, *MEAN_METRICS)
 
 
 def grouped_sums(
     matching: Matching, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
 ) -> Float[np.ndarray, "positions bins 6"]:
-    """Return `SUMS` of each bin in each position."""
+    """Return `SUM_METRICS` of each bin in each position."""
     labels, predictions, true, false = matching.labels, matching.predictions, matching.true, matching.false
 
     def totals(of: np.ndarray, image: np.ndarray, *weights: np.ndarray) -> list[np.ndarray]:
@@ -32,11 +32,11 @@ def grouped_sums(
     weights = (np.where(counted, value, 0.0) for counted, value in means)
     tp, fp, *rest = totals(of_detection, predictions.image, true, false, *weights)
     fn = totals(of_label, labels.image, matching.missed)
-    return np.stack([tp, fp, *fn, *rest], axis=1, dtype=np.float64).reshape(labels.positions, bins, len(SUMS))
+    return np.stack([tp, fp, *fn, *rest], axis=1, dtype=np.float64).reshape(labels.positions, bins, len(SUM_METRICS))
 
 
 def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
-    """`FIGURES` from `SUMS` in the last axis; nan if undefined."""
+    """`DERIVED_METRICS` from `SUM_METRICS` in the last axis; nan if undefined."""
     tp, _, _, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
     parts = (tp, tp, 2.0 * tp, iou, sure_tp + sure_fp, sure_tp, sure_fp)
     return {
@@ -46,10 +46,10 @@ def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np
 
 
 def figure_denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
-    """Denominators of `FIGURES`."""
+    """Denominators of `DERIVED_METRICS`."""
     tp, fp, fn = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)[:3]
     each = map(np.asarray, (tp + fp, tp + fn, 2.0 * tp + fp + fn, tp, tp + fp, tp, fp))
-    return dict(zip(FIGURES, each, strict=True))
+    return dict(zip(DERIVED_METRICS, each, strict=True))
 
 
 def safe_ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:

@@ -11,13 +11,22 @@ from contextlib import contextmanager
 
 from hulldown.base.errors import HulldownError
 
-PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "transformers", "albumentations", "cv2", "onnx")
+TRAINING_PACKAGES = (
+    "torch",
+    "torchvision",
+    "pytorch_lightning",
+    "rfdetr",
+    "transformers",
+    "albumentations",
+    "cv2",
+    "onnx",
+)
 
 
 def require_extra() -> None:
     """Raise if the extra isn't installed; call it before importing anything of it."""
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"  # else it asks the network for its latest version
-    missing = [name for name in PACKAGES if importlib.util.find_spec(name) is None]
+    missing = [name for name in TRAINING_PACKAGES if importlib.util.find_spec(name) is None]
     if missing:
         raise HulldownError(f"{', '.join(missing)}: not installed", remedy="pip install 'hulldown[training]'")
 

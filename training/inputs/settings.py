@@ -17,14 +17,14 @@ from hulldown.base.errors import ConfigError
 from hulldown.base.outside import parse_json, parse_value, parse_yaml, read_text
 from hulldown.base.toml_files import read_toml, validate_model
 
-Model = Literal["small", "nano", "rf-small", "medium", "large"]
+ModelName = Literal["small", "nano", "rf-small", "medium", "large"]
 
 KNOWN_AUGMENTATIONS = ("table1", "mild", "aerial")
 OWN_AUGMENTATIONS = Path(__file__).parent / "augmentations"
 _NAME_A_FILE = f"name an Albumentations file (docs/training.md), or {', '.join(KNOWN_AUGMENTATIONS)}"
 # Set here because RF-DETR's default of batches per step changed from 4 to 1 between versions.
 _RF_DETR = {"batch": 4, "accumulate": 4, "learning_rate": 1e-4, "schedule": "step", "augmentation": "table1"}
-_DEFAULTS: Mapping[str, Mapping[str, object]] = {
+_MODEL_DEFAULTS: Mapping[str, Mapping[str, object]] = {
     "small": {
         "resolution": 320,
         "batch": 8,
@@ -45,7 +45,7 @@ class Settings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    model: Model = Field("medium", description="small: D-FINE nano, for a CPU; nano to large are RF-DETR's")
+    model: ModelName = Field("medium", description="small: D-FINE nano, for a CPU; nano to large are RF-DETR's")
     budget: int = Field(25_000, ge=1, description="pictures drawn, with replacement")
     seed: int = Field(0, ge=0, lt=2**63, description="of draws, augmentation and weights")
     resolution: int = Field(ge=32, le=4096, multiple_of=32, description="pixels of the input's sides")
@@ -71,7 +71,7 @@ class Settings(BaseModel):
     def _completed(cls, data: object) -> object:
         if not isinstance(data, dict):
             return data
-        defaults = _DEFAULTS.get(str(data.get("model")), _DEFAULTS["medium"])
+        defaults = _MODEL_DEFAULTS.get(str(data.get("model")), _MODEL_DEFAULTS["medium"])
         return resolved_augmentation({**defaults, **data})
 
     @property
@@ -85,7 +85,7 @@ class Settings(BaseModel):
         return math.ceil(self.budget / self.effective_batch)
 
 
-_OPTIONS = ("model", "budget", "seed", "resolution", "weights", "keep", "logger")
+_OPTION_NAMES = ("model", "budget", "seed", "resolution", "weights", "keep", "logger")
 
 
 def _setting_option(field: FieldInfo) -> object:
@@ -98,7 +98,7 @@ def _setting_option(field: FieldInfo) -> object:
 SettingOptions = Parameter(name="*")(
     make_dataclass(
         "SettingOptions",
-        [(name, _setting_option(Settings.model_fields[name]), None) for name in _OPTIONS],
+        [(name, _setting_option(Settings.model_fields[name]), None) for name in _OPTION_NAMES],
         namespace={"__module__": __name__},
     )
 )

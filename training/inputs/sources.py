@@ -120,7 +120,7 @@ class CheckedPictures:
     hashes: tuple[Bool[np.ndarray, "256"] | None, ...]
 
 
-def check_pictures(
+def check_source_pictures(
     sources: Sequence[LabeledPictures], *, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, CheckedPictures]:
     """Read every picture of every source; return their hashes by the source's name."""

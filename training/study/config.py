@@ -16,9 +16,14 @@ from hulldown.base.outputs import claim_file
 from hulldown.base.toml_files import read_toml, validate_model
 from hulldown.training.inputs.settings import Settings, resolved_augmentation
 from hulldown.training.study.arms import ARM_KINDS, Arm
-from hulldown.training.subset import FRACTIONS
+from hulldown.training.subset import DEFAULT_FRACTIONS
 
-ARMS: tuple[Arm, ...] = ("real", "mixed", "balanced", "synthetic")  # the paper's, and one that renders can't drown
+BUILT_IN_ARMS: tuple[Arm, ...] = (
+    "real",
+    "mixed",
+    "balanced",
+    "synthetic",
+)  # the paper's, and one that renders can't drown
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
@@ -42,11 +47,11 @@ class StudyConfig(BaseModel):
     test: Path = Field(description="photographs to test on")
     valid: Path | None = Field(None, description="photographs to choose each detector's threshold on")
     arms: tuple[Arm | NamedArm, ...] = Field(
-        ARMS,
+        BUILT_IN_ARMS,
         min_length=1,
         description='what is compared; { name = "strong", base = "mixed", train.augmentation = "table1" }',
     )
-    fractions: tuple[Share, ...] = Field(FRACTIONS, min_length=1, description="shares of the photographs")
+    fractions: tuple[Share, ...] = Field(DEFAULT_FRACTIONS, min_length=1, description="shares of the photographs")
     seeds: tuple[Annotated[int, Field(ge=0, lt=2**32)], ...] = Field((0, 1, 2), min_length=1)
     stratified: bool = Field(False, description="whether each share keeps the proportion of classes")
     threshold: float | None = Field(
@@ -151,7 +156,7 @@ def write_study(
         named |= {"valid": f"valid = {named['valid']}"}
     else:
         named |= {"valid": '# valid = "photographs/valid"'}
-    replace_file(path, _TEXT.format(**named).encode())
+    replace_file(path, _CONFIG_TEXT.format(**named).encode())
     return path
 
 
@@ -162,7 +167,7 @@ def _resolve_path(start: Path, folder: Path) -> str:
         return folder.resolve().as_posix()
 
 
-_TEXT = """\
+_CONFIG_TEXT = """\
 # hulldown study. Paths are relative to this file's folder, and each is the folder of a COCO dataset.
 
 real = {real}            # photographs to train on

@@ -16,17 +16,17 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.training.evaluation.average_precision import AVERAGES
+from hulldown.training.evaluation.average_precision import AP_NAMES
 from hulldown.training.evaluation.bootstrap import combined_error, difference_interval, share_interval, standard_error
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, equal_count
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.metrics import SHARES
+from hulldown.training.evaluation.metrics import RATIO_METRICS
 from hulldown.training.evaluation.predictions import read_predictions
 from hulldown.training.study.arms import ARM_KINDS, ArmKind
 from hulldown.training.study.study_folder import StudyRun
 
-COUNTS = ("tp", "fp", "fn")
-TITLES = {
+COUNT_MEASURES = ("tp", "fp", "fn")
+MEASURE_TITLES = {
     "tp": "TP",
     "fp": "FP",
     "fn": "FN",
@@ -38,7 +38,7 @@ TITLES = {
     "ap50": "AP50",
     "ap": "AP",
 }
-MEASURES = tuple(TITLES)[len(COUNTS) :]
+RATIO_MEASURES = tuple(MEASURE_TITLES)[len(COUNT_MEASURES) :]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,7 +48,7 @@ class Judged:
     run: StudyRun
     photographs: int
     evaluation: Evaluation
-    values: Mapping[str, float]  # each of `COUNTS` and `MEASURES`
+    values: Mapping[str, float]  # each of `COUNT_MEASURES` and `RATIO_MEASURES`
     resampled: Mapping[str, Float[np.ndarray, " r"]]  # measure -> (r,) values in every resample of the test positions
 
 
@@ -103,7 +103,11 @@ def evaluate_run(
     evaluation = Evaluation(labels["test"], predictions, threshold=chosen, iou=iou)
     values, resampled = evaluation.values(), evaluation.resampled()
     return Judged(
-        run, photographs, evaluation, {key: values[key] for key in TITLES}, {key: resampled[key] for key in MEASURES}
+        run,
+        photographs,
+        evaluation,
+        {key: values[key] for key in MEASURE_TITLES},
+        {key: resampled[key] for key in RATIO_MEASURES},
     )
 
 
@@ -136,7 +140,7 @@ def estimate_measure(cell: Cell, measure: str, *, minus: Cell | None = None) -> 
     value = float(values.mean())
     if minus is not None:
         return Estimate(value, difference_interval(value, error, freedom=freedom, labels=labels.sum()))
-    trials = labels.sum() if measure in (*SHARES, *AVERAGES) else np.inf
+    trials = labels.sum() if measure in (*RATIO_METRICS, *AP_NAMES) else np.inf
     return Estimate(value, share_interval(value, error, freedom=freedom, trials=trials))
 
 

@@ -13,9 +13,9 @@ from hulldown.training.detectors.detector import read_run
 from hulldown.training.evaluation.detector_report import Ends, plain_json
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.results import (
-    COUNTS,
-    MEASURES,
-    TITLES,
+    COUNT_MEASURES,
+    MEASURE_TITLES,
+    RATIO_MEASURES,
     Cell,
     Equivalent,
     Estimate,
@@ -165,7 +165,7 @@ def compared_runs(study: Path | str) -> StudyReport:
     return StudyReport(
         study=_study_facts(known, len(planned)),
         summary=summary,
-        sureness=interval_note(known, len(records) * len(MEASURES)),
+        sureness=interval_note(known, len(records) * len(RATIO_MEASURES)),
         cells=[_cell_record(cell) for cell in found],
         pairs=records,
         worth=[
@@ -205,17 +205,17 @@ def _study_facts(study: Study, runs: int) -> StudyFacts:
 
 
 def _cell_record(cell: Cell) -> ReportedCell:
-    seeds, estimates = sorted(cell.judged), {key: estimate_measure(cell, key) for key in MEASURES}
+    seeds, estimates = sorted(cell.judged), {key: estimate_measure(cell, key) for key in RATIO_MEASURES}
     return ReportedCell(
         arm=cell.arm,
         fraction=plain_json(cell.fraction),
         name=cell.name,
         photographs=plain_json(cell.photographs),
         seeds=seeds,
-        **{key: plain_json(np.mean([cell.judged[seed].values[key] for seed in seeds])) for key in COUNTS},
+        **{key: plain_json(np.mean([cell.judged[seed].values[key] for seed in seeds])) for key in COUNT_MEASURES},
         **{key: plain_json(one.value) for key, one in estimates.items()},
         intervals={key: plain_json(known_ends(one.ends)) for key, one in estimates.items()},
-        of_seeds={key: [plain_json(cell.judged[seed].values[key]) for seed in seeds] for key in MEASURES},
+        of_seeds={key: [plain_json(cell.judged[seed].values[key]) for seed in seeds] for key in RATIO_MEASURES},
     )
 
 
@@ -224,14 +224,14 @@ def _pair_record(first: Cell, second: Cell) -> ReportedPair:
         key: ReportedDifference(
             plain_json(one.value), plain_json(known_ends(one.ends)), difference_words(first, second, key, one)
         )
-        for key, one in ((key, estimate_measure(second, key, minus=first)) for key in MEASURES)
+        for key, one in ((key, estimate_measure(second, key, minus=first)) for key in RATIO_MEASURES)
     }
     return ReportedPair(first.name, second.name, plain_json(second.fraction), measures)
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:
     """Return a sentence about a pair of arms by one measure; `found` is second minus first."""
-    title = TITLES[measure]
+    title = MEASURE_TITLES[measure]
     if np.isnan(found.value):
         return f"{second.name} minus {first.name}: {title} is undefined without detections."
     if np.isnan(found.ends).any():
@@ -251,7 +251,7 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -
 
 def worth_words(name: str, measure: str, found: Equivalent) -> str:
     """Return a sentence about the worth of a cell's synthetic images in photographs."""
-    title = TITLES[measure]
+    title = MEASURE_TITLES[measure]
     if np.isinf(found.photographs) and found.most <= 0:
         return f"By {title}, {name} is better than all photographs alone, so its worth has no upper bound."
     if np.isinf(found.photographs):

@@ -22,7 +22,7 @@ from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
     CheckedPictures,
     LabeledPictures,
-    check_pictures,
+    check_source_pictures,
     follow_masks,
     read_sources,
     shared_pictures,
@@ -135,7 +135,7 @@ def prepare_study(config: StudyConfig, folder: Path) -> Study:
                 remedy="add pictures of it, or leave the class out of every dataset",
             )  # fmt: skip
     with progress_bar("checking pictures") as advance:
-        checked = check_pictures(found, progress=advance)
+        checked = check_source_pictures(found, progress=advance)
     _check_apart(found, checked)
     masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
     study = Study(

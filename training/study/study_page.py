@@ -16,16 +16,16 @@ from matplotlib.figure import Figure
 
 from hulldown.base.arguments import AnyPath
 from hulldown.base.files import replace_file
-from hulldown.dataset.reports.charts import COLORS, INK, SOFT, tidy_axes
+from hulldown.dataset.reports.charts import INK, SERIES_COLORS, SOFT, tidy_axes
 from hulldown.dataset.reports.page import format_interval, format_number, render_page
 from hulldown.training.study.arms import ARM_KINDS
-from hulldown.training.study.results import COUNTS, MEASURES, TITLES
+from hulldown.training.study.results import COUNT_MEASURES, MEASURE_TITLES, RATIO_MEASURES
 from hulldown.training.study.study_comparison import ReportedCell, StudyReport, compared_runs
 from hulldown.training.subset import subset_name
 
-OVER = ("ap50", "f1", "recall", "precision")
+CHART_MEASURES = ("ap50", "f1", "recall", "precision")
 # The paper's precision, recall, and F1 (sections 3 and 4) by fraction and arm.
-PAPER = {
+PAPER_COLORS = {
     0.05: {"real": (0.88, 0.20, 0.32), "mixed": (0.91, 0.41, 0.57)},
     0.1: {"real": (0.81, 0.23, 0.35), "mixed": (0.86, 0.38, 0.53)},
     0.25: {"real": (0.95, 0.55, 0.70), "mixed": (0.88, 0.74, 0.80)},
@@ -33,8 +33,8 @@ PAPER = {
     1.0: {"real": (0.93, 0.64, 0.76), "mixed": (0.97, 0.48, 0.65)},
 }
 PAPER_FIGURES = ("precision", "recall", "f1")
-SPARE = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
-PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
+SPARE_COLORS = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
+CHART_PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
 BARS_WIDTH_SHARE = 0.8  # share of the width for the bars of one measure
 
 
@@ -49,7 +49,7 @@ def draw_charts(report: StudyReport) -> dict[str, tuple[str, Figure]]:
         found[f"real_{subset_name(fraction)}"] = words, bars_of_arms(title, cells)
     if report.cells:
         words = "AP50, F1, recall and precision of each arm over the number of photographs, with bands"
-        found["over_photographs"] = words, over_photographs(report.cells, OVER)
+        found["over_photographs"] = words, over_photographs(report.cells, CHART_MEASURES)
     return found
 
 
@@ -58,13 +58,13 @@ def study_page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) ->
     data = {
         "report": report,
         "charts": charts,
-        "titles": TITLES,
+        "titles": MEASURE_TITLES,
         "figures": [
-            [cell.name, *(format_number(getattr(cell, key), digits=0) for key in COUNTS),
-             *(format_interval(getattr(cell, key), cell.intervals[key]) for key in MEASURES)]
+            [cell.name, *(format_number(getattr(cell, key), digits=0) for key in COUNT_MEASURES),
+             *(format_interval(getattr(cell, key), cell.intervals[key]) for key in RATIO_MEASURES)]
             for cell in report.cells
         ],
-        "pairs": [[pair.measures[key].words for key in OVER] for pair in report.pairs],
+        "pairs": [[pair.measures[key].words for key in CHART_MEASURES] for pair in report.pairs],
         "paper": _paper_rows(report),
     }  # fmt: skip
     return render_page("training/study/page.html", data)
@@ -73,7 +73,7 @@ def study_page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) ->
 def _paper_rows(report: StudyReport) -> list[list[str]]:
     cell_of = {(cell.fraction, cell.arm): cell for cell in report.cells}
     rows = []
-    for fraction, arms in PAPER.items():
+    for fraction, arms in PAPER_COLORS.items():
         for arm, figures in arms.items():
             cell = cell_of.get((fraction, arm))
             own = (getattr(cell, key, None) for key in PAPER_FIGURES)
@@ -84,20 +84,22 @@ def _paper_rows(report: StudyReport) -> list[list[str]]:
 
 def arm_color(arm: str) -> str:
     """Return the color of an arm, the same in every chart; of a named arm by its name."""
-    return dict(zip(ARM_KINDS, COLORS, strict=False)).get(arm, SPARE[sum(arm.encode()) % len(SPARE)])
+    return dict(zip(ARM_KINDS, SERIES_COLORS, strict=False)).get(
+        arm, SPARE_COLORS[sum(arm.encode()) % len(SPARE_COLORS)]
+    )
 
 
 def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
     """Bars of arms in four panels, as in the paper's Figures 5 to 9; None in `group_cells` is unknown."""
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
-    axes = figure.subplots(1, len(PANELS), width_ratios=[len(keys) + 0.6 for keys in PANELS])
-    for axis, keys in zip(axes, PANELS, strict=True):
+    axes = figure.subplots(1, len(CHART_PANELS), width_ratios=[len(keys) + 0.6 for keys in CHART_PANELS])
+    for axis, keys in zip(axes, CHART_PANELS, strict=True):
         for k, cell in enumerate(cells):
             width = BARS_WIDTH_SHARE / len(cells)
             _draw_bars(axis, cell, keys, shift=(k - (len(cells) - 1) / 2) * width, width=width)
-        axis.set_xticks(range(len(keys)), [TITLES[key] for key in keys])
+        axis.set_xticks(range(len(keys)), [MEASURE_TITLES[key] for key in keys])
         tidy_axes(axis)
-        axis.set_ylim(0.0, None if keys == PANELS[0] else 1.09)
+        axis.set_ylim(0.0, None if keys == CHART_PANELS[0] else 1.09)
         axis.set_xlim(-0.6, len(keys) - 0.4)
         axis.margins(y=0.12)
     figure.legend(
@@ -150,7 +152,7 @@ def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> 
         axis.set_xscale("log")
         axis.set_xticks(shown, [f"{n:.0f}" for n in shown])
         axis.minorticks_off()
-        axis.set(xlabel="photographs", title=TITLES[measure], ylim=(0.0, 1.0))
+        axis.set(xlabel="photographs", title=MEASURE_TITLES[measure], ylim=(0.0, 1.0))
         axis.grid(axis="y", color="#e6e9ec", linewidth=0.7)
         tidy_axes(axis)
     axes[0].legend(fontsize=8, frameon=False, loc="lower right")

@@ -34,11 +34,11 @@ from hulldown.training.study.study_folder import (
 )
 from hulldown.training.train import prepare_trainee, train_detector
 
-Progress: TypeAlias = Callable[[str, int, int], None]
+ReportProgress: TypeAlias = Callable[[str, int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Done:
+class StudyOutcome:
     """The outcomes of a study's runs, by their names."""
 
     finished: tuple[str, ...]  # finished now
@@ -53,9 +53,9 @@ def train_study(
     *,
     device: str = "auto",
     workers: int | None = None,
-    progress: Progress | None = None,
+    progress: ReportProgress | None = None,
     say: Callable[[str], None] = show_line,
-) -> Done:
+) -> StudyOutcome:
     """Train and evaluate the unfinished runs of a study.
 
     Reads a config and its datasets; writes a folder of runs. The same call continues after a stop and skips finished
@@ -109,15 +109,15 @@ def train_study(
         else:
             finished.append(run.name)
             say(f"{run.name}: finished")
-    return Done(tuple(finished), already, tuple(elsewhere), failed)
+    return StudyOutcome(tuple(finished), already, tuple(elsewhere), failed)
 
 
-def _report_progress(progress: Progress, run: str, what: str, done: int, total: int) -> None:
+def _report_progress(progress: ReportProgress, run: str, what: str, done: int, total: int) -> None:
     progress(f"{run}: {what}", done, total)
 
 
 def _train_and_predict(
-    run: StudyRun, study: Study, out: Path, *, device: str, workers: int | None, progress: Progress
+    run: StudyRun, study: Study, out: Path, *, device: str, workers: int | None, progress: ReportProgress
 ) -> None:
     folder = out / RUNS_NAME / run.name
     train_detector(

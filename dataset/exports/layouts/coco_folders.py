@@ -11,7 +11,7 @@ from hulldown.dataset.exports.layouts.splits import Splits
 from hulldown.dataset.store.document import COCO_NAME
 
 
-def write_coco(splits: Splits, out: Path) -> None:
+def write_coco_folders(splits: Splits, out: Path) -> None:
     """Write ``train``, ``valid`` and ``test``, each with its pictures and records."""
     for split, items in splits:
         folder = out / split

@@ -11,7 +11,7 @@ from hulldown.annotate.labels.mask import VisibleMask, label_area
 from hulldown.annotate.records import Label
 from hulldown.dataset.exports.layouts.splits import Splits, label_rings
 
-FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
+SPLIT_FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
 
 
 def write_huggingface(splits: Splits, out: Path) -> None:
@@ -19,7 +19,7 @@ def write_huggingface(splits: Splits, out: Path) -> None:
     labels = [label for items in splits.items.values() for item in items for label in item.image.labels]
     outlined = any(isinstance(label.read(VisibleMask).segmentation, list) for label in labels)
     for split, items in splits:
-        folder = out / FOLDERS[split]
+        folder = out / SPLIT_FOLDERS[split]
         folder.mkdir()
         with (folder / "metadata.jsonl").open("wb") as lines:
             for item in items:

@@ -17,7 +17,7 @@ from hulldown.annotate.records import Label
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Splits
 
-UNKNOWN = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
+UNKNOWN_BOX_3D = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
 UNKNOWN_ALPHA = -10.0
 SEEN_WHOLE, SEEN_HALF = 0.95, 0.5  # visible fractions from which a label is "fully visible" and "partly occluded"
 # The pose of a fictitious lidar at the camera, x forward and z up, which readers require.
@@ -64,7 +64,7 @@ def label_line(label: Label) -> str:
     seen, cut = label.visible_fraction, label.truncated_fraction
     hidden = 3 if math.isnan(seen) else 0 if seen >= SEEN_WHOLE else 1 if seen >= SEEN_HALF else 2
     alpha = UNKNOWN_ALPHA
-    numbers: tuple[float, ...] = UNKNOWN
+    numbers: tuple[float, ...] = UNKNOWN_BOX_3D
     if (box := label.read(BoxInCamera).bbox_3d) is not None:
         length, width, height = box.size
         rotation = np.array(box.rotation)

@@ -22,7 +22,7 @@ VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layo
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Item:
+class ExportedImage:
     """An image of an export."""
 
     image: Image  # the image in the dataset, with the labels that are kept
@@ -47,10 +47,10 @@ class Splits:
     folder: Path
     head: Record  # its COCO dictionary without classes, images, and annotations
     categories: Sequence[Category]  # its classes in the order of their ids
-    items: Mapping[str, Sequence[Item]]  # the images of each of `SPLITS`, in the order of the dataset
+    items: Mapping[str, Sequence[ExportedImage]]  # the images of each of `SPLITS`, in the order of the dataset
     progress: Callable[[int, int], None] = lambda done, total: None  # called with (done, all) after each image
 
-    def __iter__(self) -> Iterator[tuple[str, Iterator[Item]]]:
+    def __iter__(self) -> Iterator[tuple[str, Iterator[ExportedImage]]]:
         """Yield each split with its items."""
         done = count(1)
         for split, items in self.items.items():
@@ -61,7 +61,7 @@ class Splits:
         """The COCO dictionary without images and annotations."""
         return {**self.head, "categories": [category.record for category in self.categories]}
 
-    def _count_items(self, items: Sequence[Item], done: Iterator[int]) -> Iterator[Item]:
+    def _count_items(self, items: Sequence[ExportedImage], done: Iterator[int]) -> Iterator[ExportedImage]:
         for item in items:
             yield item
             self.progress(next(done), sum(map(len, self.items.values())))

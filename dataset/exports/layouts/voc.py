@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 from xml.etree import ElementTree
 
-from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits
+from hulldown.dataset.exports.layouts.splits import VAL_NAMES, ExportedImage, Splits
 
 TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
 
@@ -30,7 +30,7 @@ def write_voc(splits: Splits, out: Path) -> None:
                 tree.write(texts / f"{item.stem}.xml", encoding="utf-8")
 
 
-def _annotation_xml(item: Item) -> ElementTree.Element:
+def _annotation_xml(item: ExportedImage) -> ElementTree.Element:
     root = ElementTree.Element("annotation")
     _add_elements(root, folder="JPEGImages", filename=item.name)
     width, height = item.image.size

@@ -22,12 +22,12 @@ from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.annotate.outlines import bridge_rings
 from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Item, Splits, label_rings
+from hulldown.dataset.exports.layouts.splits import VAL_NAMES, ExportedImage, Splits, label_rings
 
-Lines: TypeAlias = Callable[[Item, Mapping[int, int]], list[str]]
+MakeLabelLines: TypeAlias = Callable[[ExportedImage, Mapping[int, int]], list[str]]
 
 
-def label_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
+def label_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
     """Return a line for each label but crowds: boxes, or if any label has polygons, one polygon for each, in shares."""
     labels = [label for label in item.image.labels if not label.crowd]
     masks = [label.read(VisibleMask).segmentation for label in labels]
@@ -44,7 +44,7 @@ def _center_shares(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"
     return np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
 
 
-def corner_lines(item: Item, numbers: Mapping[int, int]) -> list[str]:
+def corner_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
     """Return one line for each label: class and corners of its oriented box; crowds are left out."""
     lines = []
     for label in item.image.labels:
@@ -62,7 +62,12 @@ def _label_line(number: int, shares: Float[np.ndarray, " n"]) -> str:
 
 
 def write_yolo(
-    splits: Splits, out: Path, *, lines: Lines = label_lines, split_first: bool = False, more: Sequence[str] = ()
+    splits: Splits,
+    out: Path,
+    *,
+    lines: MakeLabelLines = label_lines,
+    split_first: bool = False,
+    more: Sequence[str] = (),
 ) -> None:
     """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them."""
     numbers = {category.id: number for number, category in enumerate(splits.categories)}
@@ -95,7 +100,7 @@ def write_pose(splits: Splits, out: Path) -> None:
     write_yolo(splits, out, lines=partial(_pose_lines, keypoints=len(names)), more=more)
 
 
-def _pose_lines(item: Item, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
+def _pose_lines(item: ExportedImage, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
     lines = []
     for label in item.image.labels:
         if not label.crowd:

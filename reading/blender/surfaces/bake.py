@@ -16,20 +16,20 @@ from hulldown.blender.buffers import texture_coordinates
 from hulldown.blender.light_pictures import render_light, see_pixel_centers
 from hulldown.blender.nodes import material_output, nested_trees, upstream_nodes
 from hulldown.blender.opacity_nodes import show_opacity
-from hulldown.geometry.alpha import GRADES, AlphaMap, Extension
+from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Extension
 from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, material_lookup
 
 CYCLES_NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
 MIN_BAKE_PX = 4  # pixels along each side of a picture that Blender renders
-UNIT = np.array([[0.0, 0.0], [1.0, 1.0]])
+UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 1.0]])
 MAX_REPEATS = 16.0  # times that an image may repeat in what is baked
 # Nodes whose outputs follow from their inputs.
-PLAIN = (
+PLAIN_NODES = (
     *("Math", "VectorMath", "Mix", "MixRGB", "MapRange", "Clamp", "ValToRGB", "Invert", "RGBCurve", "FloatCurve"),
     *("VectorCurve", "SeparateColor", "SeparateXYZ", "CombineColor", "CombineXYZ", "Gamma", "BrightContrast"),
     *("HueSaturation", "RGBToBW", "Value", "RGB", "Mapping", "VectorRotate", "Emission", "MixShader"),
 )
-TEXTURES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", "Checker", "Brick", "Gradient"))
+TEXTURE_NODES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", "Checker", "Brick", "Gradient"))
 
 
 def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
@@ -37,15 +37,17 @@ def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
     found: dict[int, Lookup | float] = {}
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
-        images = [copies.enter_context(_grade_image(values)) for values in (GRADES, linear_from_srgb(GRADES))]
+        images = [
+            copies.enter_context(_grade_image(values)) for values in (TEXEL_GRADES, linear_from_srgb(TEXEL_GRADES))
+        ]
         for material, copy in zip(materials, copies.enter_context(_emit_opacity(materials)), strict=True):
             with suppress(NotUnderstoodError):
                 lookups[material.as_pointer()] = lookup = material_lookup(copy)
                 _replace_lookups(copy, images[lookup is not None and lookup.is_srgb])
                 shown.append(copy)
-        rows = _render_materials(shown, "", UNIT, (len(GRADES), 1))[:, 0] if shown else np.empty((0, 0))
+        rows = _render_materials(shown, "", UNIT_SQUARE, (len(TEXEL_GRADES), 1))[:, 0] if shown else np.empty((0, 0))
     for (key, lookup), curve in zip(lookups.items(), rows, strict=True):
-        is_texel = bool(np.abs(curve - GRADES).max() <= CYCLES_NOISE)
+        is_texel = bool(np.abs(curve - TEXEL_GRADES).max() <= CYCLES_NOISE)
         one_way = (np.diff(curve) >= -CYCLES_NOISE).all() or (np.diff(curve) <= CYCLES_NOISE).all()
         if lookup is None or (np.ptp(curve) <= CYCLES_NOISE and lookup.is_bounded()):
             found[key] = round(float(curve[0]), 6)
@@ -126,8 +128,8 @@ def _node_layer(node: Any, socket: Any) -> str | None:
         return None if node.inputs["Vector"].is_linked else ""
     if kind == "TexCoord" and socket.name == "UV" and not node.from_instancer:
         return ""
-    placed = kind in TEXTURES and node.inputs["Vector"].is_linked
-    if kind in PLAIN or placed or (kind == "LightPath" and socket.name.startswith("Is ")):
+    placed = kind in TEXTURE_NODES and node.inputs["Vector"].is_linked
+    if kind in PLAIN_NODES or placed or (kind == "LightPath" and socket.name.startswith("Is ")):
         return None
     raise NotUnderstoodError(f"the node {node.name!r}")
 

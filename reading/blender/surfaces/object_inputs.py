@@ -7,7 +7,7 @@ from typing import Any
 
 from hulldown.blender.add_nodes import add_node
 from hulldown.blender.nodes import nested_trees
-from hulldown.blender.tidy_properties import RANDOM
+from hulldown.blender.tidy_properties import RANDOM_PROPERTY
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.wording import quote_names
 
@@ -42,13 +42,13 @@ def _rotate_bits(number: int, bits: int) -> int:
 
 
 def detach_materials(materials: Iterable[Any]) -> None:
-    """Make materials read the property `RANDOM`, not Cycles' random number, and no other object's coordinates."""
+    """Make materials read `RANDOM_PROPERTY`, not Cycles' random number, and no other object's coordinates."""
     nodes = [pair for material in materials for pair in _material_nodes(material) if not pair[0].library]
     for tree, node in nodes:
         if node.type == "TEX_COORD":
             node.object = None
         elif node.type == "OBJECT_INFO" and (links := list(node.outputs["Random"].links)):
-            number = add_node(tree, "Attribute", attribute_type="INSTANCER", attribute_name=RANDOM).outputs[2]
+            number = add_node(tree, "Attribute", attribute_type="INSTANCER", attribute_name=RANDOM_PROPERTY).outputs[2]
             for link in links:
                 tree.links.new(number, link.to_socket)
 
@@ -66,7 +66,7 @@ def lost_inputs(materials: Iterable[Any], *, moved: bool) -> list[Doubt]:
 def _is_lost(node: Any, *, moved: bool) -> bool:
     kind, read = node.type, {socket.name for socket in node.outputs if socket.is_linked}
     if kind == "ATTRIBUTE":
-        return bool(read) and node.attribute_type != "GEOMETRY" and node.attribute_name != RANDOM
+        return bool(read) and node.attribute_type != "GEOMETRY" and node.attribute_name != RANDOM_PROPERTY
     if kind == "NEW_GEOMETRY":
         return moved and "Position" in read
     if kind == "TEX_COORD" and node.object is not None and "Object" in read:

@@ -13,14 +13,14 @@ from typing import Any
 import numpy as np
 from mathutils import Euler, Matrix
 
-from hulldown.base.color import LUMINANCE, linear_from_srgb, srgb_from_linear
+from hulldown.base.color import LUMINANCE_WEIGHTS, linear_from_srgb, srgb_from_linear
 from hulldown.blender.buffers import image_pixels
 from hulldown.blender.nodes import Stack, material_output, socket_source
-from hulldown.blender.shaders import TRANSPARENT, surface_shaders
+from hulldown.blender.shaders import TRANSPARENT_SHADER, surface_shaders
 from hulldown.geometry.alpha import AlphaMap, Extension
 
 MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+IDENTITY_AFFINE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
 # Nodes that make of a gray value what they make of each color's luminance.
 OF_GRAY = ("Emission", "Math", "Mix", "MapRange", "Clamp", "Invert", "RGBToBW", "Value", "RGB")
@@ -69,7 +69,7 @@ class Cutter:
 def is_opaque(material: Any) -> bool:
     """Return whether nothing can be seen through a material, whatever its textures."""
     for shader, around in surface_shaders(material):
-        if shader.type == TRANSPARENT:
+        if shader.type == TRANSPARENT_SHADER:
             return False
         if shader.type == "BSDF_PRINCIPLED":
             alpha, _ = socket_source(shader.inputs["Alpha"], around) or (shader.inputs["Alpha"], around)
@@ -123,15 +123,15 @@ def _node_lookup(node: Any, channel: str, stack: Stack) -> Lookup:
 def _coordinate_layer(socket: Any, stack: Stack) -> tuple[str, Affine]:
     found = socket_source(socket, stack)
     if found is None or not found[0].is_output:
-        return "", IDENTITY
+        return "", IDENTITY_AFFINE
     output, stack = found
     node = output.node
     if node.bl_idname == "ShaderNodeTexCoord" and output.name == "UV" and not node.from_instancer:
-        return "", IDENTITY
+        return "", IDENTITY_AFFINE
     if node.bl_idname == "ShaderNodeUVMap" and not node.from_instancer:
-        return node.uv_map, IDENTITY
+        return node.uv_map, IDENTITY_AFFINE
     if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY" and output.name == "Vector":
-        return node.attribute_name, IDENTITY
+        return node.attribute_name, IDENTITY_AFFINE
     if node.bl_idname == "ShaderNodeMapping" and node.vector_type in ("POINT", "VECTOR", "TEXTURE"):
         layer, before = _coordinate_layer(node.inputs["Vector"], stack)
         if not any(socket_source(below, stack) for below in node.inputs if below.name != "Vector"):
@@ -185,7 +185,7 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
         value = color[..., 0]
     else:
         linear = linear_from_srgb(color).astype(np.float32) if curved else color
-        value = linear @ LUMINANCE.astype(np.float32)
+        value = linear @ LUMINANCE_WEIGHTS.astype(np.float32)
         value = srgb_from_linear(value) if curved else value
     return _stored(value, image)
 

@@ -16,8 +16,8 @@ from hulldown.reading.confinement.references import nearby_files
 from hulldown.reading.pieces.asset_report import Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
-TILES = "<UDIM>"
-PICTURES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
+UDIM_TOKEN = "<UDIM>"
+TEXTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
 
 
 def used_files() -> list[str]:
@@ -30,7 +30,9 @@ def used_files() -> list[str]:
 def find_moved(path: Path) -> list[Doubt]:
     """Point images whose files are missing to files of the same name near the asset."""
     images = [
-        block for block in _referring_blocks() if isinstance(block, bpy.types.Image) and TILES not in block.filepath
+        block
+        for block in _referring_blocks()
+        if isinstance(block, bpy.types.Image) and UDIM_TOKEN not in block.filepath
     ]
     gone = [image for image in images if (wanted := _block_path(image)) and not _is_there(wanted)]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
@@ -56,7 +58,11 @@ def find_moved(path: Path) -> list[Doubt]:
 
 def nearby_pictures(path: Path) -> list[str]:
     """Pictures that `find_moved` would search near an asset, relative to its folder, without those in hidden ones."""
-    near = {Path(os.path.relpath(file, path.parent)) for file in nearby_files(path) if file.suffix.lower() in PICTURES}
+    near = {
+        Path(os.path.relpath(file, path.parent))
+        for file in nearby_files(path)
+        if file.suffix.lower() in TEXTURE_SUFFIXES
+    }
     return sorted(str(file) for file in near if not any(re.match(r"\.\w", part) for part in file.parts))
 
 
@@ -123,8 +129,8 @@ def _block_path(block: Any) -> str:
 
 def _is_there(path: str) -> bool:
     try:
-        if TILES in path:
-            return any(Path(path).parent.glob(Path(path).name.replace(TILES, "[0-9][0-9][0-9][0-9]")))
+        if UDIM_TOKEN in path:
+            return any(Path(path).parent.glob(Path(path).name.replace(UDIM_TOKEN, "[0-9][0-9][0-9][0-9]")))
         if Path(path).is_file():
             with open(path, "rb"):  # a confined process learns only by trying whether it can
                 return True
