@@ -19,17 +19,20 @@ from hulldown.base.files import atomic_writer
 from hulldown.demo.catalog import (
     CAMOUFLAGE_MATERIALS,
     CAR_COLORS,
-    DISTRACTORS,
+    CIVILIAN_FILES,
+    CIVILIAN_NAMES,
     PLAIN_COLORS,
     SCENERY_FILES,
     TANK_CLASS,
     VEHICLE_CLASSES,
 )
-from hulldown.demo.make_assets import build_demo_assets
+from hulldown.demo.make_assets import ASSET_FILES, build_demo_assets
 from hulldown.plan.config.config_keys import config_text
 
 TOWNS = ("sceneries/town_1.blend", "sceneries/town_2.blend")
-CAR_COLORS = ["own", *CAR_COLORS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]
+CAR_PAINT = [
+    {"materials": ["Paint"], "colors": ["own", *CAR_COLORS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]}
+]
 NEEDS = """\
 make photographs needs labeled photographs in COCO folders `train` and `dev`; {lacking} is missing.
 Name their folder with PHOTOGRAPHS=DIR. Those behind the figures in docs/study.md are 320 photographs from Open Images
@@ -76,10 +79,9 @@ class Photographed:
     train_keys: str = ""
 
 
-def _car(name: str, weight: float) -> dict[str, Any]:
-    """Return one of the demo's distractors as a vehicle in more colors."""
-    paint = [{**table, "colors": CAR_COLORS} for table in DISTRACTORS[name]["paint"]]
-    return {"path": f"distractors/{name}.blend", "category": "vehicle", "weight": weight, "paint": paint}
+def _car(name: str, **keys: object) -> dict[str, Any]:
+    """Return one of the demo's civilian vehicles in the colors of cars."""
+    return {"path": f"distractors/{name}.blend", "paint": CAR_PAINT, **keys}
 
 
 SETS = {
@@ -94,7 +96,8 @@ SETS = {
             if category == TANK_CLASS
         ],
         distractors=[
-            *({"path": f"distractors/{name}.blend"} for name in ("civilian_car", "panel_van", "container")),
+            *map(_car, ("civilian_car", "panel_van", *CIVILIAN_NAMES)),
+            {"path": "distractors/container.blend"},
             {"path": "vehicles/truck_cargo.blend"},
         ],
         sceneries=SCENERY_FILES,
@@ -113,7 +116,7 @@ SETS = {
         resolution=320,
     ),
     "cars": Photographed(  # from above
-        vehicles=[_car("civilian_car", 3.0), _car("panel_van", 1.0)],
+        vehicles=[_car("civilian_car", category="vehicle", weight=3.0), _car("panel_van", category="vehicle")],
         distractors=[],
         sceneries=TOWNS,
         hdris=["hdris/sky_*.exr"],
@@ -168,7 +171,7 @@ def main() -> None:
     for needed in (train, test, *([arguments.weights] if arguments.weights else [])):
         if not needed.exists():
             parser.exit(2, NEEDS.format(lacking=needed))
-    build_demo_assets(folder)
+    build_demo_assets(folder, files=(*ASSET_FILES, *CIVILIAN_FILES))
     for seed, file in enumerate(TOWNS):
         if file in shown.sceneries and not (folder / file).exists():
             town = [sys.executable, "-P", "-m", "hulldown.benchmarks.town", str(folder / file), str(seed)]

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.demo import hills, skies, steppe, vehicles
-from hulldown.demo.catalog import DISTRACTORS, SCENERY_NAMES, SKY_NAMES, STUDIO_HDRIS, VEHICLE_CLASSES
+from hulldown.demo.catalog import CIVILIAN_NAMES, DISTRACTORS, SCENERY_NAMES, SKY_NAMES, STUDIO_HDRIS, VEHICLE_CLASSES
 from hulldown.demo.make_assets import BUILT_LINE_PREFIX
 
 SCENERY_BUILDERS = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
@@ -23,7 +23,7 @@ def _asset_jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Pat
             name,
             partial(vehicles.build_vehicle_file, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k])),
         )
-    for name in DISTRACTORS:
+    for name in (*DISTRACTORS, *CIVILIAN_NAMES):
         yield name, partial(vehicles.write_distractor, name, folder / "distractors")
     for k, name in enumerate(SCENERY_NAMES):
         path = folder / "sceneries" / f"{name}.blend"

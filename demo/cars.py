@@ -1,4 +1,4 @@
-"""A civilian estate car and a panel van, of no make."""
+"""A civilian estate car and a panel van, of no make, and parts that others share."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
 from hulldown.demo.shapes import (
     Outline,
+    Point,
     Shape,
     join_shapes,
     make_block,
@@ -61,12 +62,25 @@ def car_wheels(m: BlendModel, p: Paints, axles: Sequence[float], *, y: float, ra
     m.add("Wheel_Wells", well, p.dark, bevel=0)
 
 
-def _door_seams(lines: Sequence[Sequence[tuple[float, float]]], y: float) -> Shape:
+def door_seams(lines: Sequence[Sequence[tuple[float, float]]], y: float) -> Shape:
+    """Return gaps between doors as thin bars along lines (x, z)."""
     return join_shapes(path_tube([(x, y, z) for x, z in line], 0.007, sides=4) for line in lines)
 
 
-def _number_plates(front: float, rear: float, z: tuple[float, float]) -> Shape:
+def number_plates(front: float, rear: float, z: tuple[float, float]) -> Shape:
+    """Return number plates at both ends (x), their lower edges at `z`."""
     return make_box((0.02, 0.52, 0.11), (front, 0, z[0])) + make_box((0.02, 0.52, 0.11), (rear, 0, z[1]))
+
+
+def window_pillar(foot: Point, head: Point, width: float) -> Shape:
+    """Return a pillar just outside of the glass of the left side, from the waist to the roof."""
+    across, out = np.array([width / 2, 0, 0]), np.array([0.0, 0.012, 0.006])
+    low, high = np.array(foot) + out, np.array(head) + out
+    ring = [low - across, low + across, high + across, high - across]
+    return Shape(
+        np.array([*ring, *(point - np.array([0, 0.05, 0]) for point in ring)]),
+        ((0, 1, 2, 3), (7, 6, 5, 4), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
+    )
 
 
 def civilian_car(m: BlendModel, p: Paints) -> None:
@@ -94,19 +108,9 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
     crown = [(x * 0.9 - 0.08, y * 0.8) for x, y in roof]
     m.add("Roof", stack_outlines([(1.40, top), (1.44, top), (1.475, crown)]), p.body, bevel=0.02, smooth=60)
 
-    def rail(x0: float, x1: float, width: float) -> Shape:
-        foot, head = np.array([x0, 0.8, 0.93]), np.array([x1, 0.605, 1.43])
-        across = np.array([width / 2, 0, 0])
-        out = np.array([0.0, 0.012, 0.006])
-        low, high = foot + out, head + out
-        ring = [low - across, low + across, high + across, high - across]
-        return Shape(
-            np.array([*ring, *(point - np.array([0, 0.05, 0]) for point in ring)]),
-            ((0, 1, 2, 3), (7, 6, 5, 4), (0, 4, 5, 1), (1, 5, 6, 2), (2, 6, 7, 3), (3, 7, 4, 0)),
-        )
-
     pillars = join_shapes(
-        [rail(1.08, 0.2, 0.1), rail(-0.28, -0.3, 0.09), rail(-1.3, -1.26, 0.09), rail(-2.12, -1.88, 0.2)]
+        window_pillar((x0, 0.8, 0.93), (x1, 0.605, 1.43), width)
+        for x0, x1, width in ((1.08, 0.2, 0.1), (-0.28, -0.3, 0.09), (-1.3, -1.26, 0.09), (-2.12, -1.88, 0.2))
     )
     m.add("Pillars", pillars, p.body, mirror=True, bevel=0.008)
     roof_rails = path_tube([(0.0, 0.55, 1.44), (-0.1, 0.56, 1.51), (-1.7, 0.57, 1.51), (-1.8, 0.56, 1.45)], 0.018)
@@ -116,7 +120,7 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
         [(-0.3, 0.36), (-0.9, 0.38), (-1.12, 0.72), (-1.3, 0.95)],
         [(1.02, 0.93), (1.1, 0.7)],
     ]
-    m.add("Door_Seams", _door_seams(doors, 0.892), p.dark, mirror=True, bevel=0)
+    m.add("Door_Seams", door_seams(doors, 0.892), p.dark, mirror=True, bevel=0)
     handles = join_shapes(make_box((0.2, 0.03, 0.03), (x, 0.9, 0.83)) for x in (-0.12, -1.06))
     m.add("Handles", handles, p.dark, mirror=True, bevel=0.008)
     m.add("Sills", make_block((-0.95, 0.84, 0.25), (0.92, 0.905, 0.34)), p.dark, mirror=True, bevel=0.02)
@@ -133,7 +137,7 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
     tail_lamps = make_prism([(-2.3, 0.66), (-2.16, 0.66), (-2.1, 1.0), (-2.25, 0.98)], 0.66, 0.86)
     m.add("Tail_Lamps", tail_lamps, p.red, mirror=True, bevel=0.02)
     m.add("Tailgate_Seam", path_tube([(-2.285, -0.62, 0.62), (-2.285, 0.62, 0.62)], 0.008, sides=4), p.dark, bevel=0)
-    m.add("Number_Plates", _number_plates(2.305, -2.31, (0.4, 0.74)), p.canvas, bevel=0)
+    m.add("Number_Plates", number_plates(2.305, -2.31, (0.4, 0.74)), p.canvas, bevel=0)
     mirror = make_box((0.13, 0.2, 0.13), (0.78, 0.98, 0.94)) + make_box((0.06, 0.14, 0.04), (0.8, 0.87, 0.93))
     m.add("Mirrors", mirror, p.body, mirror=True, bevel=0.03)
     wipers = join_shapes(path_tube([(1.1, y, 0.965), (0.72, y + 0.34, 1.155)], 0.01) for y in (-0.5, 0.12))
@@ -173,7 +177,7 @@ def panel_van(m: BlendModel, p: Paints) -> None:
         [(1.62, 1.24), (1.34, 0.5), (0.36, 0.46), (0.34, 2.2), (1.06, 2.2)],
         [(0.3, 0.46), (-1.05, 0.48), (-1.05, 2.24), (0.3, 2.24)],
     ]
-    m.add("Door_Seams", _door_seams(seams, 0.993), p.dark, mirror=True, bevel=0)
+    m.add("Door_Seams", door_seams(seams, 0.993), p.dark, mirror=True, bevel=0)
     m.add("Slide_Rail", make_block((-2.3, 0.98, 1.32), (-1.05, 1.003, 1.37)), p.dark, mirror=True, bevel=0.004)
     m.add("Rub_Strip", make_block((-2.6, 0.97, 0.72), (2.3, 1.015, 0.84)), p.dark, mirror=True, bevel=0.015)
     handles = join_shapes(make_box((0.2, 0.04, 0.045), (x, 1.0, 1.14)) for x in (0.55, 0.1))
@@ -191,7 +195,7 @@ def panel_van(m: BlendModel, p: Paints) -> None:
     head_lamps = make_prism([(2.5, 0.74), (2.72, 0.72), (2.64, 1.0), (2.46, 1.1)], 0.6, 0.95)
     m.add("Head_Lamps", head_lamps, p.lamp, mirror=True, bevel=0.03)
     m.add("Tail_Lamps", make_box((0.06, 0.14, 0.7), (-2.77, 0.93, 0.86)), p.red, mirror=True, bevel=0.02)
-    m.add("Number_Plates", _number_plates(2.775, -2.91, (0.46, 0.46)), p.canvas, bevel=0)
+    m.add("Number_Plates", number_plates(2.775, -2.91, (0.46, 0.46)), p.canvas, bevel=0)
     mirror = make_box((0.12, 0.2, 0.34), (1.5, 1.12, 1.34)) + make_box((0.06, 0.2, 0.05), (1.5, 1.02, 1.34))
     m.add("Mirrors", mirror, p.dark, mirror=True, bevel=0.03)
     wipers = join_shapes(path_tube([(1.7, y, 1.36), (1.36, y + 0.4, 1.86)], 0.012) for y in (-0.7, 0.15))

@@ -38,6 +38,8 @@ DISTRACTORS: dict[str, dict[str, object]] = {
     },
     "burnt_hull": {"turret": "", "gun": ""},
 }
+# More cars, trucks, and a bus for `make photographs`, in distractors/ too.
+CIVILIAN_NAMES = ("hatchback", "sedan", "suv", "offroader", "minivan", "pickup", "box_truck", "tipper", "bus")
 SCENERY_NAMES = ("temperate_hills", "dry_steppe")
 # Blender's own HDRIs that show the open air, then the skies computed here, which add crisp sunlight.
 STUDIO_HDRIS = ("city", "forest", "sunrise", "sunset")
@@ -45,5 +47,6 @@ SKY_NAMES = ("sky_noon", "sky_morning", "sky_evening", "sky_overcast")
 
 VEHICLE_FILES = tuple(f"vehicles/{name}.blend" for name in VEHICLE_CLASSES)
 DISTRACTOR_FILES = tuple(f"distractors/{name}.blend" for name in DISTRACTORS)
+CIVILIAN_FILES = tuple(f"distractors/{name}.blend" for name in CIVILIAN_NAMES)
 SCENERY_FILES = tuple(f"sceneries/{name}.blend" for name in SCENERY_NAMES)
 HDRI_FILES = tuple(f"hdris/{name}.exr" for name in (*STUDIO_HDRIS, *SKY_NAMES))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hulldown.base.errors import AssetError
@@ -18,15 +18,19 @@ BUILT_LINE_PREFIX = "hulldown built "  # starts a line of the child process that
 
 
 def build_demo_assets(
-    folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None
+    folder: Path | str,
+    *,
+    seed: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    files: Sequence[str] = ASSET_FILES,
 ) -> tuple[Path, ...]:
     """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`; existing files are kept."""
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    left, attempts = [file for file in ASSET_FILES if not os.path.lexists(folder / file)], MAX_ATTEMPTS
+    left, attempts = [file for file in files if not os.path.lexists(folder / file)], MAX_ATTEMPTS
     while left:
         code, output = _run_blender(
-            folder.resolve(), seed, left, lambda: progress and progress(len(ASSET_FILES) - len(left), len(ASSET_FILES))
+            folder.resolve(), seed, left, lambda: progress and progress(len(files) - len(left), len(files))
         )
         attempts -= 1
         if not left or (code < 0 and attempts):
@@ -35,7 +39,7 @@ def build_demo_assets(
             raise AssetError("building demo assets needs Blender", remedy=remedy)
         last = output[-1].strip() if output else f"exit status {code}"
         raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
-    return tuple(folder / file for file in ASSET_FILES)
+    return tuple(folder / file for file in files)
 
 
 def _run_blender(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:

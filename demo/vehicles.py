@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
-from hulldown.demo import cars, farm, launchers, leftovers, materials, tanks_cast, tanks_plated, trucks
+from hulldown.demo import cars, civilian, farm, launchers, leftovers, materials, tanks_cast, tanks_plated, trucks
+from hulldown.demo.catalog import CIVILIAN_NAMES
 from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
 
@@ -41,7 +44,9 @@ VEHICLE_TEXTURES = {
 }
 
 
-DISTRACTORS = {  # what builds it, and the material of its body
+DISTRACTORS: dict[
+    str, tuple[Callable[..., None], Callable[[], Any]]
+] = {  # what builds it, and the material of its body
     "civilian_car": (cars.civilian_car, lambda: materials.gloss_paint("#7d1f1c", dust=DUST_COLORS["earth"])),
     "panel_van": (cars.panel_van, lambda: materials.gloss_paint("#d9dad6", dust=DUST_COLORS["earth"])),
     "container": (
@@ -51,10 +56,20 @@ DISTRACTORS = {  # what builds it, and the material of its body
     "bale_stack": (farm.bale_stack, lambda: materials.straw_material(("#8f7440", "#c6a868"))),
     "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss_paint("#2e6b34", dust=DUST_COLORS["earth"])),
     "burnt_hull": (leftovers.burnt_hull, lambda: materials.burnt_steel("Burnt_Steel")),
+    **{
+        name: (
+            partial(civilian.add_civilian, name=name),
+            lambda: materials.gloss_paint("#8d9194", dust=DUST_COLORS["earth"]),
+        )
+        for name in CIVILIAN_NAMES
+    },
 }
 # Where one differs from `_vehicle_paints`: a part's name there, and the material in its place.
 OTHER_BUILDERS = {
-    "civilian_car": {"canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03)},
+    **{
+        name: {"canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03)}
+        for name in ("civilian_car", *CIVILIAN_NAMES)
+    },
     "panel_van": {"canvas": lambda: materials.plain_material("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
     "container": {"canvas": lambda: materials.plain_material("Lettering", "#dedad0", rough=0.6, mottle=0.1)},
     "bale_stack": {
