@@ -8,7 +8,7 @@ from itertools import chain
 from msgspec import Struct
 
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.label_type import LabelType, SeenVehicle, VehicleInCamera
+from hulldown.annotate.label_type import LabeledVehicle, LabelType
 from hulldown.annotate.labels.box import SurfaceBox
 from hulldown.annotate.labels.box_3d import BoxInCamera
 from hulldown.annotate.labels.keypoints import Keypoints
@@ -21,14 +21,9 @@ from hulldown.annotate.records import Category, Image, Label
 LABEL_TYPES: tuple[type[LabelType], ...] = (SurfaceBox, BoxInCamera, VisibleMask, AmodalMask, OrientedBox, Keypoints)
 
 
-def fields_from_poses(vehicle: VehicleInCamera) -> dict[str, object]:
-    """Return the fields of a label that follow from poses alone."""
-    return {key: value for kind in LABEL_TYPES for key, value in kind.compute_from_poses(vehicle).items()}
-
-
-def fields_from_scene(vehicle: SeenVehicle) -> dict[str, object]:
-    """Return the fields of a label that need the scene."""
-    return {key: value for kind in LABEL_TYPES for key, value in kind.compute_from_scene(vehicle).items()}
+def label_fields(vehicle: LabeledVehicle) -> dict[str, object]:
+    """Return the fields of a label's record, of all types."""
+    return {key: value for kind in LABEL_TYPES for key, value in kind.compute(vehicle).items()}
 
 
 def label_misfits(record: Record) -> Iterator[str]:

@@ -17,25 +17,25 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class VehicleInCamera:
-    """A labeled vehicle and its camera, which suffice for some types."""
+class VehicleInScene:
+    """What is traced of a labeled vehicle."""
 
-    camera: Cameras
-    world_from_vehicle: Float[ndarray, "4 4"]
-    bounds: Float[ndarray, "2 3"]  # lowest and highest corner in its own frame, parts turned
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SeenVehicle:
-    """A labeled vehicle in its scene."""
-
-    camera: Cameras
     posed: PosedVehicle
     scene: Scene  # everything in the image, this vehicle included
     # whole, visible: pixels whose center is on the vehicle, and those of them that nothing hides
     whole: Bool[ndarray, "h w"]
     visible: Bool[ndarray, "h w"]
     keypoints: Sequence[str] = ()  # names of the dataset's keypoints, in order; empty: it has none
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LabeledVehicle:
+    """A labeled vehicle before its camera."""
+
+    camera: Cameras
+    world_from_vehicle: Float[ndarray, "4 4"]
+    bounds: Float[ndarray, "2 3"]  # lowest and highest corner in its own frame, parts turned
+    traced: VehicleInScene | None = None  # None before rendering, when types that need rays have no fields
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -51,13 +51,8 @@ class LabelType(Struct, kw_only=True):
     """A label's values of one type; any of them may be missing. `label_list.LABEL_TYPES` has all types."""
 
     @classmethod
-    def compute_from_poses(cls, vehicle: VehicleInCamera) -> dict[str, object]:
-        """Return the fields of a record that follow from poses alone."""
-        return {}
-
-    @classmethod
-    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
-        """Return the fields of a record that need the scene."""
+    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
+        """Return the fields of a record; none if they need rays that weren't traced."""
         return {}
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:

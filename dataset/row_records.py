@@ -9,8 +9,8 @@ import orjson
 from jaxtyping import Bool
 
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.label_list import fields_from_poses, fields_from_scene
-from hulldown.annotate.label_type import SeenVehicle, VehicleInCamera
+from hulldown.annotate.label_list import label_fields
+from hulldown.annotate.label_type import LabeledVehicle, VehicleInScene
 from hulldown.annotate.labels.keypoints import category_fields
 from hulldown.annotate.silhouettes import vehicle_masks
 from hulldown.assets.scenery import Scenery
@@ -33,15 +33,17 @@ def image_record(row: Row) -> Record:
 
 def label_records(row: Row) -> list[Record]:
     """Return a dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
-    records: list[Record] = []
-    for vehicle in row.labeled:
-        encoded, placed = (
-            orjson.loads(encode_line(vehicle)),
-            VehicleInCamera(row.camera, vehicle.world_from_vehicle, np.array(vehicle.bounds)),
-        )
-        planned = {key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded}
-        records.append({**planned, **fields_from_poses(placed), "iscrowd": int(vehicle.label == "ignored")})
-    return records
+    return [_label_record(row, vehicle) for vehicle in row.labeled]
+
+
+def _label_record(row: Row, vehicle: PlannedVehicle) -> Record:
+    encoded = orjson.loads(encode_line(vehicle))
+    planned = {key: encoded[key] for key in ("category", *LABEL_KEYS) if key in encoded}
+    return {**planned, **label_fields(_labeled_vehicle(row, vehicle)), "iscrowd": int(vehicle.label == "ignored")}
+
+
+def _labeled_vehicle(row: Row, vehicle: PlannedVehicle, traced: VehicleInScene | None = None) -> LabeledVehicle:
+    return LabeledVehicle(row.camera, vehicle.world_from_vehicle, np.array(vehicle.bounds), traced)
 
 
 def plan_categories(plan: Plan, shapes: Mapping[str, VehicleShape]) -> list[Record]:
@@ -73,16 +75,16 @@ class Segmenter:
     def records(self, row: Row) -> list[Record]:
         """Annotation records of each labeled vehicle of a row, without ids."""
         return [
-            {**record, **fields_from_scene(self._seen(row, vehicle))}
-            for vehicle, record in zip(row.labeled, label_records(row), strict=True)
+            {**_label_record(row, vehicle), **label_fields(_labeled_vehicle(row, vehicle, self._traced(row, vehicle)))}
+            for vehicle in row.labeled
         ]
 
-    def _seen(self, row: Row, vehicle: PlannedVehicle) -> SeenVehicle:
+    def _traced(self, row: Row, vehicle: PlannedVehicle) -> VehicleInScene:
         posed, scene = self._scenes.posed_vehicle(vehicle), self._scenes.scene(row)
         others = scene.with_vehicles([p for p, v in zip(scene.vehicles, row.vehicles, strict=True) if v is not vehicle])
         whole, visible = vehicle_masks(posed, row.camera, xywh=np.array(vehicle.bbox), world=others)
-        return SeenVehicle(row.camera, posed, scene, whole, visible, self._keypoints)
+        return VehicleInScene(posed, scene, whole, visible, self._keypoints)
 
     def mask(self, row: Row, vehicle: PlannedVehicle) -> Bool[np.ndarray, "h w"]:
         """Visible mask of a row's vehicle; of a target that is left out of the picture, as if it were there."""
-        return self._seen(row, vehicle).visible
+        return self._traced(row, vehicle).visible

@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta, Struct
 
-from hulldown.annotate.label_type import LabelType, VehicleInCamera
+from hulldown.annotate.label_type import LabeledVehicle, LabelType
 from hulldown.annotate.record_fields import Matrix3, Pixel, Vector3
 from hulldown.annotate.records import Category, Image, Label
 from hulldown.base.portable import arctan2
@@ -68,7 +68,7 @@ class BoxInCamera(LabelType):
     ] = None
 
     @classmethod
-    def compute_from_poses(cls, vehicle: VehicleInCamera) -> dict[str, object]:
+    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return position and box's corners in the camera's frame; those nearer than the near plane are None."""
         low, high = vehicle.bounds
         world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, vehicle.camera.world_from_camera

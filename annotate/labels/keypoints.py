@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta
 
-from hulldown.annotate.label_type import LabelType, Pen, SeenVehicle
+from hulldown.annotate.label_type import LabeledVehicle, LabelType, Pen
 from hulldown.annotate.record_fields import Pixel
 from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.vehicle import VehicleShape
@@ -36,13 +36,13 @@ class Keypoints(LabelType):
     num_keypoints: Annotated[int | None, Meta(description="number of those with v > 0")] = None
 
     @classmethod
-    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
+    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return the keypoints that the dataset has; nothing if it has none."""
-        if not vehicle.keypoints:
+        if (traced := vehicle.traced) is None or not traced.keypoints:
             return {}
-        found = keypoints_in_image(vehicle.posed, vehicle.camera, vehicle.scene)
-        by_name = dict(zip(vehicle.posed.caster.shape.keypoint_names, found.tolist(), strict=True))
-        listed = [by_name.get(name, (0.0, 0.0, 0.0)) for name in vehicle.keypoints]
+        found = keypoints_in_image(traced.posed, vehicle.camera, traced.scene)
+        by_name = dict(zip(traced.posed.caster.shape.keypoint_names, found.tolist(), strict=True))
+        listed = [by_name.get(name, (0.0, 0.0, 0.0)) for name in traced.keypoints]
         flat = [number for x, y, v in listed for number in (round(x, 6), round(y, 6), int(v))]
         return {"keypoints": flat, "num_keypoints": sum(int(v > 0) for _, _, v in listed)}
 

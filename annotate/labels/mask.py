@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from msgspec import Meta
 
-from hulldown.annotate.label_type import LabelType, SeenVehicle
+from hulldown.annotate.label_type import LabeledVehicle, LabelType
 from hulldown.annotate.masks import area_and_box, covers_mask, decode_mask, encode_mask
 from hulldown.annotate.record_fields import Side
 from hulldown.annotate.records import Category, Image, Label
@@ -25,9 +25,11 @@ class VisibleMask(LabelType):
     area: Annotated[Side | None, Meta(description="its number of pixels")] = None
 
     @classmethod
-    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
+    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return run lengths of the visible pixels, and their number."""
-        return {"segmentation": encode_mask(vehicle.visible), "area": int(np.count_nonzero(vehicle.visible))}
+        if (traced := vehicle.traced) is None:
+            return {}
+        return {"segmentation": encode_mask(traced.visible), "area": int(np.count_nonzero(traced.visible))}
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
         """Find a damaged mask, one outside of its box, and another number of pixels."""
@@ -55,9 +57,9 @@ class AmodalMask(LabelType):
     ] = None
 
     @classmethod
-    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
+    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return run lengths of the vehicle's pixels."""
-        return {"segmentation_amodal": encode_mask(vehicle.whole)}
+        return {} if vehicle.traced is None else {"segmentation_amodal": encode_mask(vehicle.traced.whole)}
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
         """Find a damaged amodal mask, one outside of the box, and one that lacks visible pixels."""

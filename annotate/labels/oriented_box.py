@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float
 from msgspec import Meta
 
-from hulldown.annotate.label_type import LabelType, SeenVehicle
+from hulldown.annotate.label_type import LabeledVehicle, LabelType
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import encode_mask, run_ends
 from hulldown.annotate.record_fields import Pixel, Side
@@ -30,10 +30,12 @@ class OrientedBox(LabelType):
     ] = None
 
     @classmethod
-    def compute_from_scene(cls, vehicle: SeenVehicle) -> dict[str, object]:
+    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return the rectangle, rounded to 1e-6 pixels and 1e-9 radians; None for an empty mask."""
-        height, width = vehicle.visible.shape
-        rectangle = mask_rectangle(encode_mask(vehicle.visible), width, height)
+        if vehicle.traced is None:
+            return {}
+        mask = vehicle.traced.visible
+        rectangle = mask_rectangle(encode_mask(mask), mask.shape[1], mask.shape[0])
         if rectangle is None:
             return {"obb": None}
         return {"obb": [*np.round(rectangle[:4], 6).tolist(), round(float(rectangle[4]), 9)]}
