@@ -281,29 +281,28 @@ def _draw_cuts(
     share: Float[np.ndarray, " n"],
     uniform: Float[np.ndarray, "n 5"],
 ) -> _Cuts:
-    """Draw how the frame cuts boxes so that a share of their areas is inside: across one side, or over a corner.
+    """Draw how the frame cuts boxes so that a share of their areas is inside, uniformly among all places that do so.
 
-    On the set of places (x, y) with share_x(x) share_y(y) = share, uniform by the area of a thin band around it. A band
-    of width ds has the area 2 room_y extent_x ds / most_y where one vertical side is cut, the like for a horizontal
-    one, and 4 extent_x extent_y ln(most_x most_y / share) ds over the four corners, where share_x is log-uniform.
+    The frame cuts a vertical side, a horizontal side, or two sides at a corner. Each way's probability is the area of
+    its places, per ds, if shares within ds count: 2 room_y width / most_y for vertical sides, the like for horizontal
+    ones, and 4 width height ln(most_x most_y / share) for corners, where the share of the width is log-uniform.
     """
-    (width, height), (most_x, most_y) = extent.T, np.minimum(1.0, size / extent).T
-    room_x, room_y = np.abs(size - extent).T
+    (width, height), (room_x, room_y) = extent.T, np.abs(size - extent).T
+    most_x, most_y = np.minimum(1.0, size / extent).T  # shares of the width and the height that fit into the frame
     most = most_x * most_y
-    kept = np.clip(share, 1e-6, most)
-    log_range = log(most / kept)
-    vertical, horizontal = 2.0 * room_y * width / most_y, 2.0 * room_x * height / most_x
-    edges = np.cumsum(np.stack([vertical, horizontal, 4.0 * width * height * log_range], axis=1), axis=1)
-    kind = (uniform[:, :1] * edges[:, 2:] >= edges[:, :2]).sum(
-        axis=1
-    )  # 0: a vertical side, 1: a horizontal one, 2: both
+    inside = np.clip(share, 1e-6, most)
+    log_range = log(most / inside)
+    way_areas = [2.0 * room_y * width / most_y, 2.0 * room_x * height / most_x, 4.0 * width * height * log_range]
+    way_ends = np.cumsum(np.stack(way_areas, axis=1), axis=1)
+    way = (uniform[:, :1] * way_ends[:, 2:] >= way_ends[:, :2]).sum(axis=1)  # of `way_areas`
 
     # One number has which of the four corners or two sides is cut, and how deep along a corner.
     quarter, depth = np.divmod(uniform[:, 1] * 4.0, 1.0)
-    across = most_x * exp(-log_range * depth)
-    over_corner = kind == 2
+    corner_x = most_x * exp(-log_range * depth)
+    inside_x = np.where(way == 2, corner_x, inside / most_y)
+    inside_y = np.where(way == 2, inside / corner_x, inside / most_x)
     return _Cuts(
-        is_cut=np.stack([kind != 1, kind != 0], axis=1) & (kept < most)[:, None],
+        is_cut=np.stack([way != 1, way != 0], axis=1) & (inside < most)[:, None],
         at_high=np.stack([quarter % 2 == 1, quarter // 2 == 1], axis=1),
-        inside=np.where(over_corner, [across, kept / across], [kept / most_y, kept / most_x]).T,
+        inside=np.stack([inside_x, inside_y], axis=1),
     )

@@ -175,38 +175,50 @@ class Likeness:
     ) -> TargetBoxes:
         """Return the boxes that n tries follow, varied by `camera.like_spread`."""
         sampled, is_sampled = self.sample_boxes(draws, targets.fleet, model=targets.model, image=image)
-        other, taller, right, down, deeper, choice = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6).T
-        box = np.where(quarter < 2, sampled, self._nearby_boxes(draws, targets, image=image, uniform=other))
-        following = np.where(
-            is_sampled, np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD), Following.RANGES
-        )
-
-        camera, size, photographs = self.camera, self.image_size, self.photographs
-        cut, aspect = photographs.cut[box], photographs.aspect[box]
-        cut_low, cut_high = cut[:, :2], cut[:, 2:]
-        cut_across, cut_down = (cut_low | cut_high).T
-        # The box keeps its shape if the image's differs from the photograph's.
-        height = photographs.height[box] * size[1] * (1.0 + camera.like_spread * (2.0 * taller - 1.0))
-        extent = np.stack([aspect * height, height], axis=1)
-        shift = photographs.relative[box, 2:] * (camera.like_spread * (2.0 * np.stack([right, down], axis=1) - 1.0))
-        low = (photographs.center[box] + shift) * size - extent / 2.0
-        # A side at the frame stays there; the opposite one moves with the size.
-        low = np.where(cut_low, 0.0, np.where(cut_high, size - extent, low))
-        wide = cut_down & ~cut_across
-        deepest = min(MAX_CORNER_CUT, 1.0 - math.sqrt(1.0 - TRUNCATION_MARGIN * camera.truncated_fraction[1]))
-        kept = np.where(cut_down & cut_across, 1.0 - deepest * deeper, 1.0)
+        uniform = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
+        nearby = self._nearby_boxes(draws, targets, image=image, uniform=uniform[:, 0])
+        box = np.where(quarter < 2, sampled, nearby)
+        by_quarter = np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD)
+        low, extent = self._vary_boxes(box, self.camera.like_spread * (2.0 * uniform[:, 1:4] - 1.0))
+        kept = self._kept_heights(box, uniform[:, 4])
+        horizontal_cut, vertical_cut = self._axis_cuts(box)
+        wide = vertical_cut & ~horizontal_cut
         return TargetBoxes(
             sampled=sampled,
             box=box,
-            following=following.astype(np.uint8),
+            following=np.where(is_sampled, by_quarter, Following.RANGES).astype(np.uint8),
             corners=np.concatenate([low, low + extent], axis=1),
-            cut=cut,
+            cut=self.photographs.cut[box],
             wide=wide,
-            pixels=np.where(wide, extent[:, 0], height / kept),
+            pixels=np.where(wide, extent[:, 0], extent[:, 1] / kept),
             kept=kept,
-            aspect=aspect * kept,
-            choice=choice,
+            aspect=self.photographs.aspect[box] * kept,
+            choice=uniform[:, 5],
         )
+
+    def _axis_cuts(self, box: Int[np.ndarray, " n"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+        """Return whether photographs cut boxes off on their left or right, and at their top or bottom."""
+        left, top, right, bottom = self.photographs.cut[box].T
+        return left | right, top | bottom
+
+    def _vary_boxes(
+        self, box: Int[np.ndarray, " n"], change: Float[np.ndarray, "n 3"]
+    ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
+        """Return upper left corners and sizes of boxes in pixels, changed in height, x, and y by shares of the box."""
+        photographs, size = self.photographs, self.image_size
+        # The box keeps its shape if the image's differs from the photograph's.
+        height = photographs.height[box] * size[1] * (1.0 + change[:, 0])
+        extent = np.stack([photographs.aspect[box] * height, height], axis=1)
+        low = (photographs.center[box] + photographs.relative[box, 2:] * change[:, 1:]) * size - extent / 2.0
+        # A side at the frame stays there; the opposite one moves with the size.
+        cut_low, cut_high = np.split(photographs.cut[box], 2, axis=1)
+        return np.where(cut_low, 0.0, np.where(cut_high, size - extent, low)), extent
+
+    def _kept_heights(self, box: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+        """Draw the share of the height that is left of boxes over a corner of the photograph; 1 for others."""
+        most_truncated = TRUNCATION_MARGIN * self.camera.truncated_fraction[1]
+        largest_cut = min(MAX_CORNER_CUT, 1.0 - math.sqrt(1.0 - most_truncated))
+        return np.where(np.logical_and(*self._axis_cuts(box)), 1.0 - largest_cut * uniform, 1.0)
 
 
 def usable_boxes(
