@@ -184,7 +184,8 @@ def load_library(
         skies={name: sky.light for name, sky in skies.items()},
     )
     annotated = [*assets.vehicles.values(), *(assets.distractors[e.name] for e in listed.distractors if e.category)]
-    category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.folder)
+    # Refuses keypoints that no vehicle has, before anything is planned.
+    category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.path or config.folder)
     return Library(assets, models, sceneries, skies)
 
 

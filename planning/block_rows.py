@@ -50,7 +50,9 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": views.fov_x_deg.tolist(),
         **{key: repeat(value, len(image)) for key, value in _camera_columns(config).items()},
-        **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.scene),
+        **draw_lights(
+            config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.light_image
+        ),
         "weather": planned.weathers,
         "like": _followed_photographs(block, views),
         "sequence": block.given_poses(image).name.tolist(),
@@ -103,7 +105,7 @@ def _image_extras(
     planned: Planned, instances: Mapping[str, Sequence[object]]
 ) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
     """Return the extras in each image, by the image's row in the block and the role."""
-    seen, views = planned.seen, planned.seen.views
+    seen, views = planned.extra_views, planned.extra_views.views
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
     labels = extra_labels(views, seen.pixels, planned.block.config)
     vehicles = _in_images(instances, seen.instance, views, roles=[_EXTRA_ROLES[role] for role in roles], labels=labels)

@@ -23,7 +23,7 @@ from hulldown.reading.pieces.asset_report import FileReport, SkyReport
 from hulldown.reading.vehicle.seen_colors import BACKGROUND_LEVEL
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
-from hulldown.scene.rays import Hits, Kind, RayList
+from hulldown.scene.rays import Hits, RayList, SurfaceKind
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
 ROLE_COLORS = np.array(
@@ -101,7 +101,7 @@ def draw_asset(
             continue
         view = _SheetView(np.array(sight), np.array(up), bounds, size)
         hits, light = view.shade_view(world)
-        number = hits.part if isinstance(asset, VehicleShape) else (hits.kind == Kind.OBSTACLE).astype(int)
+        number = hits.part if isinstance(asset, VehicleShape) else (hits.kind == SurfaceKind.OBSTACLE).astype(int)
         shaded = np.array(list(colors.values()))[number] * light[:, None]
         image = np.where(hits.hit[:, None], shaded, BACKGROUND_LEVEL)
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))

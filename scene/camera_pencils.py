@@ -12,7 +12,7 @@ from hulldown.base.indices import rank_batches
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.transforms import BOX_CORNERS, compose_affine, invert_rigid, rotate_vectors, transform_points
-from hulldown.scene.rays import NearBlock, RayBatch, RayBlock, RayPiece
+from hulldown.scene.rays import LocalRayBlock, RayBatch, RayBlock, RayPiece
 
 # Rays through one pinhole are coherent as they come: batches below this size are not sorted again by RayCaster, and
 # stay in cache.
@@ -100,20 +100,20 @@ class CameraPencils(RayBatch):
                 ahead = far[view[pair], ray] > nearest[pair] - 2.0 * NEAR_M
                 yield view[pair[ahead]] * self.count + ray[ahead], instance[pair[ahead]]
 
-    def place_poses(
+    def poses_for_blocks(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, "m 4 4"]]:
         """Return poses in the cameras' frames."""
         camera = np.arange(len(self.low)) if row is None else row
         return camera, compose_affine(self._camera_from_world[camera], world_from_vehicle)
 
-    def near_blocks(
+    def blocks_near_hull(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "m 4 4"],
         camera: Int[np.ndarray, " m"] | None,
         asked: Bool[np.ndarray, " k"],
-    ) -> Iterator[NearBlock]:
+    ) -> Iterator[LocalRayBlock]:
         """Yield the asked rays through the box of the points in their camera's window."""
         assert camera is not None
         pose, ray = self._rays_through_boxes(box_at_unit_depth(transform_points(poses, points)), camera)
@@ -122,7 +122,7 @@ class CameraPencils(RayBatch):
         for some in (kept[i : i + BATCH_RAYS] for i in range(0, len(kept), BATCH_RAYS)):
             of, number = pose[some], ray[some]
             rays = self._frame_rays(points_from_camera, of * self.count + number, camera)
-            yield NearBlock(camera[of] * self.count + number, of, *rays)
+            yield LocalRayBlock(camera[of] * self.count + number, of, *rays)
 
     @cached_property
     def _camera_from_world(self) -> Float[np.ndarray, "n 4 4"]:

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.scene.ray_caster import RayCaster, RayHits
-from hulldown.scene.rays import Hits, Kind, RayBatch, ray_reaches
+from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, ray_reaches
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Ground:
         for ray, start, along in rays.world_blocks(reach > -np.inf):
             met = self.caster.cast(start, along, max_distance=reach[ray])
             hits.distance[ray], hits.face[ray] = met.distance, met.face
-        hits.kind[hits.hit], hits.instance[hits.hit] = Kind.GROUND, 0
+        hits.kind[hits.hit], hits.instance[hits.hit] = SurfaceKind.GROUND, 0
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:

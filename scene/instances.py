@@ -14,7 +14,7 @@ from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.transforms import invert_affine, transform_points
 from hulldown.scene.cutouts import MIN_TRANSMITTANCE, make_caster
 from hulldown.scene.ray_caster import RayCaster
-from hulldown.scene.rays import Hits, Kind, RayBatch, ray_reaches
+from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, ray_reaches
 
 # Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.
 MIN_DETERMINANT_SHARE = 1e-6
@@ -74,7 +74,7 @@ class InstancedScene:
             at = ray[first]
             reach[at] = hits.distance[at] = distance[first]
             hits.face[at], hits.instance[at] = face[first], instance[first]
-        hits.kind[hits.hit] = Kind.OBSTACLE
+        hits.kind[hits.hit] = SurfaceKind.OBSTACLE
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:

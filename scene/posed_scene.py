@@ -27,10 +27,10 @@ class Scene:
     """Ground, obstacles, and vehicles, each optional: a `RayTarget`.
 
     >>> import numpy as np
-    >>> from hulldown.scene.rays import Kind, RayList
+    >>> from hulldown.scene.rays import RayList, SurfaceKind
     >>> world = Scene(ground=Plane(0.0))
     >>> hits = world.first_hits(RayList([[0.0, 0.0, 2.0]], [[0.0, 0.0, -1.0]]))
-    >>> float(hits.distance[0]), Kind(hits.kind[0]).name
+    >>> float(hits.distance[0]), SurfaceKind(hits.kind[0]).name
     (2.0, 'GROUND')
     """
 

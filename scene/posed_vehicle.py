@@ -17,7 +17,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import compose_affine, invert_rigid
 from hulldown.scene.cutouts import make_caster
 from hulldown.scene.ray_caster import RayCaster
-from hulldown.scene.rays import Hits, Kind, NearBlock, RayBatch, ray_reaches
+from hulldown.scene.rays import Hits, LocalRayBlock, RayBatch, SurfaceKind, ray_reaches
 
 MAX_HULL_VERTICES = 64  # hull vertices up to which the hull isn't simplified
 
@@ -117,7 +117,7 @@ class PosedVehicle:
                 pose[order], len(self.world_from_vehicle) - 1
             )  # one may be in all cameras
         hit = np.flatnonzero(hits.hit)
-        hits.kind[hit], hits.part[hit] = Kind.VEHICLE, self.caster.face_part[hits.face[hit]]
+        hits.kind[hit], hits.part[hit] = SurfaceKind.VEHICLE, self.caster.face_part[hits.face[hit]]
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
@@ -140,11 +140,13 @@ class PosedVehicle:
         turned = parts[hits.instance, hits.part, :3, :3]
         return np.einsum("nij,nj->ni", turned, shape.mesh.normals(hits.face))
 
-    def _part_blocks(self, rays: RayBatch, asked: Bool[np.ndarray, " n"]) -> Iterator[tuple[VehiclePart, NearBlock]]:
+    def _part_blocks(
+        self, rays: RayBatch, asked: Bool[np.ndarray, " n"]
+    ) -> Iterator[tuple[VehiclePart, LocalRayBlock]]:
         """Yield parts, and in their frames the asked rays that may meet them; `asked` may change between blocks."""
-        camera, poses = rays.place_poses(self.world_from_vehicle, self.row)
+        camera, poses = rays.poses_for_blocks(self.world_from_vehicle, self.row)
         for part, pose in self.caster.parts_with_poses(poses, self.articulation):
-            for block in rays.near_blocks(part.around, pose, camera, asked):
+            for block in rays.blocks_near_hull(part.around, pose, camera, asked):
                 yield part, block
 
 

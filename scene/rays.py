@@ -22,7 +22,7 @@ from hulldown.scene.ray_caster import checked_rays
 RAYS_PER_BLOCK = 1 << 16  # rays whose crossings are in memory at a time
 
 
-class Kind(IntEnum):
+class SurfaceKind(IntEnum):
     """Kind of surface that a ray hits."""
 
     NOTHING = 0
@@ -70,7 +70,7 @@ class RayBlock(NamedTuple):
     directions: Float[np.ndarray, "q 3"]
 
 
-class NearBlock(NamedTuple):
+class LocalRayBlock(NamedTuple):
     """Rays of a batch that may meet something in one of its poses, in its frame."""
 
     ray: Int[np.ndarray, " q"]
@@ -133,19 +133,19 @@ class RayBatch(ABC):
         """Yield rays and instances, by the tree of their boxes, that may meet, nearest first; callers lower `reach`."""
 
     @abstractmethod
-    def place_poses(
+    def poses_for_blocks(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " k"] | None, Float[np.ndarray, "m 4 4"]]:
-        """Return the camera of each pose, and the poses in the frames in which `near_blocks` expects them."""
+        """Return the camera of each pose, and the poses in the frames in which `blocks_near_hull` expects them."""
 
     @abstractmethod
-    def near_blocks(
+    def blocks_near_hull(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "k 4 4"],
         camera: Int[np.ndarray, " k"] | None,
         asked: Bool[np.ndarray, " n"],
-    ) -> Iterator[NearBlock]:
+    ) -> Iterator[LocalRayBlock]:
         """Yield asked rays that may meet the points' hull in poses, in its frame; `asked` may change between blocks."""
 
 
@@ -203,7 +203,7 @@ class RayList(RayBatch):
                 on = batch[entry[batch] <= reach[ray[batch]]]
                 yield ray[on], instance[on]
 
-    def place_poses(
+    def poses_for_blocks(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " k"] | None, Float[np.ndarray, "k 4 4"]]:
         """Return poses in the world, as they are."""
@@ -211,13 +211,13 @@ class RayList(RayBatch):
             raise ValueError(f"vehicle: expected one pose, or the row of each, got {len(world_from_vehicle)}")
         return row, world_from_vehicle
 
-    def near_blocks(
+    def blocks_near_hull(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "k 4 4"],
         camera: Int[np.ndarray, " k"] | None,
         asked: Bool[np.ndarray, " n"],
-    ) -> Iterator[NearBlock]:
+    ) -> Iterator[LocalRayBlock]:
         """Yield the rays that cross a sphere around the points."""
         own = np.zeros(len(self), dtype=np.int64) if self.camera is None or camera is None else self.camera
         pose, ray = matching_pairs(np.zeros(1, dtype=np.int64) if camera is None else camera, own)
@@ -233,7 +233,7 @@ class RayList(RayBatch):
         some = np.flatnonzero((away <= room) | ((ahead > 0.0) & aside))
         points_from_world = invert_rigid(poses)[pose[some]]
         inside = rotate_vectors(points_from_world[:, :3, :3], np.stack([start[some], along[some]], axis=1))
-        yield NearBlock(ray[some], pose[some], inside[:, 0] + points_from_world[:, :3, 3], inside[:, 1])
+        yield LocalRayBlock(ray[some], pose[some], inside[:, 0] + points_from_world[:, :3, 3], inside[:, 1])
 
 
 class RayTarget(Protocol):

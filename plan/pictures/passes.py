@@ -32,7 +32,7 @@ from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.row import Row, encode_line
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.camera_pencils import PixelRays
-from hulldown.scene.rays import Hits, Kind
+from hulldown.scene.rays import Hits, SurfaceKind
 
 # folder and suffix of each pass
 PASS_MEANINGS = {
@@ -156,11 +156,11 @@ def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> 
 
 def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
     table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
-    instance = np.where(hits.kind == Kind.VEHICLE, hits.instance + 1, 0)
-    if (ground := hits.kind == Kind.GROUND).any():
+    instance = np.where(hits.kind == SurfaceKind.VEHICLE, hits.instance + 1, 0)
+    if (ground := hits.kind == SurfaceKind.GROUND).any():
         table.append(Instance(len(table) + 1, "ground", "ground"))
         instance[ground] = len(table)
-    obstacles = hits.kind == Kind.OBSTACLE
+    obstacles = hits.kind == SurfaceKind.OBSTACLE
     shown, number = np.unique(hits.instance[obstacles], return_inverse=True)
     instance[obstacles] = number + len(table) + 1
     for i in shown.tolist():

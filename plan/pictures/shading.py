@@ -14,7 +14,7 @@ from hulldown.camera.cameras import Cameras
 from hulldown.plan.coats import Coat
 from hulldown.scene.camera_pencils import PixelRays
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.rays import Kind, RayList
+from hulldown.scene.rays import RayList, SurfaceKind
 from hulldown.weather.extinction import air_contrast
 from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
 
@@ -54,7 +54,7 @@ def shade_pixels(
     light = _AMBIENT_SHARE * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT_SHARE) * 1.3 * direct
     albedo = _surface_albedo(hits.kind[hit], hits.instance[hit], points, paints)
     if weather is not None:
-        albedo = _cover_surfaces(albedo, normal[:, 2], hits.kind[hit] == Kind.VEHICLE, weather)
+        albedo = _cover_surfaces(albedo, normal[:, 2], hits.kind[hit] == SurfaceKind.VEHICLE, weather)
     color[hit] = albedo * light[:, None]
     color *= strength
     if weather is not None:
@@ -84,9 +84,9 @@ def _surface_albedo(
 ) -> Float[np.ndarray, "n 3"]:
     odd = np.floor(points[:, :2] / _TILES_M).sum(axis=1) % 2.0
     albedo = _EARTH * (1.0 - 0.07 * odd)[:, None]
-    albedo[kind == Kind.OBSTACLE] = _LEAVES
+    albedo[kind == SurfaceKind.OBSTACLE] = _LEAVES
     for i, paint in enumerate(paints):
-        albedo[(kind == Kind.VEHICLE) & (instance == i)] = paint
+        albedo[(kind == SurfaceKind.VEHICLE) & (instance == i)] = paint
     return albedo
 
 

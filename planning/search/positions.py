@@ -80,7 +80,7 @@ class Planned:
     is_abandoned: Bool[np.ndarray, " n"]
     table: InstanceTable
     views: Views  # views of the m images' targets
-    seen: ExtraViews
+    extra_views: ExtraViews
     # counts of rejections; those of places are with the first image of the position
     rejected: Int[np.ndarray, "m kinds"]
     weathers: list[Weather | None]  # weather of the images; None where it is clear
@@ -108,7 +108,7 @@ def plan_block(block: Block) -> Planned:
         is_abandoned=search.is_abandoned,
         table=search.table,
         views=search.views,
-        seen=search.see_extras(),
+        extra_views=search.view_extras(),
         rejected=rejected,
         weathers=search.weathers,
         problems=search.problems,
@@ -121,7 +121,7 @@ class _BlockSearch:
 
     def __init__(self, block: Block) -> None:
         self.block, self.config, self.draws = block, block.config, block.draws
-        self.weathers = draw_weathers(block.config.weather, draws=block.draws, image=block.scene)
+        self.weathers = draw_weathers(block.config.weather, draws=block.draws, image=block.light_image)
         self._visibility_m = np.array([weather.visibility_m if weather else np.nan for weather in self.weathers])
         self.fleet, self.number = block.stage.fleet, block.positions.number
         n = len(self.number)
@@ -317,7 +317,7 @@ class _BlockSearch:
             ahead = max(1, min(2 * ahead, MAX_BATCH_CAMERAS // max(len(pending), 1)))
         return np.unique(self.owner[pending])
 
-    def see_extras(self) -> ExtraViews:
+    def view_extras(self) -> ExtraViews:
         """Return the cameras' views of the extras."""
         table, shown = self.table, np.flatnonzero(~self.is_abandoned[self.owner])
         present = np.flatnonzero(table.is_placed & (table.is_extra | ~self.block.empty[table.row]))

@@ -291,7 +291,7 @@ class Block:
         return self.positions.first_image[self.owner] + self.shot
 
     @property
-    def scene(self) -> Int[np.ndarray, " m"]:
+    def light_image(self) -> Int[np.ndarray, " m"]:
         """Index of the image whose light, weather, and lens each image shares: the first of its sequence, or itself."""
         given = self.given_poses(self.image)
         return np.where(given.in_sequence, given.first, self.image)

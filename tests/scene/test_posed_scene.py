@@ -14,7 +14,7 @@ from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.scene.ray_caster import RayCaster
-from hulldown.scene.rays import Kind, RayList
+from hulldown.scene.rays import RayList, SurfaceKind
 from hulldown.tests.annotate.test_visibility import TANK
 from hulldown.tests.builders.shapes import box, vertices_at
 
@@ -32,19 +32,19 @@ WORLD = Scene(RayCaster(GROUND), WOOD, VEHICLES)
 
 def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
     """Everything as triangles of one trimesh, with kind, index, face, and part of each."""
-    things = [(Kind.GROUND, 0, GROUND.vertices, GROUND.faces)]
+    things = [(SurfaceKind.GROUND, 0, GROUND.vertices, GROUND.faces)]
     for i, (mesh, pose) in enumerate(zip((0, 1, 0), STRETCHED, strict=True)):
         vertices = trimesh.transform_points(WOOD.meshes[mesh].vertices, pose)
-        things.append((Kind.OBSTACLE, i, vertices, WOOD.meshes[mesh].faces))
+        things.append((SurfaceKind.OBSTACLE, i, vertices, WOOD.meshes[mesh].faces))
     for i, vehicle in enumerate(VEHICLES):
         vertices = trimesh.transform_points(
             vertices_at(TANK.shape, vehicle.articulation), vehicle.world_from_vehicle[0]
         )
-        things.append((Kind.VEHICLE, i, vertices, TANK.shape.mesh.faces))
+        things.append((SurfaceKind.VEHICLE, i, vertices, TANK.shape.mesh.faces))
     made = trimesh.util.concatenate([trimesh.Trimesh(v, f, process=False) for _, _, v, f in things])
     parts = TANK.shape.vertex_part[TANK.shape.mesh.faces].max(axis=1)
     named = [
-        [kind, which, face, parts[face] if kind == Kind.VEHICLE else -1]
+        [kind, which, face, parts[face] if kind == SurfaceKind.VEHICLE else -1]
         for kind, which, _, faces in things
         for face in range(len(faces))
     ]
@@ -83,7 +83,7 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     met = np.flatnonzero(same & hits.hit)
     found = np.stack([hits.kind, hits.instance, hits.face, hits.part], axis=1)[met]
     assert set(found[:, 3]) == {-1, 0, 1, 2}
-    assert set(found[:, 0]) == {Kind.GROUND, Kind.OBSTACLE, Kind.VEHICLE}
+    assert set(found[:, 0]) == {SurfaceKind.GROUND, SurfaceKind.OBSTACLE, SurfaceKind.VEHICLE}
     assert {tuple(row) for row in found[:, :2]} == {(1, 0), (2, 0), (2, 1), (2, 2), (3, 0), (3, 1)}
     # The flat instance has two coincident faces.
     assert (found == named[triangle[met]])[(found[:, :2] != [2, 2]).any(axis=1)].all(axis=1).mean() > 0.995
@@ -92,7 +92,7 @@ def test_the_nearest_hit_is_that_of_all_triangles_in_the_world():
     assert (np.abs(np.einsum("ij,ij->i", normal, oracle)) > 1 - 1e-9).mean() > 0.995
     missed = ~hits.hit
     assert missed.any()
-    assert (hits.kind[missed] == Kind.NOTHING).all()
+    assert (hits.kind[missed] == SurfaceKind.NOTHING).all()
     assert (hits.instance[missed] == -1).all()
     assert (hits.part[missed] == -1).all()
     assert np.isnan(hits.normal[missed]).all()
@@ -130,7 +130,7 @@ def test_a_camera_sees_the_hits_of_its_pixels_rays(intrinsics, position):
         assert np.allclose(seen.distance[same], (before + rays.distance)[same], rtol=1e-6)
         np.testing.assert_array_equal(seen.part[same], rays.part[same])
         np.testing.assert_array_equal(seen.normal[same], rays.normal[same])
-    assert len(pixel) == 1 or set(seen.kind) >= {Kind.GROUND, Kind.OBSTACLE}
+    assert len(pixel) == 1 or set(seen.kind) >= {SurfaceKind.GROUND, SurfaceKind.OBSTACLE}
 
 
 def test_the_plane_is_hit_from_both_sides_at_its_distance_and_not_along_it():
