@@ -21,7 +21,7 @@ from hulldown.verbs import demo, planning, rendering, training
 from hulldown.verbs.command import named_verb, parser_problem, run_command
 from hulldown.verbs.output import DONE, MISTAKE, STDOUT_NAME, STOPPED, silence_stdout, warnings_in_one_line
 
-LONGEST_LINE = 2000  # characters of a message
+MAX_LINE_CHARACTERS = 2000
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
 REFUSED_ERRNOS = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room and run the same command again"),
@@ -71,7 +71,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _print_refusal(problem: str, code: int = MISTAKE) -> int:
-    STDERR_TERMINAL.print(f"hulldown: {escape(shorten_text(problem, LONGEST_LINE))}", soft_wrap=True)
+    STDERR_TERMINAL.print(f"hulldown: {escape(shorten_text(problem, MAX_LINE_CHARACTERS))}", soft_wrap=True)
     return code
 
 

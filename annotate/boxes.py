@@ -53,9 +53,9 @@ from hulldown.base.arrays import checked_array
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
 
-MAX_BATCH_POSES = 4096  # poses whose matrices are in memory at a time
-CLEAR_MARGIN_PX = 1e-6  # pixels outside the image beyond which rounding can't move a point into it
-POINTS_PER_BLOCK = 1 << 15  # points moved at a time, which stay in the second-level cache
+MAX_BATCH_POSES = 4096  # bounds the memory of their matrices
+CLEAR_MARGIN_PX = 1e-6  # rounding can't move a point into the image from farther outside
+POINTS_PER_BLOCK = 1 << 15  # a block stays in the second-level cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -30,10 +30,10 @@ from hulldown.camera.distortion import distort_points, max_bend
 from hulldown.camera.intrinsics import Intrinsics
 
 NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR_M]])
-MAX_COORDINATE_PX = 1e9  # pixels: limit of a lens's polynomial far off its axis, for numbers that plans can store
-BOX_TOLERANCE_PX = 1e-7  # pixels that edges may still widen a box by when halving ends
-MAX_HALVINGS = 60  # of halving; crossings of the image's sides take about 30
-FOLD_SAMPLES = 64  # places on the circle of the fold that are compared at a time
+MAX_COORDINATE_PX = 1e9  # bounds a lens's polynomial far off its axis, so that plans can store its values
+BOX_TOLERANCE_PX = 1e-7  # halving ends when edges can widen a box by no more
+MAX_HALVINGS = 60  # crossings of the image's sides take about 30
+FOLD_CIRCLE_SAMPLES = 64  # compared at a time
 
 
 @dataclass(frozen=True, eq=False)
@@ -239,12 +239,12 @@ def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray
         return view.lens.at_unit_depth(corners), corners
     found = []
     for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
-        middle, step = 0.0, 2.0 * math.pi / FOLD_SAMPLES
+        middle, step = 0.0, 2.0 * math.pi / FOLD_CIRCLE_SAMPLES
         for _ in range(8):
-            sine, cosine = sin_cos(middle + step * np.arange(-FOLD_SAMPLES / 2, FOLD_SAMPLES / 2 + 1))
+            sine, cosine = sin_cos(middle + step * np.arange(-FOLD_CIRCLE_SAMPLES / 2, FOLD_CIRCLE_SAMPLES / 2 + 1))
             circle = radius * np.stack([cosine, sine])
             best = int((sign * view.pixels(circle)[axis]).argmax())
-            middle, step = middle + step * (best - FOLD_SAMPLES / 2), 4.0 * step / FOLD_SAMPLES
+            middle, step = middle + step * (best - FOLD_CIRCLE_SAMPLES / 2), 4.0 * step / FOLD_CIRCLE_SAMPLES
         found.append(circle[:, best])
     spots = np.array(found)
     return spots, view.pixels(spots.T).T

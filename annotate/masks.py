@@ -11,9 +11,9 @@ from pycocotools import mask as rle_codec
 
 from hulldown.base.arrays import checked_array
 
-LONGEST_NUMBER = 7  # characters of a run length: 35 bits
-MOST_PIXELS = 2**32 - 1  # of an image with polygons: pycocotools counts in 32 bits
-MAX_CORNER_PX = 1e6  # pixels to a polygon's corner: pycocotools counts in 32 bits
+MAX_RUN_CHARACTERS = 7  # 35 bits
+MAX_POLYGON_IMAGE_PIXELS = 2**32 - 1  # pycocotools counts in 32 bits
+MAX_POLYGON_CORNER_PX = 1e6  # pycocotools counts in 32 bits
 
 
 def encode_mask(mask: ArrayLike) -> dict[str, object]:
@@ -46,8 +46,8 @@ def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray
         return counts
     if not isinstance(segmentation, list) or not segmentation or not all(map(_is_ring, segmentation)):
         raise ValueError("segmentation: expected polygons of at least three points (x1, y1, x2, y2, ...)")
-    if width * height > MOST_PIXELS:
-        raise ValueError(f"segmentation: expected polygons in an image of {MOST_PIXELS} pixels at most")
+    if width * height > MAX_POLYGON_IMAGE_PIXELS:
+        raise ValueError(f"segmentation: expected polygons in an image of {MAX_POLYGON_IMAGE_PIXELS} pixels at most")
     return _parse_counts(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))["counts"].decode("ascii"))
 
 
@@ -89,7 +89,7 @@ def _parse_counts(text: str) -> Int[np.ndarray, " n"]:
     first = np.append(0, last[:-1] + 1)
     whole = text.isascii() and len(last) > 0 and last[-1] == len(codes) - 1
     length = last - first + 1 if whole else np.array([0])
-    if not whole or codes.min() < 0 or codes.max() > 63 or length.max() > LONGEST_NUMBER:
+    if not whole or codes.min() < 0 or codes.max() > 63 or length.max() > MAX_RUN_CHARACTERS:
         raise ValueError("segmentation: expected compressed run lengths under 'counts', got damaged ones")
     place = np.arange(len(codes)) - np.repeat(first, length)
     numbers = np.add.reduceat((codes & 31) << (5 * place), first)
@@ -103,7 +103,7 @@ def _is_ring(value: object) -> bool:
         isinstance(value, list)
         and len(value) >= 6
         and len(value) % 2 == 0
-        and all(isinstance(n, int | float) and abs(n) <= MAX_CORNER_PX for n in value)
+        and all(isinstance(n, int | float) and abs(n) <= MAX_POLYGON_CORNER_PX for n in value)
     )
 
 

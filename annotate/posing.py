@@ -12,7 +12,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
 from hulldown.geometry.transforms import compose_affine, matrix_product
 
-NEAR_VERTEX = 1e-9  # of a part's size: points this close to a hull vertex may be extreme in its place by rounding
+NEAR_VERTEX_SHARE = 1e-9  # of part sizes: by rounding, a point so close to a hull vertex may be extreme in its place
 
 
 class PosedParts:
@@ -33,7 +33,7 @@ class PosedParts:
         by_part = np.argsort(face_part, kind="stable")
         self.faces: Int[np.ndarray, "f 3"] = number[surface.faces[by_part]]
         self.face_slices = part_slices(face_part[by_part])
-        hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX) for s in self.vertex_slices]
+        hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX_SHARE) for s in self.vertex_slices]
         self.extreme: Float[np.ndarray, "3 h"] = np.ascontiguousarray(self.vertices[:, np.concatenate(hulls)])
         self.extreme_slices = end_slices(np.cumsum([0, *(len(hull) for hull in hulls)]))
         self.shape = shape

@@ -21,9 +21,9 @@ Box = tuple[Pixel, Pixel, Pixel, Pixel]
 Vector3 = tuple[Meters, Meters, Meters]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 Pose = tuple[tuple[Meters, Meters, Meters, Meters], ...]
-ROUNDING_PX = 1e-6  # pixels: rounding error of decimal text
-MAX_OVERHANG_PX = 1.0  # pixels that a box may leave its image by without being refused
-PICTURE_KEY = "picture_sha256"  # of a rendered image's record: the hash of its picture's file
+TEXT_ROUNDING_PX = 1e-6  # rounding error of decimal text
+MAX_BOX_OVERHANG_PX = 1.0  # a box may leave its image by this much without being refused
+PICTURE_HASH_KEY = "picture_sha256"  # a rendered image's record has its picture file's hash under this key
 Declared = TypeVar("Declared", bound=Struct)
 
 

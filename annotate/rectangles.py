@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from hulldown.annotate.masks import run_ends
 from hulldown.base.arrays import checked_array
 
-ROUNDING_PX = 1e-5  # pixels: more than sides and angles are rounded by
+RECTANGLE_ROUNDING_PX = 1e-5  # more than sides and angles are rounded by
 _UNIT_CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
@@ -31,14 +31,14 @@ def is_smallest_rectangle(rectangle: ArrayLike, segmentation: object, width: int
     """Return whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three."""
     given = checked_array(rectangle, "rectangle", (5,))
     smallest = mask_rectangle(segmentation, width, height)
-    if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > ROUNDING_PX * (
+    if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > RECTANGLE_ROUNDING_PX * (
         1.0 + smallest[2:4].sum()
     ):
         return False
     along = np.array([np.cos(given[4]), np.sin(given[4])])
     off = _pixel_corners(segmentation, width, height) - given[:2]
     reach = [np.abs(off @ axis).max() for axis in (along, np.array([-along[1], along[0]]))]
-    return bool((reach <= given[2:4] / 2 + ROUNDING_PX).all())
+    return bool((reach <= given[2:4] / 2 + RECTANGLE_ROUNDING_PX).all())
 
 
 def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.ndarray, "n 2"]:

@@ -17,8 +17,8 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.scene.rays import RayList
 
-FIRST_LOOK = 256  # pixels that are tested first
-MOST_RAYS = 1 << 18  # cast together
+FIRST_TESTED_PIXELS = 256
+MAX_BATCH_RAYS = 1 << 18
 
 
 def vehicle_masks(
@@ -52,7 +52,7 @@ def show_pixels(
     shown = np.zeros(len(xywh), dtype=bool)
     first, end = _box_pixels(xywh, cameras.lenses.size)
     width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
-    few = pixels // FIRST_LOOK + 1
+    few = pixels // FIRST_TESTED_PIXELS + 1
 
     def look(rows: Int[np.ndarray, " k"], step: Int[np.ndarray, " k"]) -> None:
         """Test every step-th pixel of these cameras' boxes."""
@@ -76,7 +76,7 @@ def show_pixels(
     for step in (few, np.ones_like(few)):
         left = np.flatnonzero(~shown & (pixels > 0) & ((step is few) | (few > 1)))
         # As many cameras together as have some hundred thousand rays between them.
-        block = np.cumsum(-(-pixels[left] // step[left])) // MOST_RAYS
+        block = np.cumsum(-(-pixels[left] // step[left])) // MAX_BATCH_RAYS
         for some in np.split(left, np.flatnonzero(np.diff(block)) + 1):
             if len(some):
                 look(some, step[some])

@@ -14,11 +14,11 @@ from PIL.ExifTags import Base
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, MISSING_FILE, read_file
 
-DECODER_THREADS = 4  # threads that decode pictures
-MOST_PIXELS = 1 << 28  # of a picture that is decoded, which takes 1.9 GB
+DECODER_THREADS = 4
+MAX_DECODED_PIXELS = 1 << 28  # decoding them takes 1.9 GB
 # Of Pillow's formats, those of pictures that need no other program, as EPS does.
 PICTURE_FORMATS = ("BMP", "GIF", "JPEG2000", "PPM", "TGA", "TIFF", "WEBP")
-UPRIGHT_ORIENTATION = 1  # EXIF's orientation for a picture stored as displayed
+UPRIGHT_ORIENTATION = 1  # EXIF's value for a picture that is stored as it is displayed
 _SIXTEEN, _THIRTY_TWO = 2.0**16 - 1.0, 2.0**32 - 1.0
 
 
@@ -59,8 +59,8 @@ def _read_picture(path: Path, largest: int | None) -> PictureFile:
                 stored = orientation < 5 or picture.format == "TIFF"  # whose size Pillow has already turned
                 size = (width, height) if stored else (height, width)
                 return PictureFile(content, size, orientation, None)
-            if width * height > MOST_PIXELS:
-                raise ValueError(f"it has {width} x {height} pixels, more than {MOST_PIXELS:,} in all")
+            if width * height > MAX_DECODED_PIXELS:
+                raise ValueError(f"it has {width} x {height} pixels, more than {MAX_DECODED_PIXELS:,} in all")
             orientation = _exif_orientation(picture)
             picture.load()
             ImageOps.exif_transpose(picture, in_place=True)

@@ -16,9 +16,9 @@ from hulldown.assets.skylight import EVEN_SKYLIGHT, SkyLight
 from hulldown.assets.vehicle import VehicleShape
 
 GOLDEN_RATIO = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
-PARTS_PER_M = 2**32  # to which each term of the sum is rounded
-MAX_TERM_M = 2.0**30  # of such a term
-SHAPE_TOLERANCE = 1e-5  # of the weighted sum of all coordinates; a coordinate that changes by 0.02 mm changes it more
+SUM_PARTS_PER_M = 2**32  # each term of the sum is rounded to such a part
+MAX_TERM_M = 2.0**30
+SHAPE_TOLERANCE_M = 1e-5  # a coordinate that changes by 0.02 mm changes the weighted sum by more
 
 
 class Fingerprint(msgspec.Struct, frozen=True):
@@ -29,7 +29,7 @@ class Fingerprint(msgspec.Struct, frozen=True):
 
     def agrees_with_other(self, other: Fingerprint) -> bool:
         """Return whether another fingerprint is of the same geometry."""
-        return self.topology == other.topology and abs(self.shape - other.shape) <= SHAPE_TOLERANCE
+        return self.topology == other.topology and abs(self.shape - other.shape) <= SHAPE_TOLERANCE_M
 
 
 def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
@@ -49,14 +49,14 @@ def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
             values = np.nan_to_num(array.ravel().astype(np.float64), posinf=0.0, neginf=0.0)
             terms = np.clip(weight * values, -MAX_TERM_M, MAX_TERM_M)
             # Whole numbers, since the last digits of a sum of floats depend on its order, which each BLAS chooses.
-            shape += int(np.rint(terms * PARTS_PER_M).astype(np.int64).sum())
+            shape += int(np.rint(terms * SUM_PARTS_PER_M).astype(np.int64).sum())
             count += array.size
         else:
             topology.update(array.tobytes())
         return None
 
     msgspec.to_builtins(asset, enc_hook=take)
-    return Fingerprint(topology.hexdigest(), shape / PARTS_PER_M)
+    return Fingerprint(topology.hexdigest(), shape / SUM_PARTS_PER_M)
 
 
 class AssetSource(Struct, frozen=True, kw_only=True):

@@ -19,7 +19,7 @@ class SkyLight:
     shows_land: bool = False  # whether there are grass, trees, or streets below its horizon, instead of one color
 
 
-EVEN_SKYLIGHT = SkyLight()  # of radiance 1 everywhere
+EVEN_SKYLIGHT = SkyLight()  # its radiance is 1 everywhere
 
 
 def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3"]:

@@ -13,9 +13,9 @@ import psutil
 
 from hulldown.base.files import open_in_place
 
-LISTENER_S = 2.0  # time for its listener to end: the child's own processes may still hold the pipe
-MAX_LINE_BYTES = 1 << 20  # bytes of a line
-LOG_TAIL = 2000  # bytes at the log's end that are searched for its last line
+MAX_LISTENER_WAIT_S = 2.0  # the child's own processes may still hold the pipe
+MAX_LINE_BYTES = 1 << 20
+LOG_TAIL_BYTES = 2000  # the log's last line is searched for in these
 
 
 class Stopped(Exception):
@@ -107,7 +107,7 @@ class Child:
         if self._log is None:
             return how
         with self._log.open("rb") as file:
-            file.seek(max(self._log_start, self._log.stat().st_size - LOG_TAIL))
+            file.seek(max(self._log_start, self._log.stat().st_size - LOG_TAIL_BYTES))
             lines = file.read().decode("utf-8", "replace").strip().splitlines()
         return f"{how}; its last words: {lines[-1][:300]}" if lines else how
 
@@ -115,7 +115,7 @@ class Child:
         """End it now; its exit code."""
         self._process.kill()
         code = self._process.wait()
-        self._listener.join(LISTENER_S)
+        self._listener.join(MAX_LISTENER_WAIT_S)
         self.close_stdin()
         return code
 

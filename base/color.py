@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-LUMINANCE_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709, and of display values (ITU-R BT.709-6)
+LUMINANCE_WEIGHTS = np.array([0.2126, 0.7152, 0.0722])  # for linear Rec. 709, and for display values (ITU-R BT.709-6)
 
 
 def linear_from_srgb(coded: ArrayLike) -> np.ndarray:

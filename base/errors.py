@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-MAX_MESSAGE_CHARACTERS = 1000  # characters of a problem or a path in a message
+MAX_MESSAGE_CHARACTERS = 1000  # longer problems and paths are shortened
 
 
 class HulldownError(Exception):

@@ -23,10 +23,10 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.files import open_regular, replace_file
 from hulldown.base.outside import file_sha256, read_json
 
-DONE_NAME = ".hulldown-done"  # of a file with the key of what made its folder, and hashes of its files
+DONE_NAME = ".hulldown-done"  # this file has the key of what made its folder, and hashes of the folder's files
 LOCK_NAME = ".hulldown.lock"
-UNFINISHED_NAME = ".unfinished"  # of a folder in a dataset or an export, so that renaming its content never copies
-MARK_BYTES = 4096  # of a file's beginning, which contain its mark
+UNFINISHED_NAME = ".unfinished"  # a folder inside a dataset or an export, so that renaming its content never copies
+MAX_MARK_BYTES = 4096  # a file's mark is in its first bytes
 OTHER_FILE = "name another file by -o, or move it away"
 OTHER_FOLDER = "name a new or an empty folder by -o"
 WRITABLE_REMEDY = "choose a folder that you may write to"
@@ -54,7 +54,7 @@ def claim_file(path: Path, what: str, mark: bytes = b"", *, inputs: Iterable[Pat
             raise OutputError("is an input of this command", path=path, remedy="name another file by -o")
     try:
         with open_regular(path) as file:
-            beginning = file.read(MARK_BYTES)
+            beginning = file.read(MAX_MARK_BYTES)
         ours = not beginning or bool(mark and mark in beginning)
     except OSError:
         ours = False

@@ -26,10 +26,10 @@ from hulldown.base.files import open_regular
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
 TEXT, DOCUMENT, DATA = 1 << 20, 1 << 28, 1 << 32
 MISSING_FILE = "no such file"
-MAX_NESTING_DEPTH = 64  # lists and objects in each other
-LONGEST_NUMBER = 300  # characters: float64 ends at 308
-LONGEST_YAML = 1 << 18  # characters: its parser reads some 50,000 a second
-MAX_LINE_DOTS = 500  # of a line of TOML: its parser takes quadratic time for keys of many parts
+MAX_NESTING_DEPTH = 64  # of lists and objects
+MAX_NUMBER_LENGTH = 300  # characters; float64 ends at 308
+MAX_YAML_CHARACTERS = 1 << 18  # the parser reads some 50,000 a second
+MAX_LINE_DOTS = 500  # TOML's parser takes quadratic time for keys of many parts
 # What folders with these files are, and files that begin like this, or are named like this.
 FOLDER_KINDS = {
     "annotations.json": "a dataset", "journal.jsonl": "a dataset", "run.json": "a run of `train`",
@@ -170,7 +170,7 @@ class _PlainYamlLoader(yaml.SafeLoader):
         self.depth -= 1
         if isinstance(node, yaml.ScalarNode) and ":" in node.value and node.tag.endswith((":int", ":float")):
             node.tag = "tag:yaml.org,2002:str"  # 1:36 is 96 in YAML 1.1, where 60 is a base
-        if isinstance(node, yaml.ScalarNode) and len(node.value) > LONGEST_NUMBER and not node.tag.endswith(":str"):
+        if isinstance(node, yaml.ScalarNode) and len(node.value) > MAX_NUMBER_LENGTH and not node.tag.endswith(":str"):
             raise ValueError(f"it has a number of {len(node.value):,} characters")
         return node
 
@@ -180,8 +180,8 @@ _PlainYamlLoader.add_multi_constructor("", lambda loader, _, node: loader.constr
 
 def parse_yaml(text: str) -> object:
     """Return a YAML document, of plain values; ValueError as of `parse_json`."""
-    if len(text) > LONGEST_YAML:
-        raise ValueError(f"it has more than {LONGEST_YAML >> 10} KiB")
+    if len(text) > MAX_YAML_CHARACTERS:
+        raise ValueError(f"it has more than {MAX_YAML_CHARACTERS >> 10} KiB")
     try:
         return yaml.load(text, Loader=_PlainYamlLoader)
     except yaml.YAMLError as error:

@@ -14,7 +14,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.segment import Segment
 
 Item = TypeVar("Item")
-SPEED_S = 300.0  # the period over which a bar's speed is measured
+SPEED_WINDOW_S = 300.0  # a bar's speed is measured over this period
 
 
 class Terminal(Console):
@@ -72,7 +72,7 @@ def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
         TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), *measured, TimeElapsedColumn(),
         TimeRemainingColumn(),
     )  # fmt: skip
-    bar = Progress(*columns, console=STDERR_TERMINAL, speed_estimate_period=SPEED_S)
+    bar = Progress(*columns, console=STDERR_TERMINAL, speed_estimate_period=SPEED_WINDOW_S)
     task = bar.add_task("", total=None, speed="")
 
     def advance(title: str, done: int, total: int) -> None:

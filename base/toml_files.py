@@ -15,13 +15,13 @@ from pydantic_core import ErrorDetails
 from hulldown.base.errors import ConfigError, shorten_value
 from hulldown.base.outside import describe_path, parse_toml, read_text
 
-TEXT_FILE_KINDS = ("a config", "a JSON file", "another file", "empty")  # that may be a config
+POSSIBLE_CONFIG_KINDS = ("a config", "a JSON file", "another file", "empty")
 Document = TypeVar("Document", bound=BaseModel)
 
 
 def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
     """Read a TOML file; `remedy` is what to do if it can't be read."""
-    if path.exists() and (kind := describe_path(path)) not in TEXT_FILE_KINDS:
+    if path.exists() and (kind := describe_path(path)) not in POSSIBLE_CONFIG_KINDS:
         raise ConfigError(f"is {kind}, not a config", path=path, remedy=remedy or "name a .toml file")
     text = read_text(path, partial(ConfigError, path=path, remedy=remedy))
     try:

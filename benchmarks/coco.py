@@ -15,7 +15,7 @@ import numpy as np
 import orjson
 
 from hulldown.benchmarks.tables import table
-from hulldown.dataset.coco import MERGE_SHARE, CocoDataset
+from hulldown.dataset.coco import MAX_MERGE_TIME_SHARE, CocoDataset
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, write_coco_document
 
 APPEND_COUNT = 200
@@ -52,8 +52,8 @@ def report(results: dict) -> str:
         "## COCO files",
         "Recording one finished image with one annotation; mean of "
         f"{results['appends']} appends. An append is one line in a journal and an fsync "
-        f"({results['fsync_us']:.0f} us on this disk when idle); merging takes at most {MERGE_SHARE:.0%} of a run's "
-        "time.",
+        f"({results['fsync_us']:.0f} us on this disk when idle); merging takes at most "
+        f"{MAX_MERGE_TIME_SHARE:.0%} of a run's time.",
         table(
             ["images there already", *(f"{int(n):,}" for n in sizes)],
             [(label, *(_cell(size.get(key)) for size in sizes.values())) for label, key in rows.items()],

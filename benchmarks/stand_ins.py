@@ -21,7 +21,7 @@ import orjson
 from jaxtyping import UInt8
 from PIL import Image, ImageFilter
 
-from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.base.files import atomic_writer
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.exports.split import SPLIT_NAMES
@@ -155,7 +155,7 @@ def write_stand_ins(dataset: Path, out: Path, shares: tuple[float, float, float]
                 taken = photographed(np.asarray(picture.convert("RGB")), rng=np.random.default_rng([7, image["id"]]))
             path.unlink()  # it is a link to the render
             path.with_suffix(".jpg").write_bytes(taken)
-            bare = {key: value for key, value in image.items() if key != PICTURE_KEY}
+            bare = {key: value for key, value in image.items() if key != PICTURE_HASH_KEY}
             images.append({**bare, "file_name": path.with_suffix(".jpg").name})
         (unfinished / split / COCO_NAME).write_bytes(orjson.dumps({**coco, "images": images}))
     unfinished.rename(out)

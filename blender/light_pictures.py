@@ -11,7 +11,7 @@ import numpy as np
 
 from hulldown.blender.buffers import image_pixels
 
-PIXEL_CENTER = 0.01  # width of the pixel filter, the smallest that Blender takes
+PIXEL_FILTER_WIDTH_PX = 0.01  # the smallest that Blender takes
 
 
 def store_light(scene: Any) -> None:
@@ -23,7 +23,7 @@ def store_light(scene: Any) -> None:
 
 def see_pixel_centers(scene: Any) -> None:
     """Make a scene write scene-linear light, with all rays through the centers of pixels."""
-    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_CENTER
+    scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_FILTER_WIDTH_PX
     store_light(scene)
 
 

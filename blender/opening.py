@@ -12,10 +12,10 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-WORKING_SPACE = "Linear Rec.709"  # of HDRIs and of all colors in hulldown
-IMPORT_NODES = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # of files that no rendering needs, drawn as shapes
+WORKING_SPACE = "Linear Rec.709"  # the color space of HDRIs and of all colors in hulldown
+IMPORT_NODES = ("GeometryNodeImportText", "GeometryNodeImportCSV")  # they draw files as shapes
 UNKNOWN_NODE_TREE = "NodeTreeUndefined"
-SIMULATION_MODIFIERS = ("FLUID", "DYNAMIC_PAINT")  # modifiers whose files and folders cannot be forbidden
+SIMULATION_MODIFIERS = ("FLUID", "DYNAMIC_PAINT")  # files and folders of these modifiers can't be forbidden
 
 
 def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str]:

@@ -7,11 +7,11 @@ from typing import Any
 
 from hulldown.blender.nodes import Stack, material_output, socket_source
 
-SEEN_THROUGH = 0.5  # least transmission of a transparent surface
+MIN_TRANSPARENT_TRANSMISSION = 0.5  # a surface that transmits less isn't transparent
 TRANSPARENT_SHADER = "BSDF_TRANSPARENT"
 REFRACTION_SHADERS = ("BSDF_GLASS", "BSDF_REFRACTION")
 GLOSSY_SHADERS = ("BSDF_GLOSSY", "BSDF_ANISOTROPIC")
-BASE_COLORS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader, the input that has it
+BASE_COLOR_INPUTS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  # by shader
 MIXING_SHADERS = ("MIX_SHADER", "ADD_SHADER")
 
 
@@ -49,7 +49,7 @@ def surface_shaders(material: Any) -> Iterator[tuple[Any, Stack]]:
 
 def _transmits_light(shader: Any) -> bool:
     socket = shader.inputs.get("Transmission Weight") if shader.type == "BSDF_PRINCIPLED" else None
-    return bool(socket and (socket.is_linked or socket.default_value >= SEEN_THROUGH))
+    return bool(socket and (socket.is_linked or socket.default_value >= MIN_TRANSPARENT_TRANSMISSION))
 
 
 def _shader_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:

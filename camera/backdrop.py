@@ -6,19 +6,19 @@ import math
 
 import numpy as np
 
-HIGH = math.radians(15.0)  # higher horizons are streets, woods, and rooms, whose colors would become streaks below
-FADE = math.radians(10.0)  # angle above such a horizon over which the HDRI fades in
+HIGH_HORIZON_RADIANS = math.radians(15.0)  # streets, woods, and rooms reach higher; their colors would become streaks
+HORIZON_FADE_RADIANS = math.radians(10.0)  # the HDRI fades in over this angle above a high horizon
 
 
 def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
-    """Median radiance (3,) at `horizon` radians, above `HIGH`; the zenith is in the first row of `sky`."""
+    """Median radiance (3,) at a high horizon (`HIGH_HORIZON_RADIANS`); the zenith is in the first row of `sky`."""
     elevation = math.pi / 2.0 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
-    nearest = np.abs(elevation - horizon - FADE / 2.0)
-    band = (nearest <= FADE / 2.0) | (nearest == nearest.min())
+    nearest = np.abs(elevation - horizon - HORIZON_FADE_RADIANS / 2.0)
+    band = (nearest <= HORIZON_FADE_RADIANS / 2.0) | (nearest == nearest.min())
     return np.asarray(np.median(sky[band].reshape(-1, 3), axis=0))
 
 
 def fade_sines(horizon: float) -> tuple[float, float]:
     """Sines of the elevations between which, linearly in the sine, the even color gives way to the HDRI."""
-    high = math.sin(min(horizon + FADE, math.pi / 2.0))
+    high = math.sin(min(horizon + HORIZON_FADE_RADIANS, math.pi / 2.0))
     return min(math.sin(horizon), high - 1e-3), high

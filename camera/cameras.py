@@ -12,8 +12,8 @@ from hulldown.base.arrays import checked_array
 from hulldown.camera.intrinsics import Intrinsics, Projected
 from hulldown.geometry.transforms import invert_rigid, rotate_vectors, transform_points
 
-NEAR_M = 0.1  # meters along the optical axis; nothing closer is seen: boxes are clipped here and so are renders
-RIGID_TOLERANCE = 1e-6 + 1e-5 * np.eye(3)  # of products of a pose's axes
+NEAR_M = 0.1  # depth along the optical axis at which boxes and renders are clipped
+RIGID_TOLERANCE = 1e-6 + 1e-5 * np.eye(3)  # for the products of a pose's axes
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -23,10 +23,10 @@ from functools import lru_cache
 import numpy as np
 
 NO_DISTORTION = (0.0, 0.0, 0.0, 0.0, 0.0)
-SEEN_FOLD_SHARE = 0.999  # share of the radius of the fold that is seen: at the fold itself, a pixel's ray isn't defined
-MAX_NEWTON_STEPS = 60  # of Newton's method, which takes 4 to 8 but beside the fold
-MAX_INVERSE_RESIDUAL = 1e-13  # relative: what an inverse may miss its point by
-SIDE_SAMPLES = 64  # places along each side of an image at which its bounds at unit depth are measured
+SEEN_FOLD_SHARE = 0.999  # share of the fold's radius that is seen: at the fold itself, a pixel's ray isn't defined
+MAX_NEWTON_STEPS = 60  # Newton's method takes 4 to 8, and more only near the fold
+MAX_INVERSE_RESIDUAL = 1e-13  # relative
+IMAGE_SIDE_SAMPLES = 64  # points on each side of an image, for its bounds at unit depth
 
 Coefficients = tuple[float, float, float, float, float]
 
@@ -118,7 +118,7 @@ def frame_bounds(
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return corners of the smallest rectangle at unit depth around everything that an image shows."""
     fx, fy, cx, cy = pinhole
-    pixels = (along_sides(SIDE_SAMPLES) * [width, height] - [cx, cy]) / [fx, fy]
+    pixels = (along_sides(IMAGE_SIDE_SAMPLES) * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):
         return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
     unit = undistort_points(pixels, distortion, seen_radius(distortion))

@@ -19,8 +19,8 @@ from hulldown.geometry.transforms import rotate_vectors, rotation_z, tilt_rotati
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 MAX_FRAMING_ROUNDS = 20
 PLACED_PX = 1e-3
-LEVEL_ROUNDS = 12  # of Broyden's method, which takes 3 to 8
-LEAST_CHANGE = 0.1  # of the expected change of the box's place that must be seen: see `_Search.by_secants`
+MAX_LEVEL_FRAMING_ROUNDS = 12  # Broyden's method takes 3 to 8
+MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_Search.by_secants`
 
 
 def pan_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:
@@ -229,7 +229,7 @@ class _FramingSearch:
         """
         best, best_miss = first.world_from_camera.copy(), np.full(len(self.cameras), np.inf)
         todo = np.flatnonzero(np.isfinite(box).all(axis=(1, 2)))
-        for keep_level, rounds in ((True, LEVEL_ROUNDS), (False, MAX_FRAMING_ROUNDS)):
+        for keep_level, rounds in ((True, MAX_LEVEL_FRAMING_ROUNDS), (False, MAX_FRAMING_ROUNDS)):
             pixel = np.tile(self.cameras.lenses.center, (len(todo), 1))
             last, last_step = pixel, np.zeros_like(pixel)
             turn = np.tile(np.eye(2), (len(todo), 1, 1))  # change of the pixel per change of the box's place
@@ -243,7 +243,7 @@ class _FramingSearch:
                 moved, expected = pixel - last, _multiply_rows(turn, last_step - step)
                 along = (moved * expected).sum(axis=1)
                 # Updates that would make the next steps huge are left out.
-                sound = along > LEAST_CHANGE * (moved * moved).sum(axis=1)
+                sound = along > MIN_BOX_CHANGE_SHARE * (moved * moved).sum(axis=1)
                 change = (moved - expected)[:, :, None] * _multiply_rows(np.swapaxes(turn, 1, 2), moved)[:, None]
                 turn[sound] += change[sound] / along[sound, None, None]
                 # A target that left the view is looked for halfway back.

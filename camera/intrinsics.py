@@ -29,7 +29,7 @@ WHOLE_NUMBER_TYPES = (
     int,
     np.integer,
 )  # built once: building the union for each camera would take longer than the checks
-WINDOW_SIDE_PARTS = 8  # parts of a window's side at whose ends its image is measured
+WINDOW_SIDE_PARTS = 8  # a window's image is measured at the ends of these parts of its sides
 
 
 class Projected(NamedTuple):

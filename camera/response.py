@@ -13,11 +13,11 @@ import numpy as np
 
 from hulldown.base.color import LUMINANCE_WEIGHTS, srgb_from_linear
 
-CARD_ALBEDO = 0.18  # of the gray card
-CARD_LEVEL = 117.64  # of 255: level of a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels
-NEUTRAL_K = 6500.0  # the light that Blender's white balance leaves white
+CARD_ALBEDO = 0.18  # the gray card's
+CARD_LEVEL = 117.64  # of 255: a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels
+NEUTRAL_LIGHT_K = 6500.0  # Blender's white balance leaves this light white
 COOLEST, WARMEST = -2500.0, 13500.0  # offsets in kelvin that the daylight locus reaches
-FARTHEST_EV = 32.0  # what Blender's view settings allow
+MAX_EV = 32.0  # Blender's view settings allow no more
 
 # Blender's AgX without a look: matrix, curve over 16.5 stops, matrix, sRGB. Fitted to 3000 colors that Blender 5.0 has
 # transformed, from 2^-9 to 2^6 and up to saturated; on 3144 others the largest error of a channel is 1.5 of 255 in the
@@ -27,7 +27,7 @@ _AGX_OUT = np.array([[27.72894, -9.143, -2.25037], [-2.71474, 19.84961, -0.85207
 _AGX_CURVE = (-8.86642, 39.66201, -61.55681, 36.89593, -1.72526, -6.12759, 2.24129, -0.22737)
 _LOWEST, _STOPS = -12.47393, 16.5
 _LEVEL_POWER = 2.2
-_EXPOSURE_HALVINGS = 48  # of the range of exposures that is searched: to 1e-13 EV
+_EXPOSURE_HALVINGS = 48  # they narrow the range of exposures to 1e-13 EV
 _XYZ_FROM_RGB = np.array([[0.41239, 0.35758, 0.18048], [0.21264, 0.71517, 0.07219], [0.01933, 0.11919, 0.95053]])
 _BLACK_BODY = ((0.5267, 0.4133), (0.4770, 0.4137), (0.4369, 0.4041))  # xy at 2000, 2500, and 3000 K
 _CONES_FROM_RGB = (
@@ -46,7 +46,7 @@ def display_levels(radiance: np.ndarray) -> np.ndarray:
 def white_balance(offset_k: float) -> np.ndarray:
     """Matrix on linear Rec. 709 of a camera whose white balance is off by some kelvin.
 
-    `offset_k`: offset of its setting from `NEUTRAL_K`; 0 changes nothing, and more makes pictures warmer.
+    `offset_k`: offset of its setting from `NEUTRAL_LIGHT_K`; 0 changes nothing, and more makes pictures warmer.
 
     >>> red, _, blue = white_balance(1000.0).sum(axis=1)
     >>> bool(red > 1.0 > blue)
@@ -55,7 +55,7 @@ def white_balance(offset_k: float) -> np.ndarray:
     if offset_k == 0.0:
         return np.eye(3)
     cones = _CONES_FROM_RGB @ np.linalg.inv(_XYZ_FROM_RGB)
-    seen, wanted = (cones @ _daylight_xyz(kelvin) for kelvin in (NEUTRAL_K + offset_k, NEUTRAL_K))
+    seen, wanted = (cones @ _daylight_xyz(kelvin) for kelvin in (NEUTRAL_LIGHT_K + offset_k, NEUTRAL_LIGHT_K))
     return np.linalg.inv(_CONES_FROM_RGB) @ np.diag(wanted / seen) @ _CONES_FROM_RGB
 
 
@@ -97,7 +97,7 @@ def _chromaticity_uv(xyz: np.ndarray) -> np.ndarray:
 
 def metered_exposures_ev(radiance: np.ndarray) -> np.ndarray:
     """Exposures in EV at which gray cards of this radiance have `CARD_LEVEL` in a picture; the maximum for black."""
-    low, high = (np.full(len(radiance), end) for end in (-FARTHEST_EV, FARTHEST_EV))
+    low, high = (np.full(len(radiance), end) for end in (-MAX_EV, MAX_EV))
     for _ in range(_EXPOSURE_HALVINGS):
         middle = (low + high) / 2.0
         dark = display_levels(radiance * np.exp2(middle)[:, None]) @ LUMINANCE_WEIGHTS < CARD_LEVEL

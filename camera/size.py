@@ -19,7 +19,7 @@ Measure = Literal["height", "width", "diagonal", "area"]
 # Newton's method on 1 / size, nearly linear in distance, takes 3 to 6 rounds; the others are for bisection.
 MAX_SIZE_ROUNDS = 80
 SIZE_TOLERANCE = 4e-15
-MAX_SECANT_STEPS = 12  # of a distorting lens: 4 to 6
+MAX_SECANT_STEPS = 12  # a distorting lens takes 4 to 6
 
 
 def solve_distance(

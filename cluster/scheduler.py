@@ -16,9 +16,9 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import print_message
 
 LOCAL_HOST = "127.0.0.1"  # anyone who reaches a scheduler's port can run programs here
-RENDER_RESOURCE = "render"  # of workers that render, declared by `dask worker --resources "render=1"`
+RENDER_RESOURCE = "render"  # workers that render declare it: `dask worker --resources "render=1"`
 SHARE_VARIABLE = "HULLDOWN_SHARE"  # number of workers that share this machine's cores and memory
-LOST_S = 60  # a worker silent for this long is lost
+MAX_WORKER_SILENCE_S = 60  # a worker that is silent for longer is lost
 
 
 @Parameter(name="*")
@@ -91,7 +91,7 @@ def local_cluster(workers: int, *, port: int) -> Iterator[str]:
         from distributed import LocalCluster
 
     settings = {
-        "distributed.scheduler.worker-ttl": f"{LOST_S} s",
+        "distributed.scheduler.worker-ttl": f"{MAX_WORKER_SILENCE_S} s",
         "distributed.logging.distributed": "warning",
         "distributed.nanny.environ": {SHARE_VARIABLE: str(workers)},
     }

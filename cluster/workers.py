@@ -23,12 +23,12 @@ from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
 
-GONE_S = 15.0  # longest time without a scheduler
-LOOK_S = 1.0  # interval of the client's checks for workers
+MAX_SCHEDULER_ABSENCE_S = 15.0
+WORKER_CHECK_INTERVAL_S = 1.0
 POLL_S = 0.05
-TASK_RETRIES = 2  # of a task that raises an error that nobody foresaw
-MAX_LOSSES = 3  # times that all workers of a task are lost before it's tried alone
-MAX_STRIKES = 3  # tasks that only this worker fails at, before it's excluded
+MAX_TASK_RETRIES = 2  # after errors that nobody foresaw
+MAX_TASK_LOSSES = 3  # a task that has lost all its workers this often is tried alone
+MAX_WORKER_STRIKES = 3  # a worker is excluded after this many tasks that only it fails at
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -101,7 +101,7 @@ class Cluster:
                 while is_connected and waiting and self._has_room(waiting[0], len(running)):
                     task = waiting.popleft()
                     task.workers = self._fit - task.failed.keys() or self._fit
-                    future = self._submit_task(_do_task, call(task.job), workers=task.workers, retries=TASK_RETRIES)
+                    future = self._submit_task(_do_task, call(task.job), workers=task.workers, retries=MAX_TASK_RETRIES)
                     running[future] = task
                     ended.add(future)
                 # Dask would wait for lost workers.
@@ -110,7 +110,7 @@ class Cluster:
                     task = running.pop(future)
                     if results := self._task_results(task, result, lost):
                         yield task.job, results
-                    elif task.failed or task.losses == MAX_LOSSES:
+                    elif task.failed or task.losses == MAX_TASK_LOSSES:
                         waiting.append(task)
                     else:
                         waiting.appendleft(task)
@@ -120,7 +120,7 @@ class Cluster:
             self._cancel_tasks(running)
 
     def _has_room(self, task: _Task[Job, Result], running: int) -> bool:
-        return running < self._at_once * self.working and not (running and task.losses == MAX_LOSSES)
+        return running < self._at_once * self.working and not (running and task.losses == MAX_TASK_LOSSES)
 
     def _submit_task(
         self, function: Callable[..., object], *given: object, workers: Iterable[str], retries: int = 0
@@ -133,8 +133,8 @@ class Cluster:
         """Return all results of a task that has ended; empty if it must be tried again."""
         error = result[1] if isinstance(result, tuple) else result  # of a failed task: type, error, and traceback
         if isinstance(error, CancelledError | KilledWorker):
-            is_last = task.losses == MAX_LOSSES
-            task.losses = MAX_LOSSES if isinstance(error, KilledWorker) else min(task.losses + 1, MAX_LOSSES)
+            is_last = task.losses == MAX_TASK_LOSSES
+            task.losses = MAX_TASK_LOSSES if isinstance(error, KilledWorker) else min(task.losses + 1, MAX_TASK_LOSSES)
             return [*task.failed.values(), lost] if is_last else []
         if isinstance(error, BaseException):
             raise error
@@ -150,17 +150,17 @@ class Cluster:
             return results if len(task.failed) > 1 or self._fit <= task.failed.keys() else []
         self._strikes.update(task.failed.keys())
         for failed in task.failed:
-            if self._strikes[failed] == MAX_STRIKES:
-                self._exclude_worker(failed, f"has failed at {MAX_STRIKES} tasks that others could do")
+            if self._strikes[failed] == MAX_WORKER_STRIKES:
+                self._exclude_worker(failed, f"has failed at {MAX_WORKER_STRIKES} tasks that others could do")
         return results
 
     def _update_workers(self) -> bool:
-        if self.client.status == "closed":  # since it was out of reach for `GONE_S`
+        if self.client.status == "closed":  # since it was out of reach for `MAX_SCHEDULER_ABSENCE_S`
             remedy = "start one, and run the same command with its address, which continues"
             raise HulldownError("the scheduler is out of reach", path=self._address, remedy=remedy)
         if self.client.status != "running":
             return False
-        if time.monotonic() > self._looked + LOOK_S:
+        if time.monotonic() > self._looked + WORKER_CHECK_INTERVAL_S:
             self._looked = time.monotonic()
             with contextlib.suppress(OSError):
                 # Client.scheduler_info() is replaced every other second by an answer without workers.
@@ -247,7 +247,7 @@ def _connect_client(scheduler: Scheduler) -> Client:
         raise HulldownError("there is no such file of a scheduler", path=address, remedy=remedy)
     where = {"scheduler_file": address} if of_file else {"address": address}
     try:
-        return Client(**where, security=security, timeout=GONE_S, set_as_default=False)
+        return Client(**where, security=security, timeout=MAX_SCHEDULER_ABSENCE_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         remedy = "start one with `hulldown cluster`, or see docs/cluster.md"
         raise HulldownError(f"no Dask scheduler answers there ({error})", path=address, remedy=remedy) from None

@@ -30,7 +30,7 @@ from hulldown.dataset.store.journal import MERGED_LINE, Journal
 from hulldown.dataset.store.reservations import Reservation
 
 MERGE_EVERY_S = 30.0
-MERGE_SHARE = 0.02  # largest share of a run's time for rewriting annotations.json
+MAX_MERGE_TIME_SHARE = 0.02  # of a run's time, for rewriting annotations.json
 LOGS_NAME = "logs"
 
 
@@ -188,7 +188,7 @@ class CocoDataset:
         """
         line = self._journal_line(image, annotations)
         self._write_line(line)
-        if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MERGE_SHARE):
+        if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MAX_MERGE_TIME_SHARE):
             self.merge()
         return int(line["image"]["id"])
 

@@ -18,7 +18,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.outside import file_sha256, parse_value
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, read_coco
 
-EDGE_SHARE = 0.003  # share of the picture's width or height: a box this near to a side is cut off by it
+EDGE_DISTANCE_SHARE = 0.003  # of the picture's width or height: a side cuts off a box that is this near to it
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
@@ -90,7 +90,7 @@ def read_photographs(path: Path) -> Photographs:
     xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4)
     shares = xywh / np.tile(size[image], 2)
     low, high = np.clip(shares[:, :2], 0.0, 1.0), np.clip(shares[:, :2] + shares[:, 2:], 0.0, 1.0)
-    edge = np.maximum(EDGE_SHARE, 1.0 / size[image])
+    edge = np.maximum(EDGE_DISTANCE_SHARE, 1.0 / size[image])
     whole = np.array([box.truncated_fraction == 0.0 for box in boxes], dtype=bool)
     cut = np.concatenate([low <= edge, high >= 1.0 - edge], axis=1) & ~whole[:, None]
     rows = np.argsort(image, kind="stable")

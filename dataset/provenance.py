@@ -16,7 +16,7 @@ from hulldown.dataset.store.journal import read_journal, replace_journal
 
 FAILURES_NAME = "failures.jsonl"
 PROVENANCE_NAME = "provenance.json"
-GROWING_LISTS = ("blender", "devices", "systems", "confinement")  # lists that several runs and machines add to
+GROWING_LISTS = ("blender", "devices", "systems", "confinement")  # several runs and machines add to these
 
 
 class Provenance(Struct, frozen=True, kw_only=True, omit_defaults=True):

@@ -19,8 +19,8 @@ from hulldown.annotate.label_list import label_misfits, label_problems
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import area_and_box
 from hulldown.annotate.record_fields import (
-    PICTURE_KEY,
-    ROUNDING_PX,
+    PICTURE_HASH_KEY,
+    TEXT_ROUNDING_PX,
     CategoryRecord,
     ImageRecord,
     LabelRecord,
@@ -44,7 +44,7 @@ from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
 GAP, GAP_SHARE = 2.0, 0.25
-MAX_LISTED_FINDINGS = 20  # findings of a kind that are printed
+MAX_LISTED_FINDINGS = 20  # of each kind
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +157,7 @@ VEHICLE_FIELDS = _recorded_fields(PlannedVehicle, LabelRecord)
 def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
     """Find fields of a render's view that don't fit; those of other datasets may mean something else."""
     for image in images:
-        row_fields = invalid_fields(image, ROW_FIELDS) if PICTURE_KEY in image else ()
+        row_fields = invalid_fields(image, ROW_FIELDS) if PICTURE_HASH_KEY in image else ()
         problems = [*invalid_fields(image, RenderedImageRecord), *row_fields]
         if (
             not (problems or any(invalid_fields(image, ImageRecord)))
@@ -167,7 +167,7 @@ def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
                 Intrinsics.of_fields(image["width"], image["height"], K=view.K, dist=view.dist)
             except ValueError as error:
                 problems = [f"K and dist are no camera: {error}"]
-        kind: Literal["error", "warning"] = "error" if PICTURE_KEY in image else "warning"
+        kind: Literal["error", "warning"] = "error" if PICTURE_HASH_KEY in image else "warning"
         yield from (Finding(kind, _image_name(image), problem) for problem in problems)
 
 
@@ -202,7 +202,7 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
                 yield Finding("warning", where, "repeats class and box of another one in the same image")
             boxes.add(box)
             problems = [*label_problems(label, image, classes.get(label.category_id))]
-            if PICTURE_KEY in image.record:
+            if PICTURE_HASH_KEY in image.record:
                 problems += invalid_fields(label.record, VEHICLE_FIELDS)
             yield from (Finding("error", where, problem) for problem in problems)
             yield from _label_hints(where, label, image)
@@ -212,7 +212,7 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
 
 
 def _label_hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
-    if (by := overhang_px(label.bbox, *image.size)) > ROUNDING_PX:
+    if (by := overhang_px(label.bbox, *image.size)) > TEXT_ROUNDING_PX:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
     if (gap := _box_gap(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"

@@ -9,16 +9,16 @@ from typing import Annotated, Literal
 
 from cyclopts import Parameter
 
-from hulldown.annotate.record_fields import MAX_OVERHANG_PX, ROUNDING_PX
+from hulldown.annotate.record_fields import MAX_BOX_OVERHANG_PX, TEXT_ROUNDING_PX
 from hulldown.annotate.records import Image, Label, overhang_px
 from hulldown.base.arguments import AtLeastZero, Share
 from hulldown.base.errors import DatasetError
 
-MAX_LISTED_BOXES = 10  # boxes that an error names
+MAX_LISTED_BOXES = 10  # in an error
 
 
 def clip_labels(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]:
-    """Return images with labels whose boxes lie inside; without `clip`, only overhangs of `MAX_OVERHANG_PX` are cut."""
+    """Clip boxes to their images; without `clip`, only overhangs of at most `MAX_BOX_OVERHANG_PX`."""
     found: list[Image] = []
     wrong: list[str] = []
     further = False
@@ -30,9 +30,9 @@ def clip_labels(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Im
             by = overhang_px(label.bbox, *image.size)
             if w <= 0 or h <= 0:
                 wrong.append(f"{where} has no area")
-            elif by <= ROUNDING_PX:
+            elif by <= TEXT_ROUNDING_PX:
                 kept.append(label)
-            elif not clip and by > MAX_OVERHANG_PX:
+            elif not clip and by > MAX_BOX_OVERHANG_PX:
                 further = True
                 wrong.append(f"{where} leaves its image by {by:.4g} px")
             else:

@@ -55,13 +55,13 @@ class Running:
     rollers: int = 0
 
 
-TRACK_LINK_M = 0.075  # thickness of a track link
+TRACK_LINK_THICKNESS_M = 0.075
 
 
 def add_tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     """Road wheels, sprocket, idler, return rollers and two tracks; the links touch z = 0."""
     r, w = gear.radius, gear.width
-    z = r + TRACK_LINK_M
+    z = r + TRACK_LINK_THICKNESS_M
     tire = turn_profile(
         [(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True
     )
@@ -108,8 +108,8 @@ def add_tracks(m: BlendModel, p: Paints, gear: Running) -> None:
             turn_profile([(0.13, -w * 0.35), (0.13, w * 0.35)], sides=12).moved(x, gear.y, top - 0.14) for x in spread
         )
         m.add("Return_Rollers", rollers, p.steel, bevel=0.01, mirror=True)
-    circles = [(gear.first + i * gear.step, z, r + TRACK_LINK_M) for i in range(gear.wheels)]
-    circles += [(x, z, r + TRACK_LINK_M) for x, z, r in (gear.sprocket, gear.idler)]
+    circles = [(gear.first + i * gear.step, z, r + TRACK_LINK_THICKNESS_M) for i in range(gear.wheels)]
+    circles += [(x, z, r + TRACK_LINK_THICKNESS_M) for x, z, r in (gear.sprocket, gear.idler)]
     belt = make_track(circles, gear.y, w, pitch=0.16, sag=0.05)
     low = belt.vertices[:, 2].min()  # chords of the links cut the circles a little
     m.add("Tracks", belt.moved(z=-low), p.dark, bevel=0, mirror=True, smooth=20)

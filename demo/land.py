@@ -11,8 +11,8 @@ from mathutils import Matrix
 
 from hulldown.demo.relief import Course, Height, grid_quads, make_ribbon, make_sheet, smoothstep
 
-LAND_REACH_M = 4500.0  # meters to where the surroundings end, below the horizon's haze
-HIDDEN_EDGE = 4.0  # meters by which surroundings reach below the ground, that no gap shows between them
+LAND_REACH_M = 4500.0  # the surroundings end here, below the horizon's haze
+HIDDEN_EDGE_M = 4.0  # surroundings reach this far below the ground, so that no gap shows between them
 
 
 class Land:
@@ -61,8 +61,8 @@ class Land:
             return near + smoothstep(away, *rise) * mountains(x, y)
 
         self.outland = outland
-        out = half - HIDDEN_EDGE + (LAND_REACH_M - half) * (np.linspace(0, 1, 36) ** 2.6)
-        inner = np.linspace(-half + HIDDEN_EDGE, half - HIDDEN_EDGE, 41)
+        out = half - HIDDEN_EDGE_M + (LAND_REACH_M - half) * (np.linspace(0, 1, 36) ** 2.6)
+        inner = np.linspace(-half + HIDDEN_EDGE_M, half - HIDDEN_EDGE_M, 41)
         spans = {"West": -out[::-1], "": inner, "East": out}
         for east, xs in spans.items():
             for north, ys in {"South": -out[::-1], "": inner, "North": out}.items():

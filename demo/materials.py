@@ -15,7 +15,7 @@ from hulldown.base.files import atomic_writer
 from hulldown.blender.add_nodes import add_node
 
 Color = str  # "#rrggbb" as a color picker shows it
-TILE_SIZE_M = 3.0  # meters of a paint's image without a UV map
+PAINT_TILE_M = 3.0  # a paint's image repeats at this width where there is no UV map
 
 
 def srgb_to_linear(color: Color) -> tuple[float, float, float, float]:
@@ -127,7 +127,7 @@ def image_paint(name: str, image: bpy.types.Image, *, dust: Color, by_uv: bool) 
     if by_uv:
         texture = g.add("TexImage", {"Vector": g.add("TexCoord").outputs["UV"]}, image=image)
     else:
-        scaled = g.add("VectorMath", {0: where, "Scale": 1 / TILE_SIZE_M}, operation="SCALE").outputs[0]
+        scaled = g.add("VectorMath", {0: where, "Scale": 1 / PAINT_TILE_M}, operation="SCALE").outputs[0]
         texture = g.add("TexImage", {"Vector": scaled}, image=image, projection="BOX", projection_blend=0.1)
     return _add_wear(g, texture.outputs["Color"], where, dust)
 

@@ -16,7 +16,7 @@ from hulldown.demo.materials import Color
 from hulldown.demo.relief import Height
 
 PlantDensity = Callable[[np.ndarray, np.ndarray], np.ndarray]  # how likely a plant stands at x, y: 0 to 1
-MIN_SLOPE_COSINE = 0.8  # least cosine of the slope of ground that geometry nodes strew things on
+MIN_PLANTED_COSINE = 0.8  # geometry nodes strew nothing on ground that is steeper
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -179,7 +179,7 @@ def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tupl
     flat = tree.nodes.new("FunctionNodeCompare")
     flat.operation = "GREATER_THAN"
     tree.links.new(up, flat.inputs[0])
-    flat.inputs[1].default_value = MIN_SLOPE_COSINE
+    flat.inputs[1].default_value = MIN_PLANTED_COSINE
     noise = node("ShaderNodeTexNoise", Scale=0.03, Detail=3.0).outputs[0]
     thin = node("ShaderNodeMapRange", Value=noise, From_Min=0.45, From_Max=0.7, To_Min=0.0, To_Max=density).outputs[0]
     points = node(

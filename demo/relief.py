@@ -11,8 +11,8 @@ from scipy.spatial import KDTree
 
 Field = Float[np.ndarray, "..."]
 Height = Callable[[np.ndarray, np.ndarray], np.ndarray]  # z over x and y
-COURSE_STEP = 2.0  # meters between points of a course
-LEVELED_LENGTH_M = 40.0  # meters of a course over which its ground is averaged
+COURSE_STEP_M = 2.0
+LEVELED_LENGTH_M = 40.0  # a course's ground is averaged over this length
 
 
 def smoothstep(value: Field, low: Any, high: Any) -> Field:
@@ -52,7 +52,7 @@ class Course:
             cut = np.stack([0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b], axis=1).reshape(-1, 2)
             points = np.concatenate([points[:1], cut, points[-1:]])
         along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-        self.at = np.arange(0.0, along[-1], COURSE_STEP)
+        self.at = np.arange(0.0, along[-1], COURSE_STEP_M)
         self.xy = np.stack([np.interp(self.at, along, points[:, k]) for k in (0, 1)], axis=-1)
         tangent = np.gradient(self.xy, axis=0)
         tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
@@ -70,7 +70,7 @@ class Course:
     def profile(self, height: Height) -> Field:
         """Heights along the line, averaged over `LEVELED_LENGTH_M` meters, as a road levels its ground."""
         z = height(self.xy[:, 0], self.xy[:, 1])
-        n = max(int(LEVELED_LENGTH_M / COURSE_STEP) | 1, 3)
+        n = max(int(LEVELED_LENGTH_M / COURSE_STEP_M) | 1, 3)
         padded = np.pad(z, n // 2, mode="edge")
         return np.convolve(padded, np.ones(n) / n, mode="valid")
 

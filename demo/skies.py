@@ -12,8 +12,8 @@ import numpy as np
 from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.files import atomic_writer, replace_file
 
-SKY_WIDTH_PX = 2048  # pixels around the horizon
-SUN_SIZE = np.radians(1.1)  # twice the real sun: six pixels, and half floats can hold its brightness
+SKY_WIDTH_PX = 2048  # around the horizon
+SUN_DIAMETER_RADIANS = np.radians(1.1)  # twice the real sun's: six pixels, and half floats can hold its brightness
 
 
 @dataclass(frozen=True)
@@ -139,7 +139,7 @@ def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     depth = np.clip(-elevation / 0.04, 0, 1)[:, None, None]
     rows[..., :3] += (earth - rows[..., :3]) * depth
     rise = np.radians(sky.sun_elevation_deg)
-    radiance = sky.sun_share * sky.light / np.sin(rise) / (SUN_SIZE / 2) ** 2
+    radiance = sky.sun_share * sky.light / np.sin(rise) / (SUN_DIAMETER_RADIANS / 2) ** 2
     rows[..., :3] += (
         radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun_disc(width, height, rise)[..., None]
     )
@@ -156,11 +156,11 @@ def _sun_disc(width: int, height: int, rise: float) -> np.ndarray:
     elevation = ((np.arange(height)[:, None] + fine) / height).ravel() * np.pi - np.pi / 2
     azimuth = ((np.arange(width)[:, None] + fine) / width).ravel() * 2 * np.pi - np.pi
     share = np.zeros((height, width))
-    tall = np.flatnonzero(np.abs(elevation - rise) < SUN_SIZE)
-    wide = np.flatnonzero(np.abs(azimuth) < 2 * SUN_SIZE / np.cos(rise))
+    tall = np.flatnonzero(np.abs(elevation - rise) < SUN_DIAMETER_RADIANS)
+    wide = np.flatnonzero(np.abs(azimuth) < 2 * SUN_DIAMETER_RADIANS / np.cos(rise))
     low, left = tall[0] // 8 * 8, wide[0] // 8 * 8
     e, a = elevation[low : low + len(tall) // 8 * 8], azimuth[left : left + len(wide) // 8 * 8]
     cosine = np.sin(e)[:, None] * np.sin(rise) + np.cos(e)[:, None] * np.cos(rise) * np.cos(a)
-    covered = (cosine > np.cos(SUN_SIZE / 2)).reshape(len(e) // 8, 8, len(a) // 8, 8).mean(axis=(1, 3))
+    covered = (cosine > np.cos(SUN_DIAMETER_RADIANS / 2)).reshape(len(e) // 8, 8, len(a) // 8, 8).mean(axis=(1, 3))
     share[low // 8 : low // 8 + covered.shape[0], left // 8 : left // 8 + covered.shape[1]] = covered
     return share

@@ -9,9 +9,9 @@ from enum import IntEnum
 import numpy as np
 from jaxtyping import Bool, Float, Float32, Int, UInt8
 
-HIT_OPACITY = 0.5  # opacity from which a point is a hit, for masks and nearest hits
+HIT_OPACITY = 0.5  # a point of at least this opacity is a hit, for masks and nearest hits
 OPACITY_TOLERANCE = 1e-3  # faces this close to opaque or clear need no lookups
-LOOKUP_ROUNDING_TEXELS = 1e-3  # texels by which rounding may move a lookup beyond a face's edge
+LOOKUP_ROUNDING_TEXELS = 1e-3  # rounding may move a lookup this far beyond a face's edge
 TEXEL_GRADES = np.linspace(0.0, 1.0, 16 * 255 + 1, dtype=np.float32)  # texel values at which curves are sampled
 
 

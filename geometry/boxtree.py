@@ -16,11 +16,11 @@ from jaxtyping import Bool, Float, Int
 from hulldown.base.indices import group_and_rank
 
 TREE_FANOUT = 8
-EDGE_SLACK_SHARE = 1e-14  # relative rounding error of a ray through a box's edge
-MIN_DIRECTION_COORDINATE = 1e-200  # below this, a direction's coordinate counts as 0
-PACKET_RAYS = 16  # rays that are tested together
-MAX_PACKET_SPREAD = 0.1  # largest difference of their directions' coordinates
-PAIRS_PER_BLOCK = 1 << 12  # (query, node) pairs expanded at a time: what they touch stays in cache
+EDGE_SLACK_SHARE = 1e-14  # rounding error of a ray through a box's edge
+MIN_DIRECTION_COORDINATE = 1e-200  # a smaller one counts as 0
+PACKET_RAYS = 16
+MAX_PACKET_SPREAD = 0.1  # difference between the coordinates of its rays' directions
+NODE_PAIRS_PER_BLOCK = 1 << 12  # of query and node; what a block touches stays in cache
 
 
 class BoxTree:
@@ -77,10 +77,10 @@ class BoxTree:
 
         packet, place = self._touching_pairs(len(first), touch)
         blocks = []
-        for i in range(0, max(len(packet), 1), PAIRS_PER_BLOCK):
-            some = packet[i : i + PAIRS_PER_BLOCK]
+        for i in range(0, max(len(packet), 1), NODE_PAIRS_PER_BLOCK):
+            some = packet[i : i + NODE_PAIRS_PER_BLOCK]
             pair, number = group_and_rank(count[some])
-            ray, places = first[some][pair] + number, place[i : i + PAIRS_PER_BLOCK][pair]
+            ray, places = first[some][pair] + number, place[i : i + NODE_PAIRS_PER_BLOCK][pair]
             bounds = (
                 self._levels[-1][places // TREE_FANOUT, :, places % TREE_FANOUT] if self._levels else np.zeros((0, 6))
             )
@@ -124,10 +124,10 @@ class BoxTree:
         waiting = [(0, np.arange(n), np.zeros(n, dtype=np.int64))] if self._levels else []
         while waiting:
             level, query, node = waiting.pop()
-            if len(query) > PAIRS_PER_BLOCK:
+            if len(query) > NODE_PAIRS_PER_BLOCK:
                 waiting += [
-                    (level, query[i : i + PAIRS_PER_BLOCK], node[i : i + PAIRS_PER_BLOCK])
-                    for i in range(0, len(query), PAIRS_PER_BLOCK)
+                    (level, query[i : i + NODE_PAIRS_PER_BLOCK], node[i : i + NODE_PAIRS_PER_BLOCK])
+                    for i in range(0, len(query), NODE_PAIRS_PER_BLOCK)
                 ]
                 continue
             row, slot = np.nonzero(touch(query, self._levels[level][node]))

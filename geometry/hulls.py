@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull, QhullError
 
-COLLINEAR_TOLERANCE = 1e-12  # of points whose coordinates are about 1
+COLLINEAR_TOLERANCE = 1e-12  # for points whose coordinates are about 1
 
 
 def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:

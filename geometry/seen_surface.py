@@ -12,24 +12,24 @@ from hulldown.geometry.alpha import HIT_OPACITY, AlphaMap, Cut, Cutouts
 from hulldown.geometry.hulls import hulls_of_groups
 from hulldown.geometry.meshes import Mesh
 
-FLAT_HEIGHT_ULPS = 2.0  # float32 units in the last place, up to whose height a triangle has no area for Cycles
+MAX_FLAT_HEIGHT_ULPS = 2.0  # a float32 triangle of this height has no area for Cycles
 MAX_FLAT_SHARE = (
     1e-5  # of the mesh's extent, for meshes in map coordinates: their triangles are as small as those units
 )
-STEPS_PER_TEXEL = 8  # steps per texel at which a texture is looked up
+LOOKUPS_PER_TEXEL = 8  # along a face
 LEAST, MOST = 16, 512  # steps along a face's sides
 MAX_TEXEL_LOOKUPS = 1 << 23  # in all faces of a mesh
-MAX_SIDE_TILES = 8  # along a face's sides, at most: what is seen in each becomes one convex piece
-MIN_TILE_STEPS = 32  # steps along a tile's side, at least
-FACES_PER_BLOCK = 1 << 16  # faces measured together
-LATTICE_POINTS_PER_BLOCK = 1 << 18  # points of lattices in memory together
+MAX_SIDE_TILES = 8  # along a face's sides; what is seen in each tile becomes one convex piece
+MIN_TILE_STEPS = 32  # along a tile's side
+FACES_PER_BLOCK = 1 << 16
+LATTICE_POINTS_PER_BLOCK = 1 << 18
 EDGE_HALVINGS = 12  # of a step, to find where a texture's edge crosses it
 
 
 def faces_with_area(mesh: Mesh) -> Int[np.ndarray, " k"]:
     """Return the ascending faces that have an area as Cycles sees them, in float32."""
     low, high = mesh.bounds
-    finest = FLAT_HEIGHT_ULPS * float(np.spacing(np.float32(np.abs(mesh.bounds).max())))
+    finest = MAX_FLAT_HEIGHT_ULPS * float(np.spacing(np.float32(np.abs(mesh.bounds).max())))
     finest = min(finest, MAX_FLAT_SHARE * float((high - low).max()))
     drawn = np.empty(len(mesh.faces), dtype=bool)
     for start in range(0, len(drawn), FACES_PER_BLOCK):
@@ -92,7 +92,7 @@ def _side_steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarra
     """Return steps along the sides of each mixed face, so that lookups stay within `MAX_TEXEL_LOOKUPS`."""
     sizes = np.array([alpha.texels.shape[::-1] for alpha in cutouts.maps])[cutouts.face_map[mixed]]
     texels = (np.ptp(cutouts.uv[mixed], axis=1) * sizes).max(axis=1)
-    steps = np.clip(np.ceil(STEPS_PER_TEXEL * texels), LEAST, MOST)
+    steps = np.clip(np.ceil(LOOKUPS_PER_TEXEL * texels), LEAST, MOST)
     few = np.sqrt(min(1.0, 2.0 * MAX_TEXEL_LOOKUPS / max((steps * steps).sum(), 1.0)))
     return np.maximum(steps * few, 2).astype(np.int64)
 

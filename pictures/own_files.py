@@ -10,7 +10,7 @@ from PIL.PngImagePlugin import PngInfo
 from hulldown.base.files import atomic_writer
 from hulldown.base.outputs import claim_file
 
-SOFTWARE_TEXT = {"Software": "hulldown"}  # the text by which a PNG file is known as ours
+SOFTWARE_TEXT = {"Software": "hulldown"}  # marks a PNG file as ours
 _SOFTWARE_CHUNK = b"tEXtSoftware\0hulldown"
 
 

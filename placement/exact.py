@@ -21,7 +21,7 @@ from hulldown.geometry.predicates import exact_normals as exact_normals
 from hulldown.geometry.predicates import orientation_sign
 from hulldown.placement.ground_faces import GroundFaceHits, GroundFaces, upward_normals
 
-_POINTS_PER_BLOCK = 1 << 11  # points looked at together, so that intermediate arrays stay in cache
+_POINTS_PER_BLOCK = 1 << 11  # intermediate arrays stay in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -16,11 +16,11 @@ from hulldown.geometry.hulls import inner_point
 from hulldown.geometry.meshes import Mesh
 from hulldown.scene.ray_caster import RayCaster
 
-RASTER_CELLS = 128  # cells a side of an underside: 3 to 7 cm under a tank
-MAX_LEAN_SLOPE = 0.05  # meters higher that a spot may be for each meter that it is nearer; measured in docs/settling.md
-LOWEST_BAND_SHARE = 0.05  # share of a mesh's height that counts as touching the ground
-MIN_FOOTPRINT_SHARE = 0.2  # least footprint, as a share of the mesh's length and width
-MAX_FOOT_HEIGHT_SHARE = 0.01  # of the footprint's longer side: a foot is no higher than this above the lowest spot
+RASTER_SIDE_CELLS = 128  # on each side of an underside: 3 to 7 cm under a tank
+MAX_LEAN_SLOPE = 0.05  # a spot may be this much higher per meter that it is nearer; measured in docs/settling.md
+LOWEST_BAND_SHARE = 0.05  # of a mesh's height: this much counts as touching the ground
+MIN_FOOTPRINT_SHARE = 0.2  # of the mesh's length and width
+MAX_FOOT_HEIGHT_SHARE = 0.01  # of the footprint's longer side: a foot is at most this high above the lowest spot
 
 
 def contact_footprint(vertices: ArrayLike) -> Float[np.ndarray, "2 2"]:
@@ -57,14 +57,14 @@ def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = No
         raise ValueError(f"mesh: expected a length and a width, got {mesh.name!r} with the footprint {box.tolist()}")
     if known is not None and known.size:
         return Underside(box, known)
-    step = (box[1] - box[0]) / RASTER_CELLS
-    x, y = (box[0, i] + (np.arange(RASTER_CELLS) + 0.5) * step[i] for i in range(2))
+    step = (box[1] - box[0]) / RASTER_SIDE_CELLS
+    x, y = (box[0, i] + (np.arange(RASTER_SIDE_CELLS) + 0.5) * step[i] for i in range(2))
     heights = _lowest_faces(mesh, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
     points = np.concatenate([used, _along_edges(mesh, step)])
     points = points[((points[:, :2] >= box[0]) & (points[:, :2] <= box[1])).all(axis=1)]
-    cell = np.minimum(((points[:, :2] - box[0]) / step).astype(np.int64), RASTER_CELLS - 1)
-    np.minimum.at(heights, cell @ [RASTER_CELLS, 1], points[:, 2])
-    return Underside(box, heights.reshape(RASTER_CELLS, RASTER_CELLS))
+    cell = np.minimum(((points[:, :2] - box[0]) / step).astype(np.int64), RASTER_SIDE_CELLS - 1)
+    np.minimum.at(heights, cell @ [RASTER_SIDE_CELLS, 1], points[:, 2])
+    return Underside(box, heights.reshape(RASTER_SIDE_CELLS, RASTER_SIDE_CELLS))
 
 
 def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:

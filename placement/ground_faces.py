@@ -14,7 +14,7 @@ from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND, ROUNDI
 HEIGHT_ULPS = 8
 # ... and normals within this many radians.
 NORMAL_ERROR = 1e-12
-_FACES_PER_BLOCK = 1 << 16  # faces prepared together, so that intermediate arrays stay in cache
+_FACES_PER_BLOCK = 1 << 16  # intermediate arrays stay in cache
 # Areas that lost more than this factor to cancellation have no relative error to speak of.
 _MOST_CANCELLED = 2.0**40
 # Heights below this would lose digits to underflow.

@@ -28,8 +28,8 @@ from hulldown.placement.footprint import Samples
 # these shares of the footprint, no line through two samples meets it.
 PLANE_NUDGE = np.array([1.0e-6, 1.0e-6 * (math.sqrt(5.0) - 1) / 2])
 OTHER_WAYS = np.array([[-1.0, 1.0], [-1.0, -1.0], [1.0, -1.0]])
-MIN_CONTACT_WEIGHT = 1e-4  # least share of the weight on a sample; below it the center counts as on an edge
-_ROWS_PER_BLOCK = 64  # whose triangles are compared together, so that they stay in cache
+MIN_CONTACT_WEIGHT_SHARE = 1e-4  # of all weight, on a sample; below it the center counts as on an edge
+_ROWS_PER_BLOCK = 64  # their triangles stay in cache
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -96,7 +96,7 @@ def support_plane(
     weight = np.abs(_opposite_areas(corners, np.zeros(2)))
     side = corners[:, (1, 2, 0)] - corners[:, (2, 0, 1)]
     margin[found] = (weight / hypot(side[..., 0], side[..., 1])).min(axis=1)
-    idle = weight < MIN_CONTACT_WEIGHT * weight.sum(axis=1, keepdims=True)
+    idle = weight < MIN_CONTACT_WEIGHT_SHARE * weight.sum(axis=1, keepdims=True)
     ties = idle.sum(axis=1)
     edge, above_contact = np.flatnonzero(ties == 1), np.flatnonzero(ties == 2)
     plane[edge] = _over_an_edge(samples_xy, heights[edge], contacts[edge], np.argmax(idle[edge], axis=1), plane[edge])

@@ -27,7 +27,7 @@ from hulldown.placement.rest import Rest, averaged_plane, underside_plane
 from hulldown.placement.terrain import Terrain
 
 REST_RULES = ("averaged", "support")
-BLOCK_RAYS = 1 << 16  # footprint rays at a time, whose data stay in cache
+FOOTPRINT_RAYS_PER_BLOCK = 1 << 16  # their data stay in cache
 
 
 class PlaceRejection(IntEnum):
@@ -212,7 +212,7 @@ def settle_each(
     return join_rows(
         [
             _settle_block(terrain, footings, which[rows], contacts, xy=xy[rows], yaw=yaw[rows], rules=rules)
-            for rows in index_batches(len(xy), max(1, BLOCK_RAYS // max(len(footings[0].samples.xy), 1)))
+            for rows in index_batches(len(xy), max(1, FOOTPRINT_RAYS_PER_BLOCK // max(len(footings[0].samples.xy), 1)))
         ]
     )
 

@@ -33,7 +33,7 @@ column between theirs. Hence:
 - An unmarked cell is convex and free of B, and the union of two unmarked cells that share a side is a rectangle free
   of B. So a 4-connected region of unmarked cells is in one component, and one exact count at a point on no edge gives
   N for all of it. Points are taken strictly inside every face that contains them. If three attempts find no such
-  point, the region is unknown. Counts above `MOST_SHEETS` are all the same.
+  point, the region is unknown. Counts above `MAX_TRACED_SHEETS` are all the same.
 
 Sheets. Let N = k around a cell, and let p in the cell be strictly inside k different faces. If another face's closed
 projection contained p, points of its interior would be arbitrarily close to p, all inside the k faces as well, and
@@ -54,7 +54,7 @@ from hulldown.base.indices import group_and_rank
 from hulldown.geometry.meshes import first_equal
 
 UNKNOWN_COUNT = 255
-MOST_SHEETS = 16  # that are worth tracing one after the other
+MAX_TRACED_SHEETS = 16  # more aren't worth tracing one after the other
 _LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22
 _MOST_PIECES = 1 << 21
 _MOST_REGIONS = 1 << 12
@@ -127,7 +127,7 @@ class SheetMap:
                 same = (self.cells(at[:, 0].copy(), 0) == column) & (self.cells(at[:, 1].copy(), 1) == row)
                 sheets, strictly = count(at[:, 0].copy(), at[:, 1].copy())
                 known = same & strictly
-                counts[open_[known]] = np.minimum(sheets[known], MOST_SHEETS + 1)
+                counts[open_[known]] = np.minimum(sheets[known], MAX_TRACED_SHEETS + 1)
         return counts[regions]
 
     def _touched_cells(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:

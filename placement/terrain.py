@@ -11,7 +11,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground_faces import HEIGHT_ULPS, GroundFaceHits, GroundFaces, plane_heights, upward_normals
-from hulldown.placement.sheet_map import MOST_SHEETS, SheetMap
+from hulldown.placement.sheet_map import MAX_TRACED_SHEETS, SheetMap
 from hulldown.scene.ray_caster import RayCaster, bounds_within_reach, coherent_blocks
 
 
@@ -107,7 +107,7 @@ class Terrain:
         proposal = self._caster.top_face(x, y).astype(np.intp)
         accepted, z, slope = self._certainly_inside(proposal, x, y)
         sheets = self._sheets.count(x, y)
-        several = np.flatnonzero(accepted & (sheets > 1) & (sheets <= MOST_SHEETS))
+        several = np.flatnonzero(accepted & (sheets > 1) & (sheets <= MAX_TRACED_SHEETS))
         accepted &= sheets == 1
         if len(several):
             here = x[several], y[several]

@@ -15,7 +15,7 @@ from hulldown.assets.plan_assets import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.base.indices import even_sample
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.response import FARTHEST_EV, card_radiance, metered_exposures_ev
+from hulldown.camera.response import MAX_EV, card_radiance, metered_exposures_ev
 from hulldown.plan.coats import Coat
 from hulldown.plan.config.asset_sections import OWN_COLOR, PaintEntry
 from hulldown.plan.config.scene_sections import LightSection
@@ -88,7 +88,7 @@ def draw_lights(
     numbers = {
         "hdri_yaw_deg": np.degrees(np.radians(scale_uniform(*light.yaw_deg, u[:, 1]))),
         "strength": strength,
-        "exposure_ev": np.clip(ev + scale_uniform(*light.exposure_error_ev, errors[:, 0]), -FARTHEST_EV, FARTHEST_EV),
+        "exposure_ev": np.clip(ev + scale_uniform(*light.exposure_error_ev, errors[:, 0]), -MAX_EV, MAX_EV),
         "white_balance_k": scale_uniform(*light.white_balance_error_k, errors[:, 1]),
     }
     return {

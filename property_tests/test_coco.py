@@ -184,7 +184,7 @@ def killed(work: Callable[[int], object], lines: int, after_s: float) -> bytes:
     if child == 0:
         try:
             # It merges continuously, so that kills interrupt merges too.
-            hulldown.dataset.coco.MERGE_EVERY_S, hulldown.dataset.coco.MERGE_SHARE = 0.0, 0.5
+            hulldown.dataset.coco.MERGE_EVERY_S, hulldown.dataset.coco.MAX_MERGE_TIME_SHARE = 0.0, 0.5
             work(tell)
         finally:
             os._exit(0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.outputs import UNFINISHED_NAME
 from hulldown.dataset.coco import LOGS_NAME, CocoDataset
@@ -184,7 +184,7 @@ class Session:
         image_id = self._reservation.image_offset + index + 1
         about = {"id": image_id, "file_name": name, "device": outcome.made_by["devices"]}
         self._dataset.append(
-            {**about, PICTURE_KEY: hashlib.sha256(content).hexdigest(), **image_record(row)},
+            {**about, PICTURE_HASH_KEY: hashlib.sha256(content).hexdigest(), **image_record(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1

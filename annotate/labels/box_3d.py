@@ -18,12 +18,12 @@ from hulldown.camera.cameras import NEAR_M
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.transforms import matrix_product
 
-DECIMAL_DIGITS = 9  # to a nanometer, so that every processor gives the same
+DECIMAL_DIGITS = 9  # rounded to a nanometer, so that every processor gives the same
 VALUE_TOLERANCE = 1e-6
-OVERHEAD_RADIANS = 1e-6  # radians from straight above, within which a camera has no azimuth
+MIN_ZENITH_ANGLE_RADIANS = 1e-6  # a camera nearer to straight above has no azimuth
 PIXEL_DIGITS = 6
-PIXEL_LIMIT = 1e9  # what a record can have
-PIXEL_TOLERANCE = 1e-5  # more than they're rounded by
+MAX_RECORD_PX = 1e9
+MAX_CORNER_ERROR_PX = 1e-5  # more than corners are rounded by
 # In halves of the box's size: front left, front right, rear right, rear left, of the lower side, then of the upper one.
 _UNIT_CORNERS = np.array(
     [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))]
@@ -81,7 +81,7 @@ class BoxInCamera(LabelType):
         center = matrix_product(camera_from_world, away[:, None])[:, 0]
         ahead, left, _ = matrix_product(world_from_vehicle[:3, :3].T, -away[:, None])  # (1,) each
         if (
-            ahead[0] * ahead[0] + left[0] * left[0] <= (OVERHEAD_RADIANS * center[2]) ** 2
+            ahead[0] * ahead[0] + left[0] * left[0] <= (MIN_ZENITH_ANGLE_RADIANS * center[2]) ** 2
         ):  # no direction: rounding would decide
             ahead, left, _ = matrix_product(world_from_vehicle[:3, :3].T, world_from_camera[:3, 1, None])
         distance = math.sqrt(center[0] * center[0] + center[1] * center[1] + center[2] * center[2])
@@ -115,7 +115,7 @@ class BoxInCamera(LabelType):
             return
         given = np.array([corner or (np.nan, np.nan) for corner in self.bbox_3d_corners])
         expected = box_corners(box, image.intrinsics)
-        if not np.allclose(given, expected, rtol=1e-9, atol=PIXEL_TOLERANCE, equal_nan=True):
+        if not np.allclose(given, expected, rtol=1e-9, atol=MAX_CORNER_ERROR_PX, equal_nan=True):
             yield "bbox_3d_corners aren't the corners of bbox_3d"
 
 
@@ -123,4 +123,4 @@ def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
     """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane."""
     from_center = matrix_product(np.array(box.rotation), (_UNIT_CORNERS * box.size).T).T
     pixels, depth = intrinsics.project_points(np.array(box.center) + from_center)
-    return np.where((depth >= NEAR_M)[:, None], np.clip(pixels, -PIXEL_LIMIT, PIXEL_LIMIT), np.nan)
+    return np.where((depth >= NEAR_M)[:, None], np.clip(pixels, -MAX_RECORD_PX, MAX_RECORD_PX), np.nan)

@@ -23,7 +23,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.scene.rays import RayList
 
 UNSEEN, HIDDEN, SEEN = 0.0, 1.0, 2.0  # COCO's v
-SURFACE_SLACK_M = 0.01  # meters that a keypoint may be below the surface that it is on
+SURFACE_SLACK_M = 0.01  # a keypoint on a surface may be this far below it
 
 
 class Keypoints(LabelType):

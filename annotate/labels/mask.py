@@ -14,7 +14,7 @@ from hulldown.annotate.masks import area_and_box, covers_mask, decode_mask, enco
 from hulldown.annotate.record_fields import Side
 from hulldown.annotate.records import Category, Image, Label
 
-MAX_MASK_OVERHANG_PX = 1.0  # pixels that a mask may reach beyond its box
+MAX_MASK_OVERHANG_PX = 1.0  # a mask may reach this far out of its box
 
 
 class VisibleMask(LabelType):

@@ -16,10 +16,10 @@ from hulldown.base.indices import even_sample
 
 INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e73"
 SERIES_COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # color-blind readers can tell them apart
-MAX_NAME_CHARACTERS = 24  # characters of a name beside an axis
+MAX_NAME_CHARACTERS = 24  # beside an axis
 HISTOGRAM_BINS = 24
 MOST_NAMES = 12
-MOST_PLACES = 2_000  # dots on a map; more would overlap
+MAX_MAP_DOTS = 2_000  # more would overlap
 
 
 def make_axes(title: str, width: float = 3.6, height: float = 2.2) -> tuple[Figure, Axes]:
@@ -120,7 +120,7 @@ def draw_shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
 def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> Figure:
     """Map of a scenery: each camera with a line to its target, in meters."""
     figure, axes = make_axes(f"{shorten_name(name)} ({len(cameras):,} images)", 4.6, 4.2)
-    some = even_sample(len(cameras), MOST_PLACES)
+    some = even_sample(len(cameras), MAX_MAP_DOTS)
     cameras, vehicles = cameras[some], vehicles[some]
     seen = np.isfinite(vehicles).all(axis=1)
     ends = np.stack([cameras[seen], vehicles[seen], np.full((seen.sum(), 2), np.nan)], axis=1).reshape(-1, 2)

@@ -45,12 +45,12 @@ from hulldown.plan.plan_file import read_plan
 from hulldown.plan.summary import SIZE_CLASSES_PX2
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
-MAX_THUMBNAILS = 1_000  # thumbnails on a page: some 10 MB
+MAX_THUMBNAILS = 1_000  # some 10 MB
 THUMBNAIL_WIDTH_PX = 320
 JPEG_QUALITY = 65
-PAGE_MARK = b'content="hulldown"'  # of a page by hulldown
-MOST_PICTURES = 500  # most measured pictures, spread evenly
-MEASURED_SIDE_PX = 512  # pixels of the longer side at which pictures are measured
+PAGE_MARK = b'content="hulldown"'  # every page by hulldown has this
+MAX_MEASURED_PICTURES = 500  # spread evenly over the dataset
+MEASURED_SIDE_PX = 512  # longer side of the pictures that are measured
 Values = dict[str, Float[np.ndarray, " n"]]  # of each feature by name
 
 
@@ -320,7 +320,7 @@ def _box_values(photographs: Photographs) -> Values:
 
 
 def _light_values(picture: Callable[[int], Pictures.Image], count: int) -> Values:
-    chosen = even_sample(count, MOST_PICTURES).tolist()
+    chosen = even_sample(count, MAX_MEASURED_PICTURES).tolist()
     found = []
     with progress_bar("comparing", None) as advance:
         for i in chosen:

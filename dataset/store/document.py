@@ -28,10 +28,10 @@ from hulldown.dataset.store.reservations import Reservation, read_reservations
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
-COCO_NAME = "_annotations.coco.json"  # of RF-DETR and Roboflow, in every split's folder
+COCO_NAME = "_annotations.coco.json"  # RF-DETR and Roboflow use this name in every split's folder
 NO_RECORDS = msgspec.Raw(b"[]")
 RECORD_NOUNS = {"categories": "category", "images": "image", "annotations": "annotation"}
-LINE_KEYS = {"categories", "run", "image", "annotations", "merged", "line_sha256"}  # of a journal; the last of old ones
+JOURNAL_KEYS = {"categories", "run", "image", "annotations", "merged", "line_sha256"}  # old journals have `line_sha256`
 
 
 @dataclass(slots=True)
@@ -171,7 +171,7 @@ def read_document(folder: Path) -> Document:
     number = 0
     try:
         for number, line in enumerate(read_journal(journal), start=1):
-            if not line.keys() <= LINE_KEYS:
+            if not line.keys() <= JOURNAL_KEYS:
                 raise KeyError(f"keys {sorted(line)}")
             if "run" in line:
                 document.apply_line(line)

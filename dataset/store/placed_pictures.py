@@ -18,7 +18,7 @@ class LinkError(DatasetError):
     """A link out of its dataset."""
 
 
-PLACING_SUFFIX = ".joining"  # of a picture before it's renamed
+PLACING_SUFFIX = ".joining"  # a picture has it until it's renamed
 
 
 def path_inside(folder: Path, name: str) -> Path:

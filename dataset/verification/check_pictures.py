@@ -21,7 +21,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import decode_mask
-from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.annotate.records import Image
 from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
 from hulldown.base.color import LUMINANCE_WEIGHTS
@@ -31,15 +31,15 @@ from hulldown.dataset.record_checks import Finding
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.placed_pictures import resolve_own_picture
 
-CHECKER_THREADS = 2  # threads; four take half as much CPU time again, since they contend for memory and the interpreter
-MAX_PICTURE_PIXELS = 1 << 27  # pixels: each thread decodes one picture at a time, 0.4 GB
-HASH_SIDE = 16  # of a hash: 256 bits
-MAX_DIFFERING_BITS = 26  # differing bits of 256, see docs/dataset.md for what was measured
-FLAT_DEVIATION_LEVELS = 2.0  # of 255: standard deviation of a picture that has nothing to compare
-MIN_CONTRAST = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
-CLEAR_CONTRAST = 8.0  # of 255: with less, it's hard to make out; sound renders had 20.9 and more
+CHECKER_THREADS = 2  # four take half as much CPU time again, since they contend for memory and the interpreter
+MAX_PICTURE_PIXELS = 1 << 27  # each thread decodes one picture at a time, which takes 0.4 GB
+HASH_SIDE_BITS = 16  # a hash has 256 bits
+MAX_TWIN_HASH_BITS = 26  # of 256 that may differ; docs/dataset.md has the measurements
+MIN_TEXTURE_DEVIATION_LEVELS = 2.0  # of 255: a picture with less has nothing to compare
+MIN_CONTRAST_LEVELS = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
+CLEAR_CONTRAST_LEVELS = 8.0  # of 255: a target with less is hard to make out; sound renders had 20.9 and more
 MIN_BRIGHTEST, MAX_DARKEST = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
-SURROUNDINGS_WIDTH = 0.25  # width of the surroundings, of a mask's longer side
+SURROUNDINGS_WIDTH_SHARE = 0.25  # of the mask's longer side
 
 
 def check_pictures(
@@ -87,7 +87,7 @@ def _check_picture(
         path = resolve_own_picture(folder, name)
         if fast:
             return [], None, None
-        picture = read_picture(path, largest=MAX_PICTURE_PIXELS if record.get(PICTURE_KEY) else None)
+        picture = read_picture(path, largest=MAX_PICTURE_PIXELS if record.get(PICTURE_HASH_KEY) else None)
     except DatasetError as error:
         return [Finding("error", name, error.problem)], None, None
     findings = []
@@ -100,7 +100,7 @@ def _check_picture(
     elif picture.pixels is not None and is_rendered(record) and image is not None:
         findings += check_appearances(image, picture.pixels)
     actual = hashlib.sha256(picture.content).hexdigest()
-    recorded = record.get(PICTURE_KEY)
+    recorded = record.get(PICTURE_HASH_KEY)
     if recorded is not None and recorded != actual:
         problem = (
             f"is not the picture that was recorded: its SHA-256 is {actual[:12]}..., recorded is {recorded!s:.12}..."
@@ -113,9 +113,9 @@ def _check_picture(
 def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
     """Return a picture's perceptual DCT hash (Zauner, 2010, section 3.2.1); None without contrast."""
     gray = PIL.Image.fromarray(pixels).convert("L")
-    if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < FLAT_DEVIATION_LEVELS:
+    if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < MIN_TEXTURE_DEVIATION_LEVELS:
         return None
-    return imagehash.phash(gray, hash_size=HASH_SIDE).hash.ravel()
+    return imagehash.phash(gray, hash_size=HASH_SIDE_BITS).hash.ravel()
 
 
 def near_duplicates(
@@ -125,8 +125,8 @@ def near_duplicates(
     (rows, ones), (columns, others) = _hash_signs(first), _hash_signs(second)
     found = [np.zeros((0, 2), dtype=np.int64)]
     for start in range(0, len(ones), 1024):  # blocks, so that a large dataset doesn't need a large matrix
-        differing = (HASH_SIDE * HASH_SIDE - ones[start : start + 1024] @ others.T) / 2.0
-        found.append(np.argwhere(differing <= MAX_DIFFERING_BITS) + np.array([start, 0]))
+        differing = (HASH_SIDE_BITS * HASH_SIDE_BITS - ones[start : start + 1024] @ others.T) / 2.0
+        found.append(np.argwhere(differing <= MAX_TWIN_HASH_BITS) + np.array([start, 0]))
     pairs = np.concatenate(found)
     return np.stack([rows[pairs[:, 0]], columns[pairs[:, 1]]], axis=1)
 
@@ -136,7 +136,7 @@ def _hash_signs(
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
     """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""
     there = {i: hashed for i, hashed in enumerate(hashes) if hashed is not None}
-    bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, HASH_SIDE * HASH_SIDE)
+    bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, HASH_SIDE_BITS * HASH_SIDE_BITS)
     return np.array(list(there), dtype=np.int64), 2.0 * bits - 1.0
 
 
@@ -153,7 +153,7 @@ class TargetAppearance:
 
 def is_rendered(image: Record) -> bool:
     """Return whether an image record is of a rendered picture: photographs' records lack two keys."""
-    return any(image.get(key) is not None for key in (PICTURE_KEY, "world_from_camera"))
+    return any(image.get(key) is not None for key in (PICTURE_HASH_KEY, "world_from_camera"))
 
 
 def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
@@ -174,10 +174,10 @@ def _appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding
         yield Finding("error", where, f"its pixels are black: {seen.brightest:.1f} of 255", seen.brightest)
     elif seen.darkest > MAX_DARKEST:
         yield Finding("error", where, f"its pixels are white: {seen.darkest:.1f} of 255", seen.darkest)
-    elif seen.contrast < MIN_CONTRAST:
+    elif seen.contrast < MIN_CONTRAST_LEVELS:
         problem = f"cannot be seen in its picture: its contrast is {seen.contrast:.1f} of 255"
         yield Finding("error", where, problem, seen.contrast)
-    elif seen.contrast < CLEAR_CONTRAST:
+    elif seen.contrast < CLEAR_CONTRAST_LEVELS:
         problem = f"is hard to make out: its contrast is {seen.contrast:.1f} of 255"
         yield Finding("warning", where, problem, seen.contrast)
 
@@ -189,7 +189,7 @@ def target_appearance(
     if not mask.any():
         return None
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    margin = max(3, int(SURROUNDINGS_WIDTH * max(np.ptp(columns), np.ptp(rows))))
+    margin = max(3, int(SURROUNDINGS_WIDTH_SHARE * max(np.ptp(columns), np.ptp(rows))))
     near = tuple(slice(max(along[0] - margin, 0), along[-1] + margin + 1) for along in (rows, columns))
     colors, around = picture[near].astype(np.float32), ~(mask | others)[near]
     inside = colors[mask[near]]

@@ -16,14 +16,14 @@ from hulldown.dataset.store.reservations import find_reservation, plan_key
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
 
-MAX_VALUE_LENGTH = 120  # characters of a value in a finding
+MAX_RECORD_VALUE_CHARACTERS = 120  # in a finding
 MASK_FIELDS = ("segmentation", "segmentation_amodal")
 OF_MASKS = (
     *MASK_FIELDS,
     "area",
     "obb",
 )  # fields that follow from masks; `dataset.record_checks` compares them with each other
-MAX_MASK_DIFFERENCE_PX = 2  # rays on an edge may fall on its other side on another kind of processor
+MAX_MASK_DIFFERENCE_PX = 2  # on another kind of processor, rays on an edge may fall on its other side
 
 
 def check_planned(coco: Coco, plan: Plan, assets: Callable[[], Library] | None) -> Iterator[Finding]:
@@ -91,5 +91,5 @@ def _is_nearly_same_mask(recorded: object, wanted: object) -> bool:
 def _list_differences(name: str, recorded: Record, wanted: Record, *, what: str = "") -> Iterator[Finding]:
     for key, value in wanted.items():
         if recorded.get(key) != value:
-            values = (repr(each)[:MAX_VALUE_LENGTH] for each in (recorded.get(key), value))
+            values = (repr(each)[:MAX_RECORD_VALUE_CHARACTERS] for each in (recorded.get(key), value))
             yield Finding("error", name, "{}{} is {}, planned is {}".format(what, key, *values))

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.base.arrays import are_numbers
-from hulldown.camera.response import COOLEST, FARTHEST_EV, WARMEST
+from hulldown.camera.response import COOLEST, MAX_EV, WARMEST
 from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.weather.kinds import WEATHER_KINDS
@@ -194,9 +194,9 @@ class BudgetSection(Section):
 def _check_exposure(value: Any) -> str | float:
     if value == "auto":
         return "auto"
-    if are_numbers([value]) and abs(value) <= FARTHEST_EV:
+    if are_numbers([value]) and abs(value) <= MAX_EV:
         return float(value)
-    raise ValueError(f"expected 'auto' or EV from {-FARTHEST_EV:g} to {FARTHEST_EV:g}")
+    raise ValueError(f"expected 'auto' or EV from {-MAX_EV:g} to {MAX_EV:g}")
 
 
 Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_check_exposure)]

@@ -13,7 +13,7 @@ import numpy as np
 
 from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.buffers import image_pixels
-from hulldown.camera.backdrop import HIGH, even_color, fade_sines
+from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, even_color, fade_sines
 from hulldown.render.blender.messages import LightInput
 from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 
@@ -77,7 +77,7 @@ class HdriWorld:
         seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.lifted_directions(horizon)
         self._link_nodes(seen, self._texture.inputs["Vector"])
         color = self._texture.outputs["Color"]
-        if horizon is not None and horizon > HIGH:
+        if horizon is not None and horizon > HIGH_HORIZON_RADIANS:
             color = self._veil.visible_color(min(horizon, MAX_LIFT_RADIANS), even_color(self._map_of_path(), horizon))
         self._link_nodes(color, self._background.inputs["Color"])
 

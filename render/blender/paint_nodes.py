@@ -9,7 +9,7 @@ import bpy
 
 from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.nodes import nested_trees
-from hulldown.blender.shaders import BASE_COLORS
+from hulldown.blender.shaders import BASE_COLOR_INPUTS
 
 MID_GRAY = 0.18  # linear; a painted surface of this brightness has the paint's own, black half of it, white 1.35 times
 PROPERTY_PREFIX = "hulldown paint "  # of the properties' names
@@ -68,11 +68,11 @@ class PaintedMaterials:
 def _insert_paint(tree: Any, name: str) -> None:
     for node in list(tree.nodes):
         if node.type == "GROUP" and node.node_tree is not None:
-            if any(inner.type in BASE_COLORS for below in nested_trees(node.node_tree) for inner in below.nodes):
+            if any(inner.type in BASE_COLOR_INPUTS for below in nested_trees(node.node_tree) for inner in below.nodes):
                 node.node_tree = node.node_tree.copy()
                 _insert_paint(node.node_tree, name)
-        elif node.type in BASE_COLORS:
-            socket = node.inputs[BASE_COLORS[node.type]]
+        elif node.type in BASE_COLOR_INPUTS:
+            socket = node.inputs[BASE_COLOR_INPUTS[node.type]]
             own = socket.links[0].from_socket if socket.is_linked else tuple(socket.default_value)
             color = add_node(tree, "Attribute", attribute_type="OBJECT", attribute_name=name).outputs
             inputs = {0: color["Alpha"], 6: own, 7: _tint_color(tree, color["Color"], own)}

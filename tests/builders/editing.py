@@ -8,7 +8,7 @@ from typing import Any
 
 from PIL import Image
 
-from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.dataset.coco import CocoDataset
 
 PLAN = "a" * 64  # the key of a plan
@@ -51,7 +51,7 @@ def append(
     path = dataset.folder / name
     path.parent.mkdir(parents=True, exist_ok=True)
     picture.save(path)
-    known = {PICTURE_KEY: hashlib.sha256(path.read_bytes()).hexdigest()} if hashed else {}
+    known = {PICTURE_HASH_KEY: hashlib.sha256(path.read_bytes()).hexdigest()} if hashed else {}
     dataset.append({"file_name": name, "width": picture.width, "height": picture.height, **known, **more}, labels)
 
 

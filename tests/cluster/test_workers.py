@@ -8,7 +8,7 @@ import pytest
 from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
-from hulldown.cluster.workers import MAX_LOSSES, Cluster
+from hulldown.cluster.workers import MAX_TASK_LOSSES, Cluster
 from hulldown.tests.builders import cluster_tasks
 from hulldown.tests.builders.certificates import certificates, needs_openssl
 from hulldown.tests.builders.clusters import cluster
@@ -105,7 +105,7 @@ def test_a_task_that_kills_its_workers_is_given_up_after_the_others(tmp_path):
             [True, False, False], calling(cluster_tasks.kills_its_worker), lost="lost", stopping=replace
         )
         assert list(found) == [(False, ["done"]), (False, ["done"]), (True, ["lost"])]
-        assert len(nodes.workers) - 1 in (MAX_LOSSES, MAX_LOSSES + 1)
+        assert len(nodes.workers) - 1 in (MAX_TASK_LOSSES, MAX_TASK_LOSSES + 1)
 
 
 def test_a_task_whose_workers_are_all_gone_is_done_by_the_next(tmp_path):

@@ -5,7 +5,7 @@ import os
 
 import pytest
 
-from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
@@ -28,7 +28,7 @@ def test_every_image_has_the_hash_of_its_picture(tmp_path):
     coco = read_coco(fill(tmp_path))
     assert list(verify_dataset(tmp_path)) == []
     for image in coco["images"]:
-        assert image[PICTURE_KEY] == hashlib.sha256((tmp_path / image["file_name"]).read_bytes()).hexdigest()
+        assert image[PICTURE_HASH_KEY] == hashlib.sha256((tmp_path / image["file_name"]).read_bytes()).hexdigest()
 
 
 def test_swapped_pictures_of_equal_size_are_found(tmp_path):
@@ -51,7 +51,7 @@ def test_swapped_pictures_of_equal_size_are_found(tmp_path):
         (lambda c: c["annotations"].pop(2), "annotation 3 was deleted"),
         (lambda c: c["annotations"].append({**c["annotations"][2], "id": 99}), "annotation 99 was added"),
         (lambda c: c["images"][1].update(hdri="noon"), "its record was changed"),
-        (lambda c: c["images"][1].pop(PICTURE_KEY), "its record was changed"),
+        (lambda c: c["images"][1].pop(PICTURE_HASH_KEY), "its record was changed"),
     ],
 )
 def test_a_changed_added_or_deleted_record_is_found_while_there_is_a_journal(tmp_path, change, problem):

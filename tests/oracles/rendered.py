@@ -11,7 +11,7 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from hulldown.camera.backdrop import HIGH, even_color, fade_sines
+from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, even_color, fade_sines
 from hulldown.camera.response import display_levels, white_balance
 from hulldown.dataset.row_records import Segmenter
 from hulldown.dataset.store.document import read_coco
@@ -85,7 +85,7 @@ def radiance(sky, along, *, yaw, strength, weather=None, horizon_deg=None):
         elevation = np.maximum(elevation, horizon)
     row = (0.5 - elevation / np.pi) * height
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
-    if horizon is not None and horizon > HIGH:
+    if horizon is not None and horizon > HIGH_HORIZON_RADIANS:
         low, high = fade_sines(horizon)
         share = np.clip((high - z) / (high - low), 0.0, 1.0)[..., None]
         seen = (1.0 - share) * seen + share * even_color(sky, horizon) * strength

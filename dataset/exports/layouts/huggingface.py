@@ -11,7 +11,7 @@ from hulldown.annotate.labels.mask import VisibleMask, label_area
 from hulldown.annotate.records import Label
 from hulldown.dataset.exports.layouts.splits import Splits, label_rings
 
-SPLIT_FOLDERS = {"train": "train", "valid": "validation", "test": "test"}  # folder names of the splits
+SPLIT_FOLDERS = {"train": "train", "valid": "validation", "test": "test"}
 
 
 def write_huggingface(splits: Splits, out: Path) -> None:

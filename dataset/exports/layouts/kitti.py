@@ -15,9 +15,9 @@ import numpy as np
 from hulldown.annotate.labels.box_3d import BoxInCamera
 from hulldown.annotate.records import Label
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.exports.layouts.splits import VAL_NAMES, Splits
+from hulldown.dataset.exports.layouts.splits import COMMON_SPLIT_NAMES, Splits
 
-UNKNOWN_BOX_3D = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's values for an unknown 3D box
+UNKNOWN_BOX_3D = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's own values
 UNKNOWN_ALPHA = -10.0
 SEEN_WHOLE, SEEN_HALF = 0.95, 0.5  # visible fractions from which a label is "fully visible" and "partly occluded"
 # The pose of a fictitious lidar at the camera, x forward and z up, which readers require.
@@ -33,7 +33,7 @@ def write_kitti(splits: Splits, out: Path) -> None:
         folder.mkdir(parents=True)
     number, without, curved = 0, 0, 0
     for split, items in splits:
-        with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
+        with (lists / f"{COMMON_SPLIT_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 stem = f"{number:06d}"  # its readers number files so
                 number += 1

@@ -10,7 +10,7 @@ from pathlib import Path, PurePosixPath
 
 from hulldown.annotate.coco_types import Record
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.record_fields import PICTURE_KEY
+from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.picture_files import DECODER_THREADS, read_picture
 from hulldown.base.errors import DatasetError
@@ -18,7 +18,7 @@ from hulldown.base.outside import file_sha256
 from hulldown.dataset.store.placed_pictures import LinkError, link_or_copy, resolve_own_picture
 from hulldown.dataset.usable_labels import refuse_all
 
-VAL_NAMES = {"train": "train", "valid": "val", "test": "test"}  # what most layouts call the splits
+COMMON_SPLIT_NAMES = {"train": "train", "valid": "val", "test": "test"}  # most layouts call the splits so
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -75,7 +75,7 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
         try:
             path = resolve_own_picture(folder, name, allowed)
             digest = file_sha256(path)
-            read_picture(path, image.size, largest=0 if digest == image.record.get(PICTURE_KEY) else None)
+            read_picture(path, image.size, largest=0 if digest == image.record.get(PICTURE_HASH_KEY) else None)
         except LinkError:
             raise
         except DatasetError as error:

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 from xml.etree import ElementTree
 
-from hulldown.dataset.exports.layouts.splits import VAL_NAMES, ExportedImage, Splits
+from hulldown.dataset.exports.layouts.splits import COMMON_SPLIT_NAMES, ExportedImage, Splits
 
 TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
 
@@ -21,7 +21,7 @@ def write_voc(splits: Splits, out: Path) -> None:
     for folder in (pictures, texts, lists):
         folder.mkdir(parents=True)
     for split, items in splits:
-        with (lists / f"{VAL_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
+        with (lists / f"{COMMON_SPLIT_NAMES[split]}.txt").open("w", encoding="utf-8") as stems:
             for item in items:
                 item.link(pictures)
                 stems.write(f"{item.stem}\n")

@@ -22,7 +22,7 @@ from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.annotate.outlines import bridge_rings
 from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.exports.layouts.splits import VAL_NAMES, ExportedImage, Splits, label_rings
+from hulldown.dataset.exports.layouts.splits import COMMON_SPLIT_NAMES, ExportedImage, Splits, label_rings
 
 MakeLabelLines: TypeAlias = Callable[[ExportedImage, Mapping[int, int]], list[str]]
 
@@ -81,7 +81,7 @@ def write_yolo(
             item.link(out / pictures)
             text = "".join(f"{line}\n" for line in lines(item, numbers))
             (out / texts / f"{item.stem}.txt").write_text(text, encoding="utf-8")
-    data = [f"{VAL_NAMES[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
+    data = [f"{COMMON_SPLIT_NAMES[split]}: {pictures.as_posix()}" for split, pictures in folders.items()]
     # Every JSON string is a YAML string.
     names = [json.dumps(category.name) for category in splits.categories]
     data += [*more, "names:", *(f"  {number}: {name}" for number, name in enumerate(names))]

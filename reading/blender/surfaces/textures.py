@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 
 from hulldown.blender.nodes import socket_source
-from hulldown.blender.shaders import BASE_COLORS, surface_shaders
+from hulldown.blender.shaders import BASE_COLOR_INPUTS, surface_shaders
 from hulldown.reading.confinement.references import nearby_files
 from hulldown.reading.pieces.asset_report import Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
@@ -106,7 +106,7 @@ def _is_unreadable(block: Any) -> bool:
 
 def _lacks_picture(material: Any) -> bool:
     for shader, around in surface_shaders(material):
-        socket = shader.inputs.get(BASE_COLORS.get(shader.type, ""))
+        socket = shader.inputs.get(BASE_COLOR_INPUTS.get(shader.type, ""))
         found = socket_source(socket, around) if socket is not None else None
         if found and found[0].is_output and found[0].node.type == "TEX_IMAGE" and found[0].node.image is None:
             return True
