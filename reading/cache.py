@@ -31,7 +31,7 @@ from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export_asset, folder_export
 
-EXPORTER_VERSION = 38
+EXPORTER_VERSION = 39
 NOTE_NAME = "entry.json"
 LARGEST_NOTE = 1 << 26  # bytes
 KEY_BYTES = 32

@@ -7,8 +7,11 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from types import MappingProxyType
 
+import numpy as np
+
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
+from hulldown.reading.pieces.naming import first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
 from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
@@ -22,6 +25,15 @@ LARGEST_SCENERY = 200_000.0
 MAX_UPRIGHT_GROUND_SHARE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
 LIKELY_LENGTHS = (2.0, 20.0)
 UsedPieces = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
+# Words for things of known height, their usual median height in meters, and words for parts of such things.
+USUAL_HEIGHTS = {
+    ("tree", "trees", "oak", "pine", "spruce", "fir", "birch", "palm"): (1.5, 80.0),
+    ("house", "building", "church", "skyscraper"): (2.0, 400.0),
+}
+PARTS_OF_THINGS = (
+    *("stump", "trunk", "log", "branch", "leaf", "leaves", "root", "bark", "sapling", "wall", "roof", "door", "window"),
+    *("floor", "sign", "ruin", "frame", "stairs", "step", "base", "ground", "light", "cone", "number"),
+)
 USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 
@@ -73,6 +85,7 @@ def scenery_doubts(
         *_role_doubts(used, options, wet, parked),
         *_shape_doubts(used),
         *_size_doubts(report, options),
+        *_height_doubts(used, report, options),
         *_missing_doubts(report.missing),
     )
 
@@ -115,7 +128,9 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
         text = "if buildings are part of it, vehicles are placed on their roofs; make them objects of their own"
         yield Doubt(DoubtKind.STEEP_GROUND, f"{steep}: {text} in Blender")
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
-    level = [piece for piece in solid if not piece.scattered]
+    level = [
+        p for p, role in used if role.use == "obstacle" and role.by is not By.SHAPE and not (p.hair or p.scattered)
+    ]
     if grounds and _level_area(level) > _level_area(grounds):
         text = f"obstacles have more level surface than the ground, {quote_names(piece.name for piece in grounds)}"
         yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(level)}")
@@ -146,6 +161,19 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
         seen = " x ".join(map(format_length, sides))
         text = f'it stands on its edge: {seen} seen from above, {format_length(height)} high; set up = "{other}"'
         yield Doubt(DoubtKind.UP, text)
+
+
+def _height_doubts(used: UsedPieces, report: FileReport, options: Options) -> Iterator[Doubt]:
+    """Return a doubt about trees or houses of toys, as the unit of a game's world makes them."""
+    for words, (low, high) in USUAL_HEIGHTS.items() if options.scale is None else ():
+        names = {p.name for p, _ in used if first_match(p.name, words) and not first_match(p.name, PARTS_OF_THINGS)}
+        heights = [piece.size[2] for piece, role in used if role.use == "obstacle" and piece.name in names]
+        median = float(np.median(heights)) if heights else low
+        if not low <= median <= high:
+            hint = likely_scale(median, report.unit, (2.0 * low, 20.0 * low))
+            text = f"the median height of {quote_names(sorted(names), most=3)} is {format_length(median)}"
+            yield Doubt(DoubtKind.SCALE, f"{text}; set scale{hint} if that is wrong")
+            return
 
 
 def _proposed_ground(among: Sequence[Piece]) -> str:

@@ -89,7 +89,9 @@ def draw_asset(
         world = Scene.of(asset)
         bounds = _worth_seeing(asset, world.obstacles.bounds)
         ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
-        colors = {ground: ROLE_COLORS[3], f"obstacles ({len(asset.instance_names)})": OBSTACLE_COLOR}
+        wet = int(asset.instance_is_water.sum())
+        colors = {ground: ROLE_COLORS[3], f"obstacles ({len(asset.instance_names) - wet})": OBSTACLE_COLOR}
+        colors |= {f"water ({wet})": ROLE_COLORS[5]} if wet else {}
 
     sheet = Image.new("RGB", (2 * size, 2 * size), (int(BACKGROUND_LEVEL),) * 3)
     for i, (title, sight, up) in enumerate(SHEET_VIEWS):
@@ -101,7 +103,10 @@ def draw_asset(
             continue
         view = _SheetView(np.array(sight), np.array(up), bounds, size)
         hits, light = view.shade_view(world)
-        number = hits.part if isinstance(asset, VehicleShape) else (hits.kind == SurfaceKind.OBSTACLE).astype(int)
+        number = hits.part
+        if isinstance(asset, Scenery):
+            water = np.append(asset.instance_is_water, False)[hits.instance]
+            number = (hits.kind == SurfaceKind.OBSTACLE) * (1 + water)
         shaded = np.array(list(colors.values()))[number] * light[:, None]
         image = np.where(hits.hit[:, None], shaded, BACKGROUND_LEVEL)
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))

@@ -35,6 +35,7 @@ from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole
 from hulldown.reading.reader_process import ANSWER_NAME, DIFFERENCES_NAME, PICTURE_NAME, FoundAsset, Job, Refused
 from hulldown.reading.scenery.parked import parked_vehicles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
+from hulldown.reading.scenery.top_view import see_top_view
 from hulldown.reading.vehicle.seen_colors import color_doubts, save_color_picture
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
@@ -142,6 +143,7 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
     used = [(p, role.use) for p, role in zip(drawn.pieces, roles, strict=True)]
     solid = [p for p, use in used if use in ("ground", "water", "obstacle")]
     extent = [p.bounds for p, use in used if use == "ground"] or [p.bounds for p in solid]
+    view, sunken = see_top_view(scenery)
     report = FileReport(
         kind="scenery",
         path=job.path,
@@ -152,10 +154,11 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
         origin=format_xyz(scenery.origin),
         rows=_object_rows(drawn, roles),
         missing=_missing_files(drawn, roles),
+        top_view=view,
     )
     parked = parked_vehicles(drawn, roles, meters_from_file(unit, up))
     doubts = scenery_doubts(report, drawn.pieces, roles, job.options, wet=wet, parked=parked)
-    return replace(report, doubts=(*doubts, *lost))
+    return replace(report, doubts=(*doubts, *sunken, *lost))
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 from typing import Literal
 
@@ -131,6 +131,16 @@ class Thing:
 
 
 @dataclass(frozen=True, slots=True)
+class TopView:
+    """Shares of what a scenery shows from straight above, within the bounds of its ground."""
+
+    ground: float
+    obstacle: float
+    water: float
+    nothing: float
+
+
+@dataclass(frozen=True, slots=True)
 class FileReport:
     """The report about a file."""
 
@@ -150,6 +160,7 @@ class FileReport:
     axes: str = ""  # directions of a vehicle's up and nose in the file, with reasons
     materials: tuple[MaterialRow, ...] = ()  # materials of a vehicle's surface, largest share first
     things: tuple[Thing, ...] = ()  # entries to list a vehicle's file by, if several things are in it
+    top_view: TopView | None = None  # of a scenery
 
     def table(self) -> Table:
         """Return a table of every object and its use, for a terminal."""
@@ -173,6 +184,9 @@ class FileReport:
             pivot, axis = (", ".join(f"{x:.2f}" for x in vector) for vector in (part.pivot, part.axis))
             turns = f"pivot ({pivot}), axis ({axis}), {low} to {high} degrees"
             lines.append(f"{part.name} on {part.parent}: {turns}; {part.why}")
+        if self.top_view:
+            shares = ", ".join(f"{100 * share:.0f} % {what}" for what, share in asdict(self.top_view).items() if share)
+            lines.append(f"from above: {shares}")
         if self.materials:
             lines.append(f"materials: {', '.join(f'{row.name} ({100 * row.share:.0f} %)' for row in self.materials)}")
         # Names may break lines.

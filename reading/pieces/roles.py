@@ -71,7 +71,7 @@ class Piece:
     clear: bool = False  # whether all of its materials are transparent like water or glass
     # share of its area that is nearly horizontal; 0 if it's too narrow, or too high, to be ground or water
     level: float = 0.0
-    filled: float = 1.0  # that area over the area of its bounds, seen from above; small for a curb around a track
+    filled: float = 1.0  # area of its faces over that of its bounds, seen from above; small for a curb around a track
     look: tuple[object, ...] = ()  # values of `reading.blender.tidy.LOOK_ATTRIBUTES`, for the renderer
     random: float = 0.0  # Cycles' random number of it, which materials may read
 

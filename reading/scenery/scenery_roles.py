@@ -25,6 +25,7 @@ from hulldown.reading.scenery.shape import (
     is_wide_and_level,
     sheets_in_heights,
     sunken_ground,
+    tile_meshes,
 )
 
 MIN_WATER_WIDTH_M = 1.0  # meters, of water by its name or material
@@ -66,17 +67,21 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     unsure = [role.use == "obstacle" and role.by in (By.NAME, By.DEFAULT) for role in roles]
     open_ = [i for i in np.flatnonzero(unsure).tolist() if not is_water_name(pieces[i].name)]
     solid = [piece for piece in used["obstacle"] if not piece.hair]
-    for i in carpet_meshes(open_, pieces, used["ground"], solid):
-        named = f", though its {roles[i].why}" if roles[i].by is By.NAME else ""
-        roles[i] = PieceRole("ground", f"by shape: wide, level, and under other things{named}")
-    for i, depth in sunken_ground([i for i, role in enumerate(roles) if role.use == "ground"], pieces):
+    wide = carpet_meshes(open_, pieces, used["ground"], solid)
+    tiles = tile_meshes([i for i in open_ if i not in wide], pieces, used["ground"], solid)
+    for found, why in ((wide, "wide, level, and under other things"), (tiles, "level tiles beside the ground")):
+        for i in found:
+            named = f", though its {roles[i].why}" if roles[i].by is By.NAME else ""
+            roles[i] = PieceRole("ground", f"by shape: {why}{named}")
+    ground = [i for i, role in enumerate(roles) if role.use == "ground"]
+    solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
+    for i, depth, above in sunken_ground(ground, pieces, solid):
         if roles[i].by is not By.CONFIG:
-            why = f"by shape: {depth:.0f} m below the main ground and under it; to use it, name it in ground"
-            roles[i] = PieceRole("obstacle", why)
+            roles[i] = PieceRole("obstacle", f"by shape: {depth:.0f} m below {above}; to use it, name it in ground")
     if options.water is None:
-        ground = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
+        heights = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
         open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and role.by is By.DEFAULT]
-        for i in sheets_in_heights(pieces, open_, ground):
+        for i in sheets_in_heights(pieces, open_, heights):
             roles[i] = PieceRole("water", "by shape: a flat sheet with ground below it and above it")
     return roles
 

@@ -16,6 +16,8 @@ MIN_LEVEL_SHARE = (
     0.5  # least share of its area that is level, for a piece to be so; a box twice as wide as high has this much
 )
 GROUND_LEVEL, ALONE_LEVEL = 0.6, 0.9  # the same for ground with things on it, and without
+MIN_HILLY_LEVEL = 0.3  # the same for one sheet of hills with things on it
+MAX_TILE_THICKNESS_SHARE = 0.1  # of its width
 FLATTEST_GROUND = 0.25  # ground is not higher than this share of its longer side
 MIN_GROUND_EXTENT_SHARE = 0.05  # ground is in pieces of at least this share of the scenery's extent
 MIN_COVERED_SHARE = 0.4  # and covers at least this share
@@ -25,19 +27,19 @@ MIN_SHEET_WIDTH_M = 20.0  # meters; narrower sheets without a name don't count a
 MIN_FILLED_SHARE = (
     0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
 )
-ONE_SIDE = 1.5  # its level area over that of its bounds: a closed box has 2
+ONE_SIDE = 1.5  # its area seen from above over that of its bounds: a closed mesh has 2
 MIN_THING_WIDTH_M = 3.0  # meters; what is on a roof is narrower
 FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
 MIN_WATER_DEPTH_M = 0.5  # meters of ground below such a sheet
 
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
-    """Return the share of a mesh's area with a slope of at most 30 degrees on either side, and its square meters."""
+    """Return the share of a mesh's area that slopes at most 30 degrees, and its faces' square meters from above."""
     corners = transform_points(meters_from_mesh, mesh.vertices)[mesh.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     whole, level = float(area.sum()), float(area[np.abs(normal[:, 2]) >= MIN_LEVEL_COSINE * area].sum())
-    return (level / whole if whole > 0.0 else 0.0), level / 2
+    return (level / whole if whole > 0.0 else 0.0), float(np.abs(normal[:, 2]).sum()) / 2
 
 
 def is_wide_and_level(piece: Piece, *, least: float) -> bool:
@@ -75,9 +77,9 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
     return taken if covered >= MIN_COVERED_SHARE * extent[0] * extent[1] else []
 
 
-def _may_be_ground(piece: Piece, least: float) -> bool:
+def _may_be_ground(piece: Piece, least: float, *, level: float = GROUND_LEVEL) -> bool:
     low = piece.size[2] <= FLATTEST_GROUND * max(piece.size[:2])
-    return bool(low and piece.level >= GROUND_LEVEL and not (piece.scattered or piece.clear) and piece.area >= least)
+    return bool(low and piece.level >= level and not (piece.scattered or piece.clear) and piece.area >= least)
 
 
 def _carries_most(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
@@ -109,14 +111,23 @@ def _is_sheet(piece: Piece) -> bool:
     return bool(flat and is_wide_and_level(piece, least=MIN_SHEET_WIDTH_M) and not piece.scattered)
 
 
-def sunken_ground(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
-    """Find ground within the largest piece's bounds, lower than all of it by `FAR_BELOW`, and its depth in meters."""
+def sunken_ground(
+    among: Sequence[int], pieces: Sequence[Piece], obstacles: Sequence[Piece]
+) -> list[tuple[int, float, str]]:
+    """Find ground lower by `FAR_BELOW` than the largest piece around it, or than all else; its depth; what's above."""
     if not among:
         return []
     main = pieces[max(among, key=lambda i: pieces[i].area)].bounds
     within = [i for i in among if _shared_area(pieces[i].bounds, main) > 0.9 * pieces[i].area]
-    below = [(i, float(main[0, 2] - pieces[i].bounds[1, 2])) for i in within]
-    return [(i, depth) for i, depth in below if depth > FAR_BELOW]
+    below = [(i, float(main[0, 2] - pieces[i].bounds[1, 2]), "the main ground and under it") for i in within]
+    found = {i: (depth, what) for i, depth, what in below if depth > FAR_BELOW}
+    rest = sorted((i for i in among if i not in found), key=lambda i: pieces[i].bounds[1, 2])
+    for k, i in enumerate(rest[:-1]):
+        lows = [pieces[j].bounds[0, 2] for j in rest[k + 1 :]] + [piece.bounds[0, 2] for piece in obstacles]
+        if (depth := float(min(lows) - pieces[i].bounds[1, 2])) <= FAR_BELOW:
+            break
+        found[i] = (depth, "everything else")
+    return [(i, *how) for i, how in found.items()]
 
 
 def canopy_sheets(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[tuple[Piece, float]]:
@@ -146,15 +157,42 @@ def carpet_meshes(
         piece, least = pieces[i], MIN_COVERED_SHARE * extent[0] * extent[1]
         flat = piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2])
         open_below = MIN_COVERED_SHARE <= piece.filled <= ONE_SIDE or (flat and piece.filled >= MIN_COVERED_SHARE)
-        wide = _may_be_ground(piece, MIN_SHEET_WIDTH_M**2) and min(piece.size[:2]) >= MIN_SHEET_WIDTH_M and open_below
-        if not wide or i in between or piece.bounds[0, 2] > highest + MIN_WATER_DEPTH_M:
+        level = MIN_HILLY_LEVEL if 0.8 <= piece.filled <= 1.2 else GROUND_LEVEL
+        wide = _may_be_ground(piece, MIN_SHEET_WIDTH_M**2, level=level)
+        if (
+            not wide
+            or min(piece.size[:2]) < MIN_SHEET_WIDTH_M
+            or not open_below
+            or i in between
+            or piece.bounds[0, 2] > highest + MIN_WATER_DEPTH_M
+        ):
             continue
         held = [p for p in obstacles if p is not piece and _is_below_wide(p, piece)]
         here = 2.0 * _shared_area(piece.bounds, known) > piece.area
         carries = here and any(_is_on_wide(p, piece) for p in (*ground, *obstacles))
-        if not held and (piece.area > least or carries):
+        if not held and ((piece.area > least and piece.level >= GROUND_LEVEL) or carries):
             found.append(i)
     return found
+
+
+def tile_meshes(
+    among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Piece], obstacles: Sequence[Piece]
+) -> list[int]:
+    """Find level tiles beside the ground, copies of one mesh that together cover much of the scenery."""
+    if not ground:
+        return []
+    bounds = np.array([piece.bounds for piece in (*ground, *obstacles)])
+    extent = bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)
+    low, high = (np.array([piece.bounds[end, 2] for piece in ground]) for end in (0, 1))
+    families: dict[int, list[int]] = {}
+    for i in among:
+        piece = pieces[i]
+        thin = piece.size[2] <= MAX_TILE_THICKNESS_SHARE * max(piece.size[:2])
+        beside = low.min() - MIN_WATER_DEPTH_M <= piece.bounds[0, 2] <= high.max() + MIN_WATER_DEPTH_M
+        if thin and beside and _may_be_ground(piece, MIN_THING_WIDTH_M**2):
+            families.setdefault(piece.mesh, []).append(i)
+    least = MIN_COVERED_SHARE * extent[0] * extent[1]
+    return [i for own in families.values() if sum(pieces[i].area for i in own) > least and len(own) > 1 for i in own]
 
 
 def _is_below_wide(piece: Piece, wide: Piece) -> bool:

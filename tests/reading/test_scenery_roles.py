@@ -146,6 +146,8 @@ FAN = piece("Fan", size=(4, 4, 2), at=(5, 5, 9), level=0.4)
         (piece("q17", size=(120, 120, 4), at=(0, 0, 2), level=0.98), [ROAD], "ground"),
         (piece("Leaves.003", size=(120, 90, 4), at=(0, 0, 2), level=0.98), HOUSES[3:4], "ground"),
         (piece("moss", size=(1900, 1900, 8), level=0.9), [], "ground"),
+        (piece("GrassMesh", size=(120, 120, 10), at=(0, 0, 4.8), level=0.4), [ROAD], "ground"),
+        (piece("Hall_7", size=(120, 120, 10), at=(0, 0, 4.8), level=0.4, filled=2.0), [ROAD], "obstacle"),
         (piece("Grass", size=(120, 120, 0.8), at=(0, 0, 0.1), level=0.1), [ROAD], "obstacle"),
         (piece("Leaves", size=(120, 90, 4), at=(0, 0, 2), level=0.98), [], "obstacle"),
         (piece("Leaves", size=(120, 90, 4), at=(0, 0, 2), level=0.98, scattered=True), [ROAD], "obstacle"),
@@ -160,6 +162,31 @@ def test_a_wide_mesh_under_roads_or_all_over_the_scenery_is_ground_by_any_name(
 ) -> None:
     assert uses(wide, PLAIN, *others)[0] == use
     assert uses(wide, PLAIN, *others, not_ground=(wide.name,))[0] == "obstacle"
+
+
+def test_tiles_beside_roads_are_ground_by_any_name_and_roofs_are_not() -> None:
+    road = piece("road", size=(90, 10, 0), level=1.0)
+    for height, use in ((0.0, "ground"), (6.0, "obstacle")):
+        grass = [piece("grass", size=(10, 10, 0), at=(10 * i - 40, 10, height), level=1.0) for i in range(9)]
+        assert uses(road, *grass) == ["ground", *[use] * 9]
+
+
+def test_ground_far_below_everything_else_is_not_used() -> None:
+    skirt = piece("Terrain_outer", size=(1200, 1200, 0), at=(0, 0, -200), level=1.0)
+    track = piece("Track", size=(400, 400, 3), level=1.0)
+    assert uses(skirt, track, *HOUSES)[:2] == ["obstacle", "ground"]
+    assert uses(skirt, track, piece("House", size=(9, 9, 6), at=(500, 0, -197)))[:2] == ["ground", "ground"]
+    doubts = doubts_about(skirt, track, *HOUSES)
+    assert [(d.kind, "below everything else" in d.text) for d in doubts] == [(DoubtKind.NOT_GROUND, True)]
+
+
+@pytest.mark.parametrize(
+    ("name", "height", "doubted"), [("Pine", 1.1, True), ("Pine", 9, False), ("Pine_log", 1, False)]
+)
+def test_a_world_of_toys_is_a_doubt_with_a_scale(name: str, height: float, doubted: bool) -> None:
+    trees = [piece(f"{name}.{i:03}", size=(0.5, 0.5, height), at=(3 * i, 0, height / 2)) for i in range(9)]
+    texts = [doubt.text for doubt in doubts_about(piece("Terrain", size=(64, 64, 1), level=1.0), *trees)]
+    assert ["set scale = 10 (now 1)" in text for text in texts] == [True] * doubted
 
 
 def test_houses_on_a_floor_are_not_a_vehicle() -> None:
