@@ -65,14 +65,18 @@ class BoxTree:
             for (start, along), box, toward in zip(sides, (boxes[:, 3:], boxes[:, :3]), (1.0, -1.0), strict=True):
                 for axis in range(3):
                     # Low sides of the packet must not be above the box, nor high sides below it.
-                    speed = along[query, axis][:, None] * toward
-                    room = (box[:, axis] - start[query, axis][:, None]) * toward
-                    still = np.abs(speed) < MIN_DIRECTION_COORDINATE
-                    at = room / np.where(still, 1.0, speed)
-                    at = np.where(still, np.where(room >= 0.0, np.inf, -np.inf), at)
-                    away = speed < -MIN_DIRECTION_COORDINATE
-                    np.maximum(enter, np.where(away, at, -np.inf), out=enter)
-                    np.minimum(leave, np.where(away, np.inf, at), out=leave)
+                    speed = along[query, axis][:, None]
+                    at = box[:, axis] - start[query, axis][:, None]
+                    still, away = np.abs(speed) < MIN_DIRECTION_COORDINATE, speed * toward < -MIN_DIRECTION_COORDINATE
+                    if still.any():
+                        never = np.where(at * toward >= 0.0, np.inf, -np.inf)
+                        at = np.where(still, never, at / np.where(still, 1.0, speed))
+                    else:
+                        at /= speed
+                    if away.any():
+                        np.maximum(enter, np.where(away, at, -np.inf), out=enter)
+                        at = np.where(away, np.inf, at)
+                    np.minimum(leave, at, out=leave)
             return (enter <= leave * (1 + EDGE_SLACK_SHARE)) & (enter < np.inf)
 
         packet, place = self._touching_pairs(len(first), touch)

@@ -23,7 +23,7 @@ class RowScenes:
     ) -> None:
         self._vehicles, self._sceneries, self._fallback_z = vehicles, sceneries, fallback_z
         self._casters: dict[str, VehicleCaster] = {}
-        self._scenery: tuple[str, Scene] = ("", Scene())
+        self._worlds: dict[str, Scene] = {}
 
     def posed_vehicle(self, vehicle: PlannedVehicle) -> PosedVehicle:
         """Return a vehicle in its pose."""
@@ -34,6 +34,7 @@ class RowScenes:
 
     def scene(self, row: Row) -> Scene:
         """Return a row's scenery with the vehicles in its picture."""
-        if self._scenery[0] != row.scenery:
-            self._scenery = row.scenery, Scene.of(self._sceneries[row.scenery], fallback_z=self._fallback_z)
-        return self._scenery[1].with_vehicles([self.posed_vehicle(vehicle) for vehicle in row.vehicles])
+        name = row.scenery
+        if name not in self._worlds:
+            self._worlds[name] = Scene.of(self._sceneries[name], fallback_z=self._fallback_z)
+        return self._worlds[name].with_vehicles([self.posed_vehicle(vehicle) for vehicle in row.vehicles])

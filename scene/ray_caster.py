@@ -151,7 +151,8 @@ class RayCaster:
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
         along, reach = unit.astype(np.float32), np.minimum(limit - skipped, _UNLIMITED_DISTANCE).astype(np.float32)
-        for i in coherent_blocks(relative + np.maximum(nearest, 0.0)[:, None] * unit):
+        passing = relative if len(start) < _WORTH_SORTING else relative + np.maximum(nearest, 0.0)[:, None] * unit
+        for i in coherent_blocks(passing):
             yield i, entry[i], along[i], reach[i], skipped[i]
 
 

@@ -30,7 +30,7 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.scene.posed_scene import Scene
 from hulldown.weather.kinds import Weather
 
-TILE_WIDTH = 480
+TILE_WIDTH = 448  # a multiple of the tiles that rays are traced in
 MAX_HEIGHT_RATIO = 4  # largest ratio of a preview's height to its width
 
 
