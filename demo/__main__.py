@@ -23,7 +23,7 @@ def _asset_jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Pat
             name,
             partial(vehicles.build_vehicle_file, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k])),
         )
-    for name in (*DISTRACTORS, *CIVILIAN_NAMES):
+    for name in dict.fromkeys((*DISTRACTORS, *CIVILIAN_NAMES)):
         yield name, partial(vehicles.write_distractor, name, folder / "distractors")
     for k, name in enumerate(SCENERY_NAMES):
         path = folder / "sceneries" / f"{name}.blend"

@@ -26,20 +26,18 @@ CAMOUFLAGE_MATERIALS = {
     "sam_turret": "Forest_Blocks",
 }  # where the material has another name
 CAR_COLORS = ["#d9dad6", "#8d9194", "#2b2d30", "#16191c", "#7d1f1c", "#23406e", "#3b4a3a", "#b9ad92"]
-# What is no target: distractor -> the keys that the config gives it. The file is distractors/<name>.blend.
+# More cars, trucks, and a bus, for `make photographs`.
+CIVILIAN_NAMES = ("hatchback", "sedan", "suv", "offroader", "minivan", "pickup", "box_truck", "tipper", "bus")
+# Vehicles that are no targets: distractor -> the keys that the config gives it. The file is distractors/<name>.blend.
 DISTRACTORS: dict[str, dict[str, object]] = {
     "civilian_car": {"weight": 1.5, "paint": [{"materials": ["Paint"], "colors": CAR_COLORS}]},
     "panel_van": {"paint": [{"materials": ["Paint"], "colors": ["own", "own", *CAR_COLORS]}]},
     "container": {"paint": [{"materials": ["Paint"], "colors": ["own", "#7d3a1c", "#6b6a1f", "#23406e", "#8d9194"]}]},
-    "bale_stack": {"forward": "+x", "sceneries": ["temperate_hills"]},
-    "tractor_trailer": {
-        "sceneries": ["temperate_hills"],
-        "paint": [{"materials": ["Paint"], "colors": ["own", "#9a2a1d", "#25508c", "#b58a1c"]}],
+    **{
+        name: {"paint": [{"materials": ["Paint"], "colors": CAR_COLORS}]}
+        for name in ("suv", "pickup", "box_truck", "bus")
     },
-    "burnt_hull": {"turret": "", "gun": ""},
 }
-# More cars, trucks, and a bus for `make photographs`, in distractors/ too.
-CIVILIAN_NAMES = ("hatchback", "sedan", "suv", "offroader", "minivan", "pickup", "box_truck", "tipper", "bus")
 SCENERY_NAMES = ("temperate_hills", "dry_steppe")
 # Blender's own HDRIs that show the open air, then the skies computed here, which add crisp sunlight.
 STUDIO_HDRIS = ("city", "forest", "sunrise", "sunset")

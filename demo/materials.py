@@ -148,13 +148,13 @@ def gloss_paint(color: Color, *, dust: Color) -> Any:
     )
 
 
-def rusted_paint(name: str, color: Color, *, rust: Color, share: float, streaks: bool = True) -> Any:
+def rusted_paint(name: str, color: Color, *, rust: Color, share: float) -> Any:
     """Old paint through which rust breaks in blisters and runs down in streaks; `share` of it is rust."""
     g = Graph(name)
     where = _position_in_units(g, 1.0)
     fine, blister = g.noise(where, 14.0, detail=4.0), g.noise(where, 1.7, detail=6.0, rough=0.7)
     tall = g.add("VectorMath", {0: where, 1: (6.0, 6.0, 0.35)}, operation="MULTIPLY").outputs[0]
-    runs = g.noise(tall, 1.0, detail=3.0, rough=0.6) if streaks else blister
+    runs = g.noise(tall, 1.0, detail=3.0, rough=0.6)
     level = 0.75 - 0.5 * share
     broken = g.ramp(blister, level - 0.04, level + 0.05)
     stained = g.maths("MULTIPLY", g.ramp(runs, level - 0.06, level + 0.16), 0.6)
@@ -163,30 +163,6 @@ def rusted_paint(name: str, color: Color, *, rust: Color, share: float, streaks:
     color_now = g.mix(g.maths("MAXIMUM", broken, stained), paint, iron)
     rough = g.maths("ADD", 0.55, g.maths("MULTIPLY", broken, 0.35))
     return g.surface({"Base Color": color_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
-
-
-def burnt_steel(name: str) -> Any:
-    """Steel after a fire: orange rust, white ash on what lies flat, soot where flames came out."""
-    g = Graph(name)
-    where = _position_in_units(g, 1.0)
-    coarse, fine = g.noise(where, 0.9, detail=5.0, rough=0.65), g.noise(where, 11.0, detail=4.0)
-    up = g.upward_normal()
-    iron = g.mix(g.ramp(coarse, 0.36, 0.62), g.shade("#46291d", fine, 0.5), g.shade("#74402a", fine, 0.4))
-    ash = g.maths("MULTIPLY", g.ramp(up, 0.5, 1.0), g.ramp(g.noise(where, 2.6, detail=4.0), 0.5, 0.68))
-    soot = g.ramp(g.noise(where, 0.7, detail=3.0, warp=0.5), 0.44, 0.62)
-    color = g.mix(g.maths("MULTIPLY", ash, 0.5), iron, "#8d8880")
-    color = g.mix(g.maths("MULTIPLY", soot, 0.9), color, "#15120f")
-    return g.surface({"Base Color": color, "Roughness": 0.92, "Normal": g.bump(fine, 0.006)})
-
-
-def straw_material(colors: tuple[Color, Color]) -> Any:
-    """Dry stalks, wound round the y axis: fine streaks across, tangled, with shadows between them."""
-    g = Graph("Straw")
-    where = g.add("TexCoord").outputs["Object"]
-    wound = g.add("VectorMath", {0: where, 1: (9.0, 60.0, 9.0)}, operation="MULTIPLY").outputs[0]
-    streak, clump = g.noise(wound, 1.0, detail=5.0, rough=0.7, warp=1.2), g.noise(where, 3.0, detail=4.0)
-    color = g.mix(g.ramp(streak, 0.3, 0.7), g.shade(colors[0], clump, 0.35), g.shade(colors[1], clump, 0.3))
-    return g.surface({"Base Color": color, "Roughness": 0.9, "Normal": g.bump(streak, 0.03)})
 
 
 def _position_in_units(g: Graph, unit: float) -> Any:

@@ -11,7 +11,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.demo import cars, civilian, farm, launchers, leftovers, materials, tanks_cast, tanks_plated, trucks
+from hulldown.demo import cars, civilian, container, launchers, materials, tanks_cast, tanks_plated, trucks
 from hulldown.demo.catalog import CIVILIAN_NAMES
 from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
@@ -50,12 +50,9 @@ DISTRACTORS: dict[
     "civilian_car": (cars.civilian_car, lambda: materials.gloss_paint("#7d1f1c", dust=DUST_COLORS["earth"])),
     "panel_van": (cars.panel_van, lambda: materials.gloss_paint("#d9dad6", dust=DUST_COLORS["earth"])),
     "container": (
-        leftovers.add_container,
+        container.add_container,
         lambda: materials.rusted_paint("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
     ),
-    "bale_stack": (farm.bale_stack, lambda: materials.straw_material(("#8f7440", "#c6a868"))),
-    "tractor_trailer": (farm.tractor_trailer, lambda: materials.gloss_paint("#2e6b34", dust=DUST_COLORS["earth"])),
-    "burnt_hull": (leftovers.burnt_hull, lambda: materials.burnt_steel("Burnt_Steel")),
     **{
         name: (
             partial(civilian.add_civilian, name=name),
@@ -72,20 +69,6 @@ OTHER_BUILDERS = {
     },
     "panel_van": {"canvas": lambda: materials.plain_material("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
     "container": {"canvas": lambda: materials.plain_material("Lettering", "#dedad0", rough=0.6, mottle=0.1)},
-    "bale_stack": {
-        "canvas": lambda: materials.straw_material(("#8f7440", "#c6a868")),
-        "dark": lambda: materials.plain_material("Twine", "#5d6f8a", rough=0.8, mottle=0.05),
-    },
-    "tractor_trailer": {
-        "canvas": lambda: materials.plain_material("Cab_Roof", "#e8e6dc", rough=0.4, mottle=0.05),
-        "red": lambda: materials.rusted_paint("Red_Paint", "#9a2a1d", rust="#5c3a26", share=0.2),
-        "wood": lambda: materials.straw_material(("#9a7e45", "#d2b673")),
-    },
-    "burnt_hull": {
-        "steel": lambda: materials.rusted_paint("Bare_Rust", "#6e3c22", rust="#8c4d28", share=0.6, streaks=False),
-        "dark": lambda: materials.burnt_steel("Burnt_Iron"),
-        "rubber": lambda: materials.plain_material("Soot", "#0d0b0a", rough=1.0, mottle=0.3),
-    },
 }
 
 
