@@ -1,4 +1,4 @@
-"""Folders of YOLO and Pascal VOC, read as COCO dictionaries.
+"""Folders of YOLO, Pascal VOC, and labelme, read as COCO dictionaries.
 
 Read here, because supervision forgets VOC's `difficult` and rounds YOLO's polygons to pixels.
 
@@ -9,23 +9,24 @@ challenge, IJCV 2010, and its development kit: pixels are counted from 1.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from msgspec import Meta, Struct
 
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import TEXT, parse_value, parse_xml, parse_yaml, read_file, read_text
+from hulldown.base.outside import TEXT, parse_value, parse_xml, parse_yaml, read_file, read_json, read_text
 
 PICTURE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
+LIST_NAMES = ("classes.txt", "obj.names")  # files of Label Studio and CVAT with a class in each line
 
 _Name = Annotated[str, Meta(min_length=1)] | int | float  # YAML takes a class called 2 for a number
-_Share = Annotated[float, Meta(ge=-1e3, le=1e3)]
+_Share = Annotated[float, Meta(ge=-2, le=2)]
 _Pixel = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 
@@ -33,38 +34,59 @@ class _Described(Struct):
     names: list[_Name] | dict[int | str, _Name]
 
 
+class _Shape(Struct):
+    label: _Name
+    points: Annotated[list[tuple[_Pixel, _Pixel]], Meta(min_length=2)]
+    shape_type: Literal["polygon", "rectangle"] = "polygon"
+
+
+class _LabelmeFile(Struct):
+    shapes: list[_Shape]
+
+
 def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
-    """Return the reader of a YOLO or VOC folder; None if it's neither."""
+    """Return the reader of a folder of YOLO, VOC, or labelme; None if it's something else."""
     if (folder / "Annotations").is_dir():
         return partial(_read_voc, folder, folder / "Annotations", folder / "JPEGImages")
     if any(folder.glob("*.xml")):
         return partial(_read_voc, folder, folder, folder)
-    described = [
-        path for parent in (folder, *folder.parents[:2]) for name in YAML_NAMES if (path := parent / name).is_file()
-    ]
-    for pictures, labels in _yolo_folders(folder):
-        if described and pictures != labels and pictures.is_dir() and labels.is_dir() and _picture_files(pictures):
-            return partial(_read_yolo, folder, pictures, labels, described[0])
+    homes, names = (folder, *folder.parents[:2]), (*YAML_NAMES, *LIST_NAMES)
+    described = [path for home in homes for name in names if (path := home / name).is_file()]
+    for pictures, labels in _yolo_folders(folder) if described else ():
+        return partial(_read_yolo, folder, pictures, labels, described[0])
     if described and described[0].parent == folder:
         remedy = "name one of its splits, such as images/train or train"
         raise DatasetError("is a YOLO dataset of several splits", path=folder, remedy=remedy)
+    texts = [text for picture in _picture_files(folder) if (text := picture.with_suffix(".json")).is_file()]
+    if texts and b'"shapes"' in read_file(texts[0], partial(DatasetError, path=texts[0])):
+        return partial(_read_labelme, folder)
     return None
 
 
-def refuse_nameless(folder: Path) -> None:
-    """Refuse a folder of YOLO without the file that names its classes."""
-    for pictures, labels in _yolo_folders(folder):
-        if pictures != labels and pictures.is_dir() and any(labels.glob("*.txt")) and _picture_files(pictures):
-            raise DatasetError(
-                f"has labels as YOLO has them in {labels}, but no {YAML_NAMES[0]} that names their classes",
-                path=folder,
-                remedy=f"write {folder / YAML_NAMES[0]} with a line such as names: [tank, truck]",
-            )
+def refuse_known_folder(folder: Path) -> None:
+    """Refuse a folder of several datasets, or of YOLO without the file that names its classes."""
+    for split in sorted(folder.glob("*/_annotations.coco.json")):
+        remedy = f"name one of its splits, such as {split.parent}"
+        raise DatasetError("is a COCO dataset of several splits", path=folder, remedy=remedy)
+    if (folder / "samples.json").is_file():
+        remedy = "export it from FiftyOne as COCODetectionDataset"
+        raise DatasetError("is a dataset in FiftyOne's own format", path=folder, remedy=remedy)
+    for _, labels in _yolo_folders(folder):
+        raise DatasetError(
+            f"has labels as YOLO has them in {labels}, but no {YAML_NAMES[0]} that names their classes",
+            path=folder,
+            remedy=f"write {folder / YAML_NAMES[0]} with a line such as names: [tank, truck]",
+        )
 
 
-def _yolo_folders(folder: Path) -> tuple[tuple[Path, Path], ...]:
+def _yolo_folders(folder: Path) -> Iterator[tuple[Path, Path]]:
+    """Yield folders of pictures and of their labels, which may be the same one."""
     labels = Path(*("labels" if part == "images" else part for part in folder.parts))
-    return (folder / "images", folder / "labels"), (folder, labels)
+    beside = folder / "obj_train_data"  # of CVAT's YOLO 1.1
+    for pictures, texts in ((folder / "images", folder / "labels"), (folder, labels), (beside, beside)):
+        found = _picture_files(pictures) if texts.is_dir() else []
+        if found and (pictures != texts or any((texts / f"{path.stem}.txt").is_file() for path in found)):
+            yield pictures, texts
 
 
 def _picture_files(folder: Path) -> list[Path]:
@@ -74,7 +96,9 @@ def _picture_files(folder: Path) -> list[Path]:
 def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> Coco:
     refuse = partial(DatasetError, path=described, remedy="add a line such as names: [tank, truck]")
     try:
-        found = parse_value(parse_yaml(read_text(described, refuse)), _Described).names
+        content = read_text(described, refuse)
+        listed = described.name in LIST_NAMES
+        found = content.rstrip().splitlines() if listed else parse_value(parse_yaml(content), _Described).names
         names = {int(key): name for key, name in (enumerate(found) if isinstance(found, list) else found.items())}
     except ValueError as error:
         raise refuse(f"names no classes ({error})") from None
@@ -90,7 +114,7 @@ def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> C
                     key, *values = map(float, line.replace("_", "?").split())  # Python reads 0.1_5
                     _yolo_label(coco, image, ids[key], parse_value(values, list[_Share]))
                 except (ValueError, KeyError):
-                    problem = f"line {number}: {line[:60]!r} is no class and box, or class and polygon"
+                    problem = f"line {number}: {line[:60]!r} is no class and box or polygon, as shares of the picture"
                     raise refuse(problem) from None
     return coco
 
@@ -137,6 +161,25 @@ def _read_voc(folder: Path, texts: Path, pictures: Path) -> Coco:
             box = [left - 1, top - 1, right - left + 1, bottom - top + 1]
             ignored = int(element.findtext("difficult", "0").strip() == "1")
             _add_label(coco, image, names.index(element.findtext("name", "")) + 1, box, iscrowd=ignored)
+    return coco
+
+
+def _read_labelme(folder: Path) -> Coco:
+    files: dict[Path, list[_Shape]] = {}
+    for picture in _picture_files(folder):
+        text = picture.with_suffix(".json")
+        refuse = partial(DatasetError, path=text, remedy="correct it, or draw rectangles and polygons")
+        known = text.is_file()
+        files[picture] = read_json(text, _LabelmeFile, refuse, what="a file of labelme").shapes if known else []
+    names = sorted({str(shape.label) for shapes in files.values() for shape in shapes})
+    coco = _empty_coco(names)
+    for picture, shapes in files.items():
+        image = _add_image(coco, folder, picture)
+        for shape in shapes:
+            (left, top), (right, bottom) = (tuple(map(side, *shape.points)) for side in (min, max))
+            rings = [] if shape.shape_type == "rectangle" else [[value for point in shape.points for value in point]]
+            box = [left, top, right - left, bottom - top]
+            _add_label(coco, image, names.index(str(shape.label)) + 1, box, segmentation=rings)
     return coco
 
 

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 import orjson
 from jaxtyping import Bool, Float, Int
-from msgspec import Meta, Struct
 
 from hulldown.annotate.box_table import BoxTable
-from hulldown.annotate.record_fields import Box
-from hulldown.base.errors import DatasetError
-from hulldown.base.outside import file_sha256, parse_value
-from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, read_coco
+from hulldown.assets.picture_files import read_picture
+from hulldown.base.outside import file_sha256
+from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME
+from hulldown.dataset.usable_labels import clip_labels
 
 EDGE_DISTANCE_SHARE = 0.003  # of the picture's width or height: a side cuts off a box that is this near to it
 
@@ -55,55 +55,37 @@ class Photographs(BoxTable):
         return self.boxes_per_image(len(self.file_names))
 
 
-class _Size(Struct):
-    width: Annotated[float, Meta(gt=0, le=1e6)]
-    height: Annotated[float, Meta(gt=0, le=1e6)]
-
-
-class _Box(Struct):
-    image_id: int
-    category_id: int
-    bbox: Box
-    truncated_fraction: float | None = None
-
-
 def read_photographs(path: Path) -> Photographs:
-    """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, without crowds and boxes outside the frame."""
+    """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, without crowds."""
     path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
-    coco = read_coco(path)
-    digest = hashlib.sha256(orjson.dumps(coco)).hexdigest() if path.is_dir() else file_sha256(path)
-    classes = {category["id"]: k for k, category in enumerate(coco["categories"])}
-    index = {image["id"]: i for i, image in enumerate(coco["images"])}
-    if len(index) < len(coco["images"]):
-        raise DatasetError("two images have the same id", path=path, remedy="give each its own id")
-    try:
-        sizes = parse_value(coco["images"], list[_Size])
-        shown = (record for record in coco["annotations"] if record.get("bbox") and not record.get("iscrowd"))
-        boxes = parse_value(list(shown), list[_Box])
-    except ValueError as error:
-        raise DatasetError(f"isn't a COCO file ({error})", path=path, remedy="export your labels as COCO") from None
-    if lost := next((b for b in boxes if b.image_id not in index or b.category_id not in classes), None):
-        problem = f"a box has image {lost.image_id!r} and category {lost.category_id!r}, and one of them isn't listed"
-        raise DatasetError(problem, path=path, remedy="list all images and categories")
-    size = np.array([(image.width, image.height) for image in sizes], dtype=np.float64).reshape(-1, 2)
-    image = np.array([index[box.image_id] for box in boxes], dtype=np.int64)
-    xywh = np.array([box.bbox for box in boxes], dtype=np.float64).reshape(-1, 4)
+    found = read_usable(path)
+    images = clip_labels(found.images, folder=path, clip=False)
+    for each in images:
+        if os.path.isfile(picture := (path if path.is_dir() else path.parent) / each.file_name):
+            read_picture(picture, each.size, largest=0)
+    boxes = [(i, label) for i, each in enumerate(images) for label in each.labels if not label.crowd]
+    records = {"images": [image.record for image in found.images]}
+    records["annotations"] = [label.record for image in found.images for label in image.labels]
+    records["categories"] = [category.record for category in found.categories]
+    digest = hashlib.sha256(orjson.dumps(records)).hexdigest() if path.is_dir() else file_sha256(path)
+    classes = [category.id for category in found.categories]
+    size = np.array([each.size for each in images], dtype=np.float64).reshape(-1, 2)
+    image = np.array([i for i, _ in boxes], dtype=np.int64)
+    xywh = np.array([label.bbox for _, label in boxes], dtype=np.float64).reshape(-1, 4)
     shares = xywh / np.tile(size[image], 2)
     low, high = np.clip(shares[:, :2], 0.0, 1.0), np.clip(shares[:, :2] + shares[:, 2:], 0.0, 1.0)
     edge = np.maximum(EDGE_DISTANCE_SHARE, 1.0 / size[image])
-    whole = np.array([box.truncated_fraction == 0.0 for box in boxes], dtype=bool)
+    whole = np.array([label.truncated_fraction == 0.0 for _, label in boxes], dtype=bool)
     cut = np.concatenate([low <= edge, high >= 1.0 - edge], axis=1) & ~whole[:, None]
-    rows = np.argsort(image, kind="stable")
-    rows = rows[((high - low) > 0.0).all(axis=1)[rows]]
     return Photographs(
-        class_names=tuple(str(category.get("name")) for category in coco["categories"]),
-        image=image[rows],
-        class_index=np.array([classes[box.category_id] for box in boxes], dtype=np.int64)[rows],
-        xywh=xywh[rows],
+        class_names=tuple(category.name for category in found.categories),
+        image=image,
+        class_index=np.array([classes.index(label.category_id) for _, label in boxes], dtype=np.int64),
+        xywh=xywh,
         path=path,
         sha256=digest,
-        file_names=tuple(str(image.get("file_name", "")) for image in coco["images"]),
+        file_names=tuple(image.file_name for image in images),
         size=size,
-        relative=np.concatenate([low, high - low], axis=1)[rows],
-        cut=cut[rows],
+        relative=np.concatenate([low, high - low], axis=1),
+        cut=cut,
     )

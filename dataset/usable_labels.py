@@ -2,31 +2,67 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
+from msgspec import Struct
 
+from hulldown.annotate.labels.mask import VisibleMask
+from hulldown.annotate.masks import run_lengths
 from hulldown.annotate.record_fields import MAX_BOX_OVERHANG_PX, TEXT_ROUNDING_PX
 from hulldown.annotate.records import Image, Label, overhang_px
 from hulldown.base.arguments import AtLeastZero, Share
 from hulldown.base.errors import DatasetError
 
-MAX_LISTED_BOXES = 10  # in an error
+MAX_LISTED_BOXES = 10  # boxes that an error names
+MIN_LARGEST_SIDE_PX = 2.0  # pixels: if no box has a longer side, boxes are in other units
 
 
-def clip_labels(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Image]:
-    """Clip boxes to their images; without `clip`, only overhangs of at most `MAX_BOX_OVERHANG_PX`."""
+class _CvatAttributes(Struct):
+    rotation: float = 0.0  # degrees
+
+
+class _CvatLabel(Struct):
+    attributes: _CvatAttributes | None = None
+
+
+def misread_boxes(images: Iterable[Image]) -> Iterator[tuple[str, str]]:
+    """Find signs that boxes aren't what their author drew, each with its remedy."""
+    labels = [label for image in images for label in image.labels if not label.crowd]
+    upright = [label for label in labels if label.record.get("segmentation") or not _is_turned(label)]
+    if lost := len(labels) - len(upright):
+        remedy = "export them from CVAT as Ultralytics YOLO Oriented Bounding Boxes, or set bbox and delete rotation"
+        yield f"{lost} boxes are CVAT's rotated rectangles without their rotation (attributes.rotation)", remedy
+    if labels and max(label.bbox[2:].max() for label in labels) < MIN_LARGEST_SIDE_PX:
+        remedy = "if boxes are shares of their pictures, multiply them by width and height"
+        yield f"no box is {MIN_LARGEST_SIDE_PX:.0f} px wide or high", remedy
+
+
+def _is_turned(label: Label) -> bool:
+    attributes = label.read(_CvatLabel).attributes
+    return attributes is not None and attributes.rotation % 180.0 != 0.0
+
+
+def clip_labels(images: Sequence[Image], *, folder: Path, clip: bool) -> list[Image]:
+    """Return images whose boxes lie inside; without `clip`, only overhangs of `MAX_BOX_OVERHANG_PX` are cut."""
+    for problem, remedy in misread_boxes(images):
+        raise DatasetError(problem, path=folder, remedy=remedy)
     found: list[Image] = []
-    wrong: list[str] = []
+    wrong, wrong_masks = list[str](), list[str]()
     further = False
     for image in images:
         kept: list[Label] = []
         for label in image.labels:
             x, y, w, h = label.bbox.tolist()
             where = f"{image.file_name}: annotation {label.id}"
+            if mask := label.read(VisibleMask).segmentation:
+                try:
+                    run_lengths(mask, *image.size)
+                except ValueError as error:
+                    wrong_masks.append(f"{where}: {error}")
             by = overhang_px(label.bbox, *image.size)
             if w <= 0 or h <= 0:
                 wrong.append(f"{where} has no area")
@@ -43,8 +79,10 @@ def clip_labels(images: Iterable[Image], *, folder: Path, clip: bool) -> list[Im
                 elif not clip:
                     wrong.append(f"{where} has no area inside its image")
         found.append(image.labeled(kept))
-    remedy = "correct them, or clip them with `hulldown export --clip`" if further else "correct or delete them"
+    corrected = "write width and height, not right and bottom, or clip them with `hulldown export --clip`"
+    remedy = corrected if further else "correct or delete them"
     refuse_all(wrong, "box", folder, remedy=remedy)
+    refuse_all(wrong_masks, "mask", folder)
     return found
 
 

@@ -24,6 +24,7 @@ from hulldown.dataset.record_checks import (
 )
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
 from hulldown.dataset.store.journal import lacks_newline
+from hulldown.dataset.usable_labels import misread_boxes
 from hulldown.dataset.verification.check_pictures import check_pictures
 from hulldown.dataset.verification.check_plan import check_planned
 from hulldown.plan.library import Library, load_planned_library
@@ -120,6 +121,7 @@ def find_problems(
     findings = [*unusable_records(coco["categories"], coco["images"], coco["annotations"]), *check_names(coco)]
     findings += check_cameras(coco["images"])
     findings += check_labels(coco["categories"], sound.values())
+    findings += [Finding("error", "boxes", "; ".join(of)) for of in misread_boxes(sound.values())]
     findings += check_reservations(coco)
     findings += check_journal(coco, folder / JOURNAL_NAME)
     if plan is not None:

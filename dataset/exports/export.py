@@ -14,8 +14,7 @@ from cyclopts import Parameter
 
 from hulldown.annotate import outlines
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import area_and_box
-from hulldown.annotate.records import Image, Label
+from hulldown.annotate.records import Label
 from hulldown.base.arguments import AnyPath, AtLeastZero, make_parser
 from hulldown.base.errors import DatasetError
 from hulldown.base.outputs import DONE_NAME, OutputFolder
@@ -24,7 +23,7 @@ from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, v
 from hulldown.dataset.exports.layouts.splits import ExportedImage, Splits, flat_names, sound_pictures
 from hulldown.dataset.exports.split import SPLIT_NAMES, assign_splits
 from hulldown.dataset.record_checks import read_usable
-from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clip_labels, refuse_all
+from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clip_labels
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Splits, Path], None]] = {
@@ -123,7 +122,6 @@ def export_dataset(
     document = read_usable(folder, allowed)
     images = clip_labels(document.images, folder=folder, clip=clip)
     split_of = assign_splits(images, fractions=fractions)
-    _check_masks(images, folder)
     pictures = sound_pictures(folder, images, allowed)
     items: dict[str, list[ExportedImage]] = {split: [] for split in SPLIT_NAMES}
     for image, name, (picture, digest) in zip(images, flat_names(images), pictures, strict=True):
@@ -151,18 +149,6 @@ def _export_key(layout: str, splits: Splits) -> str:
             labels = [label.record for label in item.image.labels]
             key.update(orjson.dumps([split, item.image.record, labels, item.name, item.sha256]))
     return key.hexdigest()
-
-
-def _check_masks(images: Sequence[Image], folder: Path) -> None:
-    wrong = []
-    for image in images:
-        for label in image.labels:
-            if mask := label.read(VisibleMask).segmentation:
-                try:
-                    area_and_box(mask, *image.size)
-                except ValueError as error:
-                    wrong.append(f"annotation {label.id}: {error}")
-    refuse_all(wrong, "mask", folder)
 
 
 def _outline_label(label: Label, size: tuple[int, int], within: float) -> Label:

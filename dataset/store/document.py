@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache, partial
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import BinaryIO, cast
 
 import msgspec
@@ -20,8 +20,9 @@ import orjson
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.base.code import package_version
 from hulldown.base.errors import DatasetError
+from hulldown.base.files import stays_inside
 from hulldown.base.outside import DATA, convert_value, describe_path, json_parts, json_records, parse_json, read_file
-from hulldown.dataset.foreign_labels import foreign_reader, refuse_nameless
+from hulldown.dataset.foreign_labels import foreign_reader, refuse_known_folder
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import last_merged, read_journal, replace_journal
 from hulldown.dataset.store.reservations import Reservation, read_reservations
@@ -29,6 +30,8 @@ from hulldown.dataset.store.reservations import Reservation, read_reservations
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
 COCO_NAME = "_annotations.coco.json"  # RF-DETR and Roboflow use this name in every split's folder
+# FiftyOne, Label Studio, and CVAT use these, with names relative to a folder of pictures.
+OTHER_COCO_NAMES = ("labels.json", "result.json", "annotations/instances_*.json")
 NO_RECORDS = msgspec.Raw(b"[]")
 RECORD_NOUNS = {"categories": "category", "images": "image", "annotations": "annotation"}
 JOURNAL_KEYS = {"categories", "run", "image", "annotations", "merged", "line_sha256"}  # old journals have `line_sha256`
@@ -217,7 +220,7 @@ def check_is_dataset(folder: Path) -> None:
 
 
 def read_coco(folder: Path | str) -> Coco:
-    """Read a dataset as a COCO dictionary, journal included: ours, a split, a COCO file, or a folder of YOLO or VOC."""
+    """Read a dataset as a COCO dictionary, journal included: ours, a split, a COCO file, or another tool's folder."""
     folder = Path(folder)
     if folder.exists() and not folder.is_dir():
         if (kind := describe_path(folder)) not in ("a JSON file", "another file", "empty"):
@@ -226,11 +229,25 @@ def read_coco(folder: Path | str) -> Coco:
     if not is_own(folder):
         if (folder / COCO_NAME).exists():
             return _read_annotations(folder / COCO_NAME).to_dict()
+        if len(others := [path for name in OTHER_COCO_NAMES for path in folder.glob(name)]) == 1:
+            return _with_pictures_found(_read_annotations(others[0]).to_dict(), folder, others[0].stem)
         if (read := foreign_reader(folder)) is not None:
             return read()
-        refuse_nameless(folder)
+        refuse_known_folder(folder)
         check_is_dataset(folder)
     return read_document(folder).to_dict()
+
+
+def _with_pictures_found(coco: Coco, folder: Path, stem: str) -> Coco:
+    """Return a dictionary with the names of its pictures relative to the dataset, where they're found."""
+    split = stem.removeprefix("instances_")
+    images: list[Record] = []
+    for image in coco["images"]:
+        name = str(image.get("file_name"))
+        name = name if stays_inside(name) else PurePosixPath(name).name  # Label Studio's are its server's paths
+        names = [f"{home}{name}" for home in ("", "data/", "images/", f"images/{split}/", f"{split}/")]
+        images.append({**image, "file_name": next((each for each in names if (folder / each).is_file()), name)})
+    return {**coco, "images": images}
 
 
 def _read_annotations(path: Path) -> Document:

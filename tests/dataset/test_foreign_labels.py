@@ -1,6 +1,7 @@
 """Folders of YOLO and VOC in place of COCO."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from PIL import Image
 from hulldown.base.errors import DatasetError
 from hulldown.cli import main
 from hulldown.dataset.exports.export import export_dataset
+from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.store.document import read_coco
 from hulldown.tests.builders.training_pictures import make_dataset
 
@@ -57,11 +59,81 @@ def test_yolo_without_names_is_refused_by_its_labels_and_windows_paths_are_read(
     assert any("/" in name for name in names)
 
 
+def _write_labelme(folder, coco):
+    shapes = [{"label": "tank", "points": [[30, 9], [10, 29]], "shape_type": "rectangle"}]
+    (folder / "a.json").write_text(json.dumps({"shapes": shapes, "imagePath": "..\\a.png"}))
+    return "a.png"
+
+
+def _write_fiftyone(folder, coco):
+    (folder / "labels.json").write_text(json.dumps(coco))
+    return "data/a.png"
+
+
+def _write_cvat(folder, coco):
+    (folder / "annotations").mkdir()
+    (folder / "annotations" / "instances_default.json").write_text(json.dumps(coco))
+    return "images/default/a.png"
+
+
+def _write_label_studio(folder, coco):
+    coco["images"][0]["file_name"] = "../../label-studio/data/media/upload/1/a.png"
+    (folder / "result.json").write_text(json.dumps(coco))
+    return "images/a.png"
+
+
+def _write_yolo(folder, coco, names, picture):
+    text = Path(picture.replace("images", "labels")).with_suffix(".txt")
+    (folder / text).parent.mkdir(exist_ok=True)
+    (folder / text).write_text("0 0.2 0.35 0.2 0.4")
+    (folder / names).write_text("tank\n")
+    return picture
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        *(_write_labelme, _write_fiftyone, _write_cvat, _write_label_studio),
+        partial(_write_yolo, names="classes.txt", picture="images/a.png"),
+        partial(_write_yolo, names="classes.txt", picture="a.png"),
+        partial(_write_yolo, names="obj.names", picture="obj_train_data/a.png"),
+    ],
+)
+def test_folders_of_other_tools_are_read(tmp_path, write):
+    image = {"id": 1, "file_name": "a.png", "width": 100, "height": 50}
+    label = {"id": 1, "image_id": 1, "category_id": 1, "bbox": [10, 9, 20, 20]}
+    coco = {"images": [image], "annotations": [label], "categories": [{"id": 1, "name": "tank"}]}
+    picture = tmp_path / write(tmp_path, coco)
+    picture.parent.mkdir(exist_ok=True, parents=True)
+    Image.new("RGB", (100, 50)).save(picture)
+    (tmp_path / "images").mkdir(exist_ok=True)
+    found = LabeledImages.from_coco(read_coco(tmp_path))
+    assert [each.name for each in found.categories] == ["tank"]
+    assert [tmp_path / each.file_name for each in found.images] == [picture]
+    assert found.images[0].labels[0].bbox == pytest.approx([10, 7.5 if "yolo" in repr(write) else 9, 20, 20])
+
+
+def test_a_root_of_roboflow_is_refused_by_its_splits(tmp_path):
+    (tmp_path / "train").mkdir()
+    (tmp_path / "train" / "_annotations.coco.json").write_text("{}")
+    with pytest.raises(DatasetError, match=f"name one of its splits, such as {tmp_path}/train"):
+        read_coco(tmp_path)
+
+
 @pytest.mark.parametrize(
     ("line", "box"),
     [
         *((f"{label} .5 +0.5 2e-1 1.", [38.4, 0.0, 19.2, 54.0]) for label in ("0", "0.0")),
-        *((line, None) for line in ("0 0_.5 .5 .2 .2", "0 0.1_5 .5 .2 .2", "0 nan .5 .2 .2", "inf .5 .5 .2 .2")),
+        *(
+            (line, None)
+            for line in (
+                "0 0_.5 .5 .2 .2",
+                "0 178.1 53.5 21.5 15.8",
+                "0 0.1_5 .5 .2 .2",
+                "0 nan .5 .2 .2",
+                "inf .5 .5 .2 .2",
+            )
+        ),
     ],
 )
 def test_numbers_of_yolo_are_those_that_other_readers_take(tmp_path, line, box):

@@ -41,7 +41,7 @@ def test_impossible_masks_are_all_named_and_not_exported(folder, tmp_path, optio
             label["segmentation"] = mask
 
     edit(folder, with_masks)
-    wanted = "2 masks cannot be used: annotation 2: segmentation: expected .* annotation 3: segmentation: expected"
+    wanted = r"2 masks cannot be used: 2\.png: annotation 2: segmentation: expected .* annotation 3: segmentation:"
     with pytest.raises(DatasetError, match=wanted):
         export_dataset(folder, tmp_path / "out", **options)
     assert not (tmp_path / "out").exists()
@@ -78,7 +78,7 @@ def test_many_equal_annotations_are_few_lines(folder):
 
 def test_findings_of_a_kind_are_counted_beyond_twenty(folder):
     edit(folder, lambda coco: coco.update(annotations=[
-        {**coco["annotations"][0], "id": i, "category_id": 9, "bbox": [i % 20, i // 20, 1, 1]} for i in range(1, 201)
+        {**coco["annotations"][0], "id": i, "category_id": 9, "bbox": [i % 20, i // 20, 2, 1]} for i in range(1, 201)
     ]))  # fmt: skip
     lines = finding_lines(verify_dataset(folder))
     assert len(lines) == 21

@@ -18,7 +18,7 @@ IMAGES = [
 
 
 def coco(*boxes, images=IMAGES):
-    return {**dataset([(image, 1, box) for image, box in boxes]), "images": images}
+    return {**dataset([(image, 1, *box) for image, *box in boxes]), "images": images}
 
 
 def read(folder, content, name="_annotations.coco.json"):
@@ -27,11 +27,8 @@ def read(folder, content, name="_annotations.coco.json"):
 
 
 def test_boxes_are_relative_to_their_pictures_and_in_the_frame(tmp_path):
-    content = coco((8, [900, 100, 200, 50]), (7, [100, 50, 80, 40]), (7, [10, 10, 0, 5]), (7, [500, 0, 9, 9]))
-    content["annotations"] += [
-        {"id": 9, "image_id": 7, "category_id": 1, "bbox": [0, 0, 400, 200], "iscrowd": 1},
-        {"id": 10, "image_id": 7, "category_id": 1, "bbox": []},
-    ]
+    content = coco((8, [900, 100, 100.8, 50]), (7, [100, 50, 80, 40]))
+    content["annotations"] += [{"id": 9, "image_id": 7, "category_id": 1, "bbox": [0, 0, 400, 200], "iscrowd": 1}]
     found = read(tmp_path, content)
     assert found.file_names == ("b.jpg", "a.jpg", "none.jpg")
     assert [found.class_names[i] for i in found.class_index] == ["tank", "tank"]
@@ -64,11 +61,15 @@ def test_a_box_with_a_truncated_fraction_of_0_is_not_cut(tmp_path):
     [
         ("{", "a COCO object"),
         ([], "is a JSON list, not a dataset"),
-        (coco(images=IMAGES[:1] * 2), "same id"),
+        (coco(images=IMAGES[:1] * 2), "has the id 7, as has"),
         (coco(images=[{**IMAGES[0], "id": "x"}]), "not a whole number"),
-        (coco((7, [1, 2, 3])), "a COCO file"),
+        (coco((7, [1, 2, 3])), "bbox is"),
+        (coco((7, [100, 50, 400, 90])), "leaves its image by 100 px"),
+        (coco((7, [10, 10, 0, 5])), "no area"),
+        (coco((7, [0.25, 0.2, 0.3, 0.4])), "no box is 2 px wide or high"),
+        (coco((7, [10, 10, 90, 50], {"attributes": {"rotation": 35.0}})), "1 boxes are CVAT's rotated"),
         (coco((6, [1, 2, 3, 4])), "image 6"),
-        (coco(images=[{**IMAGES[0], "width": 0}]), "a COCO file .*width"),
+        (coco(images=[{**IMAGES[0], "width": 0}]), "width is 0"),
     ],
 )
 def test_the_error_of_an_invalid_coco_file_names_it(tmp_path, content, problem):
@@ -76,6 +77,12 @@ def test_the_error_of_an_invalid_coco_file_names_it(tmp_path, content, problem):
         read(tmp_path, content)
     assert caught.value.path.name == "_annotations.coco.json"
     assert caught.value.remedy
+
+
+def test_pictures_of_another_size_than_their_record_are_refused(tmp_path):
+    Image.new("RGB", (200, 100)).save(tmp_path / "b.jpg")
+    with pytest.raises(DatasetError, match=r"b\.jpg: is 200 x 100 pixels, its record has 400 x 200"):
+        read(tmp_path, coco((7, [100, 50, 80, 40])))
 
 
 def test_folders_without_labels_are_refused(tmp_path):

@@ -16,7 +16,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import decode_mask, run_lengths
+from hulldown.annotate.masks import decode_mask
 from hulldown.annotate.records import Label
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
@@ -164,15 +164,6 @@ def _read_checked(folder: Path) -> LabeledImages:
     found = read_usable(folder)
     if not found.images:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
-    for image in found.images:
-        for label in image.labels:
-            if not label.crowd and (mask := label.read(VisibleMask).segmentation):
-                try:
-                    run_lengths(mask, *image.size)
-                except ValueError as error:
-                    raise DatasetError(
-                        f"{image.file_name}: annotation {label.id}: {error}", path=folder, remedy="correct or remove it"
-                    ) from None
     return replace(found, images=tuple(clip_labels(found.images, folder=folder, clip=False)))
 
 
