@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import msgspec
@@ -57,6 +57,11 @@ def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
 
     msgspec.to_builtins(asset, enc_hook=take)
     return Fingerprint(topology.hexdigest(), shape / SUM_PARTS_PER_M)
+
+
+def content_key(asset: VehicleShape | Scenery) -> tuple[int, ...]:
+    """Return what equal files have in common: the objects in all fields but the name, which must stay alive."""
+    return tuple(id(getattr(asset, each.name)) for each in fields(asset) if each.name != "name")
 
 
 class AssetSource(Struct, frozen=True, kw_only=True):

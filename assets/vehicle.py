@@ -110,6 +110,8 @@ class VehicleShape:
 
         A keypoint without a part belongs to the part with the nearest surface. One with an existing name replaces it.
         """
+        if not points:
+            return self  # equal files share their arrays
         known = zip(self.keypoint_names, self.keypoints, self.keypoint_part.tolist(), strict=True)
         every: dict[str, tuple[ArrayLike, int | None]] = {name: (point, part) for name, point, part in known}
         every |= points

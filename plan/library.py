@@ -233,7 +233,7 @@ def load_planned_library(
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
-    limits = shape.part_limits.copy()
+    limits = shape.part_limits
     for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
         if bounds is None:
             continue
@@ -243,7 +243,7 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
                 path=config.folder / entry.path,
                 remedy=f"name its objects by `{part}`, or delete {part}_limits_deg",
             )
-        limits[shape.part_names.index(part)] = np.radians(bounds)
+        limits = np.where(np.array(shape.part_names)[:, None] == part, np.radians(bounds), limits)
     points = {
         key: (transform_points(shape.vehicle_from_file, np.array([point]))[0], None)
         for key, point in (entry.keypoints or {}).items()

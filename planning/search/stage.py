@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.boxes import VehicleBoxes
-from hulldown.assets.plan_assets import Assets
+from hulldown.assets.plan_assets import Assets, content_key
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
@@ -120,11 +120,18 @@ class PlanStage:
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
-    """Build the query objects of all assets."""
-    models = [_make_model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()]
-    others = [_make_model(assets.distractors[e.name], e.category, config) for e in config.assets.distractors]
-    sites = tuple(_make_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
-    return PlanStage(config, sites, Fleet((*models, *others)), len(models))
+    """Build the query objects of all assets, once for equal files."""
+    listed: list[tuple[VehicleShape, str | None]] = [
+        (v, assets.categories[name]) for name, v in assets.vehicles.items()
+    ]
+    listed += [(assets.distractors[entry.name], entry.category) for entry in config.assets.distractors]
+    shapes = {content_key(shape): shape for shape, _ in listed}
+    models = {key: _make_model(shape, config) for key, shape in shapes.items()}
+    fleet = Fleet(tuple(replace(models[content_key(shape)], shape=shape, category=name) for shape, name in listed))
+    lands = {content_key(scenery): scenery for scenery in assets.sceneries.values()}
+    sites = {key: _make_site(scenery, config.ground.fallback_z) for key, scenery in lands.items()}
+    of_sceneries = tuple(replace(sites[content_key(land)], name=name) for name, land in assets.sceneries.items())
+    return PlanStage(config, of_sceneries, fleet, len(assets.vehicles))
 
 
 def _make_site(scenery: Scenery, fallback_z: float) -> Site:
@@ -163,10 +170,10 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
     )
 
 
-def _make_model(shape: VehicleShape, category: str | None, config: Config) -> FleetModel:
+def _make_model(shape: VehicleShape, config: Config) -> FleetModel:
     return FleetModel(
         shape=shape,
-        category=category,
+        category=None,
         boxes=VehicleBoxes(shape),
         caster=VehicleCaster(shape),
         footing=Footing.of(vehicle_underside(shape.surface[0], known=shape.underside), settle_rules(config.placement)),

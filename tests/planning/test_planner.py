@@ -144,3 +144,21 @@ def test_an_unseen_plate_neither_carries_a_vehicle_nor_needs_room():
     for name in ("xy", "height"):
         pair = (getattr(fleet.footings[0].contact, name) for fleet in (got, wanted))
         np.testing.assert_array_equal(*pair, err_msg=name)
+
+
+def test_equal_files_under_other_names_are_prepared_once():
+    shape, land = vehicle("t72").with_keypoints({}), hills("hills")
+    shapes = {"a": shape, "b": replace(shape, name="b"), "c": replace(shape, part_limits=shape.part_limits / 2)}
+    assets = small_assets(vehicles=("t72",))
+    assets = replace(
+        assets,
+        vehicles=shapes,
+        categories=dict.fromkeys(shapes, "tank"),
+        sceneries={"hills": land, "again": replace(land, name="again")},
+    )
+    stage = make_stage(small_config(), assets)
+    a, b, c = stage.fleet.models
+    assert a.caster is b.caster is not c.caster
+    assert [model.shape for model in (a, b, c)] == list(shapes.values())
+    assert [site.name for site in stage.sites] == ["hills", "again"]
+    assert stage.sites[0].terrain is stage.sites[1].terrain
