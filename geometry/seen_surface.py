@@ -13,11 +13,9 @@ from hulldown.geometry.hulls import hulls_of_groups
 from hulldown.geometry.meshes import Mesh
 
 MAX_FLAT_HEIGHT_ULPS = 2.0  # a float32 triangle of this height has no area for Cycles
-MAX_FLAT_SHARE = (
-    1e-5  # of the mesh's extent, for meshes in map coordinates: their triangles are as small as those units
-)
+MAX_FLAT_SHARE = 1e-5  # of the mesh's extent: in map coordinates, triangles can be as small as such units
 LOOKUPS_PER_TEXEL = 8  # along a face
-LEAST, MOST = 16, 512  # steps along a face's sides
+MIN_SIDE_STEPS, MAX_SIDE_STEPS = 16, 512
 MAX_TEXEL_LOOKUPS = 1 << 23  # in all faces of a mesh
 MAX_SIDE_TILES = 8  # along a face's sides; what is seen in each tile becomes one convex piece
 MIN_TILE_STEPS = 32  # along a tile's side
@@ -92,7 +90,7 @@ def _side_steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarra
     """Return steps along the sides of each mixed face, so that lookups stay within `MAX_TEXEL_LOOKUPS`."""
     sizes = np.array([alpha.texels.shape[::-1] for alpha in cutouts.maps])[cutouts.face_map[mixed]]
     texels = (np.ptp(cutouts.uv[mixed], axis=1) * sizes).max(axis=1)
-    steps = np.clip(np.ceil(LOOKUPS_PER_TEXEL * texels), LEAST, MOST)
+    steps = np.clip(np.ceil(LOOKUPS_PER_TEXEL * texels), MIN_SIDE_STEPS, MAX_SIDE_STEPS)
     few = np.sqrt(min(1.0, 2.0 * MAX_TEXEL_LOOKUPS / max((steps * steps).sum(), 1.0)))
     return np.maximum(steps * few, 2).astype(np.int64)
 

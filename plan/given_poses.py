@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-MAX_COORDINATE_M = 1e9  # meters: beyond, float64 is coarser than a tenth of a micrometer
+MAX_COORDINATE_M = 1e9  # beyond, float64 is coarser than a tenth of a micrometer
 
 Vector = tuple[float, float, float]
 

@@ -43,7 +43,7 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.reader_process import Exported
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
-USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
+USUAL_LENGTHS_M = {  # the longest with gun or trailer
     ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
     ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
     ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
@@ -347,8 +347,8 @@ def class_names(entry: ModelEntry) -> tuple[str, str]:
 
 def odd_length(names: Sequence[str], report: FileReport) -> tuple[str, tuple[float, float]] | None:
     """Return the class that these names tell and its usual lengths, if a vehicle doesn't have them."""
-    kind = next((kind for name in names for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
-    low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
+    kind = next((kind for name in names for kind in USUAL_LENGTHS_M if first_match(name, kind)), ANY_VEHICLE)
+    low, high = USUAL_LENGTHS_M.get(kind, ANY_LENGTH)
     return None if low <= max(report.size) <= high else (kind[0], (low, high))
 
 

@@ -350,7 +350,7 @@ def round_field(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray,
     return rounding(values)
 
 
-_ROTATION_TOLERANCE = 1e-6  # tolerance of rotations in a plan that was edited by hand
+_ROTATION_TOLERANCE = 1e-6  # for plans that were edited by hand
 _Matrix = tuple[tuple[float, float, float, float], ...]
 
 

@@ -40,9 +40,9 @@ HISTOGRAM_QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "box_px": ("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
 }
 _BAR_CHARACTERS = " ▁▂▃▄▅▆▇█"
-MIN_EXPECTED_IMAGES = 5.0  # expected images of a class below which values are merged
-FALSE_POSITIVE_RATE = 1e-4  # false positive rate for one variable
-MIN_CRAMERS_V = 0.1  # Cramér's V below which a dependency doesn't help a detector
+MIN_EXPECTED_IMAGES = 5.0  # values of a class with fewer are merged
+FALSE_POSITIVE_RATE = 1e-4  # for one variable
+MIN_CRAMERS_V = 0.1  # a weaker dependency doesn't help a detector
 REJECTION_REMEDIES = {
     "box height": 'camera.size_measure = "height" gives all classes the same',
     "scenery": "let all classes be planned on all sceneries",

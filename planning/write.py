@@ -33,15 +33,15 @@ from hulldown.plan.lines import PLAN_MARK, PlanWriter
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import PLAN_FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.inputs.poses import read_poses
-from hulldown.planning.planner import BLOCK_POSITIONS, Planner
+from hulldown.planning.planner import POSITIONS_PER_BLOCK, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.asset_report import refuse_lost
 from hulldown.reading.pieces.doubt import Doubt, file_warnings
 
 ReportProgress = Callable[[int, int], None]
-HEADER_PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
-_BLOCKS_AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
+HEADER_PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # a header has their versions
+_BLOCKS_AHEAD_PER_WORKER = 3  # blocks that wait for a slow one; bounds memory
 _SMALLEST_BLOCK = 64
 
 
@@ -170,7 +170,7 @@ def write_plan(
         start = _resume_position(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
-        size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), BLOCK_POSITIONS)
+        size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), POSITIONS_PER_BLOCK)
         blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
         workers = min(workers, max(len(blocks), 1))
         for lines, rows in _plan_blocks(planner, blocks, workers):
@@ -247,7 +247,7 @@ def _plan_blocks(planner: Planner, blocks: list[tuple[int, int]], workers: int) 
     try:
         for block in blocks:
             running.append(pool.submit(_block_lines, *block))
-            if len(running) >= _BLOCKS_AHEAD * workers:
+            if len(running) >= _BLOCKS_AHEAD_PER_WORKER * workers:
                 yield running.popleft().result()
         while running:
             yield running.popleft().result()

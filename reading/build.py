@@ -26,7 +26,7 @@ from hulldown.reading.vehicle.nose import forward_text
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.pivots import marked_points
-from hulldown.reading.vehicle.solids import MOST_SOLIDS, PlacedPieces
+from hulldown.reading.vehicle.solids import MAX_SOLIDS, PlacedPieces
 from hulldown.reading.vehicle.stance import Upright, find_nose, find_solids_again, vehicle_from_upright
 from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
@@ -76,7 +76,7 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
     if not kept:
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
-    if len(upright.solids) == MOST_SOLIDS:
+    if len(upright.solids) == MAX_SOLIDS:
         upright = find_solids_again(upright, kept)
     left_out: list[Doubt] = []
     while True:

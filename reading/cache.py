@@ -33,7 +33,7 @@ from hulldown.reading.reader_process import Exported, export_asset, folder_expor
 
 EXPORTER_VERSION = 39
 NOTE_NAME = "entry.json"
-LARGEST_NOTE = 1 << 26  # bytes
+MAX_NOTE_BYTES = 1 << 26
 KEY_BYTES = 32
 Note = TypeVar("Note")
 FilePrint = tuple[int, int, str]  # of a file: its size, its time, and its content's digest
@@ -159,7 +159,7 @@ def unseal_entry(entry: Path, kind: type[Note]) -> Note | None:
         if entry.is_symlink():
             return None
         with open_regular(entry / NOTE_NAME) as file:
-            line, body = file.readline(1 << 10), file.read(LARGEST_NOTE)
+            line, body = file.readline(1 << 10), file.read(MAX_NOTE_BYTES)
         if not hmac.compare_digest(line.strip(), _entry_seal(body)):
             return None
         sealed = parse_json(body, _Sealed)

@@ -23,19 +23,17 @@ from hulldown.reading.reader_process import Job, ask_reader, found_answer
 HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME = "mended.exr"
 CHECKS_VERSION = 8  # raised when the checks or repairs of a file change
-MAX_RADIANCE = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
-MAX_INFINITE_SHARE = 1e-3  # of the pixels may be infinite: suns and their glare
-FEW_PIXELS = 4  # of a small picture
-MAX_NEGATIVE_SHARE = (
-    0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
-)
+MAX_RADIANCE = 1e10  # the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
+MAX_INFINITE_SHARE = 1e-3  # of the pixels: suns and their glare
+ALLOWED_INFINITE_PIXELS = 4  # even in a small picture
+MAX_NEGATIVE_SHARE = 0.25  # of all light: resampling a small sun leaves up to 0.11 in files that are in use
 MEAN_RADIANCE_RANGE = (
     1e-4,
     1e5,
 )  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
 MAX_TINT_UV = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
 BACKDROP_REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
-BATCH_PICTURES = 16  # pictures that one process reads, one after the other
+PICTURES_PER_PROCESS = 16  # which reads one after the other
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +87,7 @@ def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray,
     notes = []
     endless = pixels > MAX_RADIANCE
     if suns := int(endless.any(axis=2).sum()):
-        if suns > max(FEW_PIXELS, MAX_INFINITE_SHARE * height * width):
+        if suns > max(ALLOWED_INFINITE_PIXELS, MAX_INFINITE_SHARE * height * width):
             raise AssetError(f"has {suns} of {height * width} pixels without end, above {MAX_RADIANCE:g}")
         largest = float(pixels[~endless].max(initial=0.0))
         pixels = np.where(endless, np.float32(largest), pixels)
@@ -132,8 +130,8 @@ def read_hdris(
     digests = [file_sha256(path) for path in paths]
     named = dict(zip(digests, paths, strict=True))
     todo = [(digest, path) for digest, path in named.items() if _cache_entry(path, digest, cache) is None]
-    for start in range(0, len(todo), BATCH_PICTURES):
-        batch = todo[start : start + BATCH_PICTURES]
+    for start in range(0, len(todo), PICTURES_PER_PROCESS):
+        batch = todo[start : start + PICTURES_PER_PROCESS]
         with new_folder(cache) as folder:
             jobs = [Job(str(path), str(Path(folder, digest)), "hdri") for digest, path in batch]
             for job in jobs:

@@ -30,7 +30,7 @@ ROLE_COLORS = np.array(
     [(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float
 )
 OBSTACLE_COLOR = np.array([150.0, 150.0, 150.0])
-FULL_SIZE_ASSETS = 12  # assets in one picture; more are drawn half as large
+MAX_FULL_SIZE_ASSETS = 12  # in one picture; more are drawn half as large
 FRONT_LEFT = "from the front left"
 # Name, direction of sight, direction that is up in the picture.
 SHEET_VIEWS = (
@@ -64,7 +64,7 @@ def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
     sheet = drawn[0][1]
     if len(drawn) > 1:
         names, pictures = zip(*drawn, strict=True)
-        columns = 3 if len(drawn) <= FULL_SIZE_ASSETS else 6
+        columns = 3 if len(drawn) <= MAX_FULL_SIZE_ASSETS else 6
         sheet = contact_sheet(pictures, columns=columns, tile_width=3 * sheet.width // columns, captions=names)
     try:
         save_picture(sheet, path)

@@ -13,10 +13,10 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from hulldown.base.arrays import are_numbers
 from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, range_check
-from hulldown.reading.pieces.options import TEXTURE_SIZE
+from hulldown.reading.pieces.options import DEFAULT_TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
-OWN_COLOR = "own"  # color of a material in its file
+OWN_COLOR = "own"  # keeps a material's color in its file
 
 
 def _check_forward(value: Any) -> str | float | Pair | None:
@@ -193,7 +193,7 @@ class AssetsSection(Section):
 
     cache: str = CACHE_NAME
     """folder for what was read"""
-    texture_size: int = Field(default=TEXTURE_SIZE, ge=1, le=16384)
+    texture_size: int = Field(default=DEFAULT_TEXTURE_SIZE, ge=1, le=16384)
     """longer side, in texels, of stored leaf textures"""
     hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
     """patterns of .exr or .hdr files: light and backdrop"""

@@ -25,15 +25,15 @@ ENTRY_SECTIONS: Mapping[str, type[Section]] = MappingProxyType(
 )
 _BOUND_SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 _LINE_WIDTH = 120
-_MAX_COMMENTED_WIDTH = 60  # of a line with a comment beside it
+_MAX_COMMENTED_WIDTH = 60  # a wider line has its comment above
 # One of two alternatives must be given, so the first one gets a value. A detector that has seen no picture without its
 # class finds it in cars (docs/study.md).
 _GIVEN = MappingProxyType(
     {"budget.images_per_class": 140, "budget.background_share": 0.25, "budget.background_distractors": 1.0}
 )
-_BY_PROFILE = frozenset(f"render.{key}" for key in RENDER_PROFILES["paper"])  # a profile gives their defaults
+_PROFILE_KEYS = frozenset(f"render.{key}" for key in RENDER_PROFILES["paper"])  # a profile gives their defaults
 _ASSET_LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
-_LISTED_KEYS = ("hdris", *_ASSET_LISTS.values())  # keys of [assets] that get their own format
+_LISTED_KEYS = ("hdris", *_ASSET_LISTS.values())  # these keys of [assets] have their own format
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,7 +152,7 @@ def _key_lines(keys: Sequence[DocumentedKey], section: str, given: dict[str, obj
     pairs = []
     for key in keys:
         path = f"{section}.{key.name}".lstrip(".")
-        off = "# " if path not in given and (key.default is None or path in _BY_PROFILE) else ""
+        off = "# " if path not in given and (key.default is None or path in _PROFILE_KEYS) else ""
         value = toml_value(given.pop(path)) if path in given else key.default or key.example
         pairs.append((f"{off}{key.name} = {value}", key))
     return _align_comments(pairs)

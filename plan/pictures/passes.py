@@ -43,7 +43,7 @@ PASS_MEANINGS = {
     "category": ("panoptic", ".png"),
 }
 STUFF_CLASSES = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
-STUFF_SEGMENT = 1 << 16  # first segment number of stuff; segments of vehicles have their instance numbers
+FIRST_STUFF_SEGMENT = 1 << 16  # segments of vehicles have their instance numbers
 MOST_INSTANCES = (1 << 16) - 1
 
 
@@ -188,7 +188,7 @@ def panoptic_segments(
             segment[i], category[i], crowd[i] = i, class_ids[one.category], one.label != "full"
         else:
             stuff = STUFF_CLASSES.index("distractor" if one.kind == "vehicle" else one.kind)
-            segment[i], category[i] = STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
+            segment[i], category[i] = FIRST_STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
     numbers = segment[pixels.instance]
     colors = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=-1).astype(np.uint8)
     segments = []

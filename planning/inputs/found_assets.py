@@ -34,7 +34,7 @@ FOUND_KINDS = {
     "distractors": "distractor",
 }
 NO_CATEGORY = ("assets", "models", *FOUND_KINDS)
-MAX_GROUND_NAMES = 4  # names of ground objects in a comment
+MAX_GROUND_NAMES = 4  # in a comment
 EXAMPLE_COLOR = "#4b5320"  # of paint
 _PREFERRED_SUFFIXES = (*FORMAT_SUFFIXES, *HDRI_SUFFIXES)  # of files with one name in several formats, the first is used
 NEEDED_KINDS = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}

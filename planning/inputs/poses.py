@@ -20,7 +20,7 @@ NUMBER_COLUMNS = (
     *("camera_x", "camera_y", "camera_z"),
     *("look_at_x", "look_at_y", "look_at_z"),
 )
-SEQUENCE_COLUMNS = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # columns that are equal in all lines of a sequence
+SEQUENCE_COLUMNS = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # equal in all lines of a sequence
 CAMERA, LOOK_AT = NUMBER_COLUMNS[4:7], NUMBER_COLUMNS[7:]
 
 

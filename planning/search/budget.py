@@ -24,7 +24,7 @@ from hulldown.plan.given_poses import GivenPoses
 from hulldown.planning.inputs.poses import line_error
 from hulldown.planning.search.stage import Site
 
-SHARE_ROUNDING = 1e-9  # of shares of a class's images
+SHARE_ROUNDING = 1e-9  # rounding error of the shares of a class's images
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -32,7 +32,7 @@ from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowS
 from hulldown.planning.search.stage import Fleet
 
 MIN_CLASS_BOXES = 20  # with fewer boxes of a class, those of all classes are used
-MAX_CORNER_CUT = 0.5  # share of the height assumed to be cut off from a box over a corner of the photograph
+MAX_CORNER_CUT_SHARE = 0.5  # of a box's height that is assumed to be cut off over a corner of the photograph
 # Of the largest `truncated_fraction`, aimed for: what the frame leaves fills less than its share of the box.
 TRUNCATION_MARGIN = 0.8
 LARGEST_RANK = np.nextafter(1.0, 0.0)
@@ -40,11 +40,11 @@ QUARTER_PLACES = 10  # places without a camera that count as a quarter of an ima
 MIN_STEEP_RADIANS = math.radians(
     15.0
 )  # elevation from which level ground tells a companion's distance better than its box
-MIN_RAY_FALL = 0.05  # of a ray that's followed to the ground, relative to its length
+MIN_RAY_FALL_SHARE = 0.05  # of the length of a ray that's followed to the ground
 GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
-CAMERA_DIRECTIONS = 24  # candidates for each camera
-MIN_ASPECT_TOLERANCE = 0.03  # relative, of aspect ratios: no vehicle has exactly the sampled one
-MAX_DISTANCE_ERROR = 2.0  # largest factor by which estimated distances are wrong
+DIRECTIONS_PER_CAMERA = 24
+MIN_ASPECT_TOLERANCE = 0.03  # relative: no vehicle has exactly the sampled aspect ratio
+MAX_DISTANCE_RATIO = 2.0  # estimated distances are wrong by at most this factor
 
 
 class Following(IntEnum):
@@ -217,7 +217,7 @@ class Likeness:
     def _kept_heights(self, box: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Draw the share of the height that is left of boxes over a corner of the photograph; 1 for others."""
         most_truncated = TRUNCATION_MARGIN * self.camera.truncated_fraction[1]
-        largest_cut = min(MAX_CORNER_CUT, 1.0 - math.sqrt(1.0 - most_truncated))
+        largest_cut = min(MAX_CORNER_CUT_SHARE, 1.0 - math.sqrt(1.0 - most_truncated))
         return np.where(np.logical_and(*self._axis_cuts(box)), 1.0 - largest_cut * uniform, 1.0)
 
 
@@ -244,8 +244,8 @@ def candidate_directions(
     draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]
 ) -> RowStreams:
     """Return the generator for the candidate directions of these tries."""
-    tries = attempt[:, None] * CAMERA_DIRECTIONS + np.arange(CAMERA_DIRECTIONS)
-    return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, CAMERA_DIRECTIONS), tries.ravel())
+    tries = attempt[:, None] * DIRECTIONS_PER_CAMERA + np.arange(DIRECTIONS_PER_CAMERA)
+    return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, DIRECTIONS_PER_CAMERA), tries.ravel())
 
 
 def match_cameras(
@@ -263,7 +263,7 @@ def match_cameras(
     poses = np.full((n, 4, 4), np.nan)
     least, most = limits.distance_m
     # Estimated distances far beyond the limits are rejected without solving.
-    possible = np.flatnonzero((distance > least / MAX_DISTANCE_ERROR) & (distance < most * MAX_DISTANCE_ERROR))
+    possible = np.flatnonzero((distance > least / MAX_DISTANCE_RATIO) & (distance < most * MAX_DISTANCE_RATIO))
     for model, of_model in targets.take(possible).by_model():
         of_model = possible[of_model]
         hull = posed_hull(model, targets.world_from_vehicle[of_model], targets.model_angles(model, of_model))
@@ -300,9 +300,9 @@ def choose_directions(
     """Sample configured elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance."""
     n = len(targets)
     low, high = (math.radians(angle) for angle in limits.elevation_deg)
-    azimuth = draw_azimuth(n * CAMERA_DIRECTIONS, rng=rng).reshape(n, CAMERA_DIRECTIONS)
-    elevation = draw_elevation(n * CAMERA_DIRECTIONS, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
-    elevation = np.repeat(elevation.reshape(n, CAMERA_DIRECTIONS)[:, :1], CAMERA_DIRECTIONS, axis=1)
+    azimuth = draw_azimuth(n * DIRECTIONS_PER_CAMERA, rng=rng).reshape(n, DIRECTIONS_PER_CAMERA)
+    elevation = draw_elevation(n * DIRECTIONS_PER_CAMERA, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
+    elevation = np.repeat(elevation.reshape(n, DIRECTIONS_PER_CAMERA)[:, :1], DIRECTIONS_PER_CAMERA, axis=1)
     axes = shell_axes(azimuth, elevation)[1]
     local = targets.box_corners() - targets.centers[:, None]
     # Explicit sums, which have the same bits on every processor.
@@ -349,7 +349,7 @@ def companion_poses(
     photographs, limits = likeness.photographs, likeness.camera
     poses = np.zeros((len(number), 3))
     azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)
-    uniform = rng.random((len(number) * CAMERA_DIRECTIONS,)).reshape(-1, CAMERA_DIRECTIONS)
+    uniform = rng.random((len(number) * DIRECTIONS_PER_CAMERA,)).reshape(-1, DIRECTIONS_PER_CAMERA)
     # Companions of an image have the same random numbers.
     yaw = 2.0 * math.pi * (uniform + GOLDEN_RATIO * number[:, None])
     is_shown = (boxes.following == Following.PHOTOGRAPH) & (number < likeness.companion_counts(boxes.box))
@@ -367,8 +367,8 @@ def companion_poses(
     ray = rotate_vectors(turn, lenses.pixel_directions((photographs.center[box] * lenses.size)[:, None]))[:, 0]
     ray /= np.sqrt((ray * ray).sum(axis=1, keepdims=True))
     by_height = distance * size[:, 2] / tall[:, 2] * photographs.height[of_target] / photographs.height[box]
-    to_ground = (level[:, 2, 3] + (tall[:, 2] - size[:, 2]) / 2.0) / np.maximum(-ray[:, 2], MIN_RAY_FALL)
-    steep = (elevation[has] > MIN_STEEP_RADIANS) & (ray[:, 2] < -MIN_RAY_FALL)
+    to_ground = (level[:, 2, 3] + (tall[:, 2] - size[:, 2]) / 2.0) / np.maximum(-ray[:, 2], MIN_RAY_FALL_SHARE)
+    steep = (elevation[has] > MIN_STEEP_RADIANS) & (ray[:, 2] < -MIN_RAY_FALL_SHARE)
     away = np.where(steep, to_ground, by_height)[:, None] * ray
 
     sy, cy = (part[..., None] for part in sin_cos(yaw))

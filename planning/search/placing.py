@@ -21,7 +21,7 @@ from hulldown.planning.search.stage import Site, settle_rules
 from hulldown.planning.search.tables import InstanceRole
 from hulldown.scene.obstacles import boxes_touch
 
-SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the sky start
+SKY_RAY_CLEARANCE_M = 0.05  # rays to the sky start this far above a vehicle's box
 
 
 def extra_offsets(

@@ -33,7 +33,7 @@ from hulldown.planning.search.likeness import QUARTER_PLACES, PhotographedPoses,
 from hulldown.planning.search.placing import clear_of_vehicles, extra_offsets, settle_clear
 from hulldown.planning.search.random_streams import Purpose, RowStreams
 from hulldown.planning.search.tables import (
-    MOST_EXTRAS,
+    MAX_ROLE_EXTRAS,
     Block,
     CameraTries,
     ExtraViews,
@@ -51,8 +51,8 @@ from hulldown.weather.kinds import Weather
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
 MAX_BATCH_PLACES = 8192
 MAX_BATCH_CAMERAS = 2048
-COMPANION_FOLLOWING_TRIES = 20  # tries over which a companion's place moves from that in the photograph to any
-MAX_EXTRA_TRIES = 50  # places for one companion or distractor before the target is moved elsewhere
+COMPANION_FOLLOWING_TRIES = 20  # over these, a companion's place moves from that in the photograph to any
+MAX_EXTRA_TRIES = 50  # for one companion or distractor; then the target is moved elsewhere
 # Places of a position without a camera before it's given up.
 MAX_PLACES_WITHOUT_CAMERA = 40
 # Places of a position without room for all extras before some of them are left out.
@@ -60,7 +60,7 @@ MAX_PLACES_WITHOUT_ROOM = 40
 # A plan begins with the first positions of each vehicle, so that an impossible config fails within seconds.
 EARLY_POSITIONS_PER_MODEL = 4
 EARLY_POSITIONS = 256
-FIRST_EXTRA_TRIES = 2  # tries of an extra in its first batch; each later batch doubles their number
+FIRST_BATCH_TRIES = 2  # each later batch of an extra has twice as many
 
 
 class HopelessPosition(ConfigError):
@@ -213,7 +213,7 @@ class _BlockSearch:
 
     def _place_one_each(self, extras: Int[np.ndarray, " q"], photographed: PhotographedPoses) -> Bool[np.ndarray, " q"]:
         """Place extras, at most one of a position, in batches that double their tries; return which have a place."""
-        table, pending, done, ahead = self.table, extras, 0, FIRST_EXTRA_TRIES
+        table, pending, done, ahead = self.table, extras, 0, FIRST_BATCH_TRIES
         while len(pending) and done < MAX_EXTRA_TRIES:
             ahead = min(ahead, MAX_EXTRA_TRIES - done)
             tried = np.repeat(pending, ahead)
@@ -261,7 +261,7 @@ class _BlockSearch:
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
                 np.where(role == InstanceRole.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
-                self.number[row] * MOST_EXTRAS + table.number[extras],
+                self.number[row] * MAX_ROLE_EXTRAS + table.number[extras],
                 # The number counts all places of the target, so that every place has new random numbers.
                 self.tries[row] * MAX_EXTRA_TRIES + number[batch],
                 count=3,

@@ -27,7 +27,7 @@ from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import VehicleCaster
 
-_BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
+_BARE_EXTENT_M = 50.0  # to each side of the origin, for a scenery without ground and obstacles
 _BOUND_FUNCTIONS = (np.min, np.max)
 
 
@@ -143,7 +143,7 @@ def _make_site(scenery: Scenery, fallback_z: float) -> Site:
     water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
     if not np.isfinite(bounds).all():
-        bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
+        bounds = np.array([[-_BARE_EXTENT_M] * 2, [_BARE_EXTENT_M] * 2])
         if len(scene.bounds):
             bounds = np.stack([scene.bounds[:, 0, :2].min(axis=0), scene.bounds[:, 1, :2].max(axis=0)])
     obstacles = Obstacles(scene, solid=scenery.solid_instances, extent=bounds)

@@ -28,8 +28,8 @@ from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
-MOST_EXTRAS = 64  # extras of one role in an image; streams of random numbers are numbered by it
-_NUMBERS_PER_EXTRA = 1 + MOST_EXTRAS  # random numbers of each extra: its model, its articulation
+MAX_ROLE_EXTRAS = 64  # in an image; streams of random numbers are numbered by it
+_NUMBERS_PER_EXTRA = 1 + MAX_ROLE_EXTRAS  # random numbers of each extra: its model, its articulation
 WEATHER_NAMES = tuple(WEATHER_KINDS)
 CLEAR_WEATHER = len(WEATHER_NAMES)
 
@@ -355,7 +355,7 @@ def draw_instances(block: Block) -> InstanceTable:
                 is_wanted=is_photographed[rows] & (kind.role == InstanceRole.COMPANION),
             )
             turned = np.zeros((len(i), fleet.parts))
-            turned[:, :MOST_EXTRAS] = uniform[:, : fleet.parts]
+            turned[:, :MAX_ROLE_EXTRAS] = uniform[:, : fleet.parts]
             columns.append((rows[i], np.full(len(i), kind.role), number, model, turned))
     row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))

@@ -45,9 +45,9 @@ from hulldown.planning.search.tables import (
 )
 from hulldown.weather.extinction import air_contrast
 
-MIN_CAMERA_DISTANCE_M = 1e-6  # from a target's center to a given camera, which keeps the direction defined
-SIZE_TOLERANCE = 1e-9  # relative, of solved sizes: the solver and the box's projection round differently
-SURELY_VISIBLE_PX2 = 1000.0  # visible area of a box above which some pixel center surely shows the target
+MIN_CAMERA_DISTANCE_M = 1e-6  # from a target's center to a given camera, so that the direction is defined
+SIZE_TOLERANCE_SHARE = 1e-9  # of solved sizes: the solver and the box's projection round differently
+SURELY_VISIBLE_PX2 = 1000.0  # if this much of a box is visible, some pixel center shows the target
 
 
 def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
@@ -298,7 +298,7 @@ def reject_box(
 
 def is_size(size: Float[np.ndarray, " k"], wanted: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
     """Return whether sizes are the wanted ones; nan isn't."""
-    return np.abs(size - wanted) <= SIZE_TOLERANCE * wanted
+    return np.abs(size - wanted) <= SIZE_TOLERANCE_SHARE * wanted
 
 
 def views_of_others(

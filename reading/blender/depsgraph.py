@@ -43,13 +43,13 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import level_share
 
-MAX_COORDINATE_M = 1e8  # meters, in any direction; the Earth is 4e7 m around
+MAX_COORDINATE_M = 1e8  # the Earth is 4e7 m around
 REPAIR_REMEDY = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
-MIN_SHEET_WIDTH_M = 1.0  # meters; narrower pieces aren't ground or water by their shape
+MIN_SHEET_WIDTH_M = 1.0  # narrower pieces aren't ground or water by their shape
 EMPTY_REASONS = {"MESH": "has no faces", "CURVES": "has no hair", "POINTCLOUD": "has no points"}
 NOT_SEEN = "its faces have no area"
-STRANDS_KEY_PREFIX = "strands of "  # in the place of a material: the key of a particle system's strands
+STRANDS_KEY_PREFIX = "strands of "  # begins the key of a particle system's strands, in place of a material
 
 
 def evaluate_scene(

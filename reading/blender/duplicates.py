@@ -15,8 +15,8 @@ from hulldown.blender.buffers import STORED_TYPES, read_property
 from hulldown.reading.blender.exact_poses import own_poses
 from hulldown.reading.blender.tidy import piece_look
 
-MIN_OBJECTS = 1000  # so that files of the usual size are read as they are
-HARMLESS_USERS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
+MIN_OBJECTS = 1000  # smaller files are read as they are
+HARMLESS_USERS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # objects may have such users
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from hulldown.reading.pieces.roles import Link
 
-POSE_TOLERANCE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the chain of matrices
+POSE_TOLERANCE = 16 * float(np.finfo(np.float32).eps)  # relative to the largest number in the chain of matrices
 
 
 class Poses:

@@ -28,11 +28,11 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.geotiff import Elevations
 
-NODES_ONLY = (2, 80)  # materials are nodes only since then
+FIRST_NODES_VERSION = (2, 80)  # older files have texture slots
 GLASS_MODELS = ("4", "6", "7", "9")  # illumination models with transparency or refraction
 TRANSMISSION_SOCKET = "Transmission Weight"
-MIN_MAP_COORDINATE = 1e5  # meters; from here on a float32 has steps of a centimeter
-MAP_STEP = 1000.0  # meters; float32 holds its multiples exactly
+MIN_MAP_COORDINATE_M = 1e5  # from here on a float32 has steps of a centimeter
+MAP_STEP_M = 1000.0  # float32 holds its multiples exactly
 RESAVE_REMEDY = "open it in Blender and save it again"
 
 
@@ -74,7 +74,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
                 bpy.ops.wm.obj_import(filepath=str(file), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
             for obj in bpy.context.scene.objects:
                 obj.location = offset
-            up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE else "y"  # a northing is no height
+            up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE_M else "y"  # a northing is no height
             _clear_false_glass(path)
     except (RuntimeError, ValueError) as error:
         extension = mesh_compression(path) if kind == "gltf" else ""
@@ -127,8 +127,8 @@ def _near_zero(path: Path) -> Iterator[tuple[Path, list[float]]]:
 def _map_offset(path: Path) -> list[float]:
     """Return where the vertices of an OBJ file are, in whole kilometers; zeros unless that's on a map."""
     first = next((text.split()[:3] for key, text in file_directives(path, b"v") if key == "v"), [])
-    offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP) * MAP_STEP).tolist()
-    return offset if any(abs(x) > MIN_MAP_COORDINATE for x in offset) else [0.0, 0.0, 0.0]
+    offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP_M) * MAP_STEP_M).tolist()
+    return offset if any(abs(x) > MIN_MAP_COORDINATE_M for x in offset) else [0.0, 0.0, 0.0]
 
 
 def _clear_false_glass(path: Path) -> None:
@@ -197,7 +197,7 @@ def _open_blend(path: Path) -> Opened:
 
 def _lost_pictures() -> list[str]:
     """Pictures of old files whose texture slots no longer exist, so that no material uses them."""
-    if tuple(bpy.data.version[:2]) >= NODES_ONLY:
+    if tuple(bpy.data.version[:2]) >= FIRST_NODES_VERSION:
         return []
     textures = [t for t in bpy.data.textures if t.type == "IMAGE" and t.users == 0]
     return sorted({t.image.name for t in textures if t.image})

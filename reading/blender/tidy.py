@@ -21,7 +21,7 @@ from hulldown.reading.blender.surfaces.object_inputs import detach_materials
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
 CUT_OUT_USES = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
-MIN_COPIES = 8  # from so many on, copies are drawn by one object
+MIN_MERGED_COPIES = 8  # one object draws so many copies or more
 POSE_PROPERTY = "pose"
 LOOK_ATTRIBUTES = (*VISIBILITY_FLAGS, "pass_index", "color")
 
@@ -104,7 +104,7 @@ def write_scenery(
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
-        if len(same) >= MIN_COPIES:
+        if len(same) >= MIN_MERGED_COPIES:
             thing = _make_object(same[0], drawn.blocks[same[0].mesh])
             collection.objects.link(_carrier_object(thing, poses, [piece.random for piece in same]))
             continue

@@ -20,18 +20,16 @@ from pathlib import Path
 
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # the numbers of these system calls on every architecture
 GET_ABI = 1  # flag of CREATE_RULESET
-NO_NEW_PRIVILEGES = 38  # of prctl
+NO_NEW_PRIVILEGES = 38  # option of prctl
 RULE_PATH_BENEATH = 1  # type of rule: a path and what is beneath it
 EXECUTE, WRITE_FILE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
 REFER, TRUNCATE, IOCTL = 1 << 13, 1 << 14, 1 << 15
-FIRST_ABI = (1 << 13) - 1  # the rights that ABI 1 knows
+FIRST_ABI_RIGHTS = (1 << 13) - 1
 RIGHTS_SINCE_ABI = {2: REFER, 3: TRUNCATE, 5: IOCTL}
 NETWORK_ABI, TCP = 4, 3  # bind and connect
 SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
-SPECIAL_FILE_RIGHTS = (
-    1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12
-)  # making devices, sockets, FIFOs and links is allowed nowhere
-OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # rights that files can have
+SPECIAL_FILE_RIGHTS = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12  # for devices, sockets, FIFOs, links: nowhere
+FILE_RIGHTS = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL
 SYSTEM_FOLDERS = (
     *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/nix/store"),
     *("/opt/rocm", "/opt/intel", "/run/opengl-driver"),
@@ -41,13 +39,11 @@ SYSTEM_FOLDERS = (
     *("/proc/sys/vm", "/proc/sys/kernel", "/proc/driver", "/dev/urandom", "/dev/random"),
     *("/sys/devices", "/sys/class", "/sys/bus", "/sys/module", "/sys/fs/cgroup", "/sys/kernel/mm"),
 )
-PYTHON_FOLDERS = ("bin", "lib", "lib64", "share", "etc", "pyvenv.cfg")  # in its prefix
-PACKAGE_FOLDER = Path(__file__).parents[2]  # the package hulldown
-WRITABLE_DEVICES = ("/dev/null",)  # written to by programs of every kind
-CONFINEMENT_VARIABLE = "HULLDOWN_CONFINEMENT"  # set to "off", processes run as before there was Landlock
-READABLE_VARIABLE = (
-    "HULLDOWN_READ"  # folders besides those of the assets that may be read, programs in them run, as in PATH
-)
+PYTHON_FOLDERS = ("bin", "lib", "lib64", "share", "etc", "pyvenv.cfg")  # in Python's prefix
+PACKAGE_FOLDER = Path(__file__).parents[2]
+WRITABLE_DEVICES = ("/dev/null",)  # programs of every kind write to it
+CONFINEMENT_VARIABLE = "HULLDOWN_CONFINEMENT"  # "off" runs processes as before there was Landlock
+READABLE_VARIABLE = "HULLDOWN_READ"  # more folders to read and to run programs from, as in PATH
 
 
 @cache
@@ -130,7 +126,7 @@ def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
 def confine_process(policy: dict[str, list[str]]) -> None:
     """Confine this process and its children permanently. Existing threads aren't confined."""
     version = landlock_version()
-    handled = FIRST_ABI | sum(right for since, right in RIGHTS_SINCE_ABI.items() if version >= since)
+    handled = FIRST_ABI_RIGHTS | sum(right for since, right in RIGHTS_SINCE_ABI.items() if version >= since)
     # A kernel takes a larger description than it knows only if the rest is zero.
     asked = struct.pack("=QQQ", handled, TCP * (version >= NETWORK_ABI), SCOPES * (version >= SCOPE_ABI))
     ruleset = _system_call(CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0)
@@ -157,7 +153,7 @@ def _allow_path(ruleset: int, path: str, rights: int) -> None:
         return  # a missing path needs no rule
     try:
         if not os.path.isdir(path):
-            rights &= OF_FILES
+            rights &= FILE_RIGHTS
         _system_call(ADD_RULE, ruleset, RULE_PATH_BENEATH, struct.pack("=Qi", rights, opened), 0)
     finally:
         os.close(opened)

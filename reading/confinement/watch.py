@@ -18,10 +18,10 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import print_warning
 from hulldown.reading.confinement.landlock import CONFINEMENT_VARIABLE, unconfined_reason
 
-POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
+POLL_INTERVAL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB_BYTES = 2**30
 LAST_LINES = 40
-LONGEST_LINE = 4096  # bytes
+MAX_LOG_LINE_BYTES = 4096
 
 
 def parse_gib(text: str) -> int:
@@ -86,7 +86,7 @@ def run_limited(
 
     def on_line(line: bytes) -> None:
         nonlocal heard
-        lines.append(line[:LONGEST_LINE])
+        lines.append(line[:MAX_LOG_LINE_BYTES])
         heard = time.monotonic()
 
     exceeded = ""
@@ -98,6 +98,6 @@ def run_limited(
                 exceeded = f"reading it took {held / GIB_BYTES:.2f} GiB of memory, more than {allowed}"
             elif time.monotonic() - heard > limits.silence_s:
                 exceeded = f"reading it got nowhere for {limits.silence_s:g} s, which is the limit"
-            time.sleep(0 if exceeded else POLL_S)
+            time.sleep(0 if exceeded else POLL_INTERVAL_S)
         code = child.kill()
     return code, b"".join(lines).decode("utf-8", "replace"), exceeded

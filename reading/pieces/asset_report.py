@@ -16,10 +16,8 @@ from rich.table import Table
 from hulldown.base.errors import AssetError
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
-MIN_FAMILY_COPIES = 6  # numbered copies from so many on share a row
-MIN_SHARED_ROW_OBJECTS = (
-    3  # objects left out for one reason from so many on share a row of the table, which names the first
-)
+MIN_FAMILY_COPIES = 6  # this many numbered copies or more share a row
+MIN_SHARED_ROW_OBJECTS = 3  # objects left out for one reason share a row of the table, which names the first
 MAX_LISTED_ROWS = 12
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-MAX_SHOWN_KINDS = 3  # kinds of doubts that a warning lists, one each
+MAX_SHOWN_KINDS = 3  # a warning lists one doubt of each
 
 
 class DoubtKind(StrEnum):

@@ -28,7 +28,7 @@ from hulldown.reading.scenery.shape import (
     tile_meshes,
 )
 
-MIN_WATER_WIDTH_M = 1.0  # meters, of water by its name or material
+MIN_WATER_WIDTH_M = 1.0  # for water by its name or material
 # The scenery's keys in the order in which they are asked.
 ROLE_KEYS = (("drop", "removed"), ("water", "water"), ("not_ground", "obstacle"), ("ground", "ground"))
 _DRY_WORDS = (

@@ -18,22 +18,22 @@ from hulldown.reading.vehicle.solids import MIN_PARALLEL_COSINE, Solids, Wheels
 Value = TypeVar("Value", str, float)
 
 NOSE_SNAP_RADIANS = np.radians(1.5)  # a nose this close to an axis of the file points along it
-MIN_BARREL_SLENDERNESS = 7.0  # a gun's barrel is longer than this many times its width
-MAX_MIRRORED_SOLIDS = 60  # solids whose mirror plane is sought
-MIRROR_TOLERANCE_SHARE = 0.01  # a mirror image is this close to its original, in lengths of the vehicle
-MIN_NAME_VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
-MAX_WHEELED_AXLES = 5  # of a vehicle on wheels; more are under tracks
-MIN_TUBE_SLENDERNESS = 5.0  # a launching tube is longer than this many times its width
-MIN_RISE_RADIANS = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
-MIN_BARREL_COSINE = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
+MIN_BARREL_SLENDERNESS = 7.0  # length over width of a gun's barrel
+MAX_MIRRORED_SOLIDS = 60  # a mirror plane is sought for the largest
+MIRROR_TOLERANCE_SHARE = 0.01  # of the vehicle's length, between a mirror image and its original
+MIN_NAME_VOTE = 0.4  # half lengths of the vehicle by which names in front outweigh names behind
+MAX_WHEELED_AXLES = 5  # more are under tracks
+MIN_TUBE_SLENDERNESS = 5.0  # length over width of a launching tube
+MIN_TUBE_RISE_RADIANS = np.radians(10.0)  # lower ones may be over the cab for the road
+MIN_BARREL_COSINE = np.cos(np.radians(25.0))  # between a barrel and the vehicle's axis
 MIN_NAMED_GUN_COSINE = np.cos(np.radians(65.0))  # the same for guns by name, which may be raised
-NAMED_LONG = 0.4  # of half the vehicle's length: what is named a gun is at least as long
-GUN_LINE = 2.0  # and a vehicle without wheels or a mirror plane lies along one this many times as long as wide
-TUBES_ALIKE = 0.8  # of the longest's length: another gun like it
-MAX_MIRRORED_VERTICES = 1000  # whose mirror images are looked up
-SLANT, ALL_SLANTED = 0.05, 0.3  # of slanted surface that must slant to one end rather than the other
+MIN_GUN_REACH = 0.4  # half lengths of the vehicle
+MIN_LONE_GUN_SLENDERNESS = 2.0  # without wheels or a mirror plane, a vehicle points along such a gun
+MIN_TWIN_GUN_SHARE = 0.8  # of the longest gun's length: another gun like it
+MAX_MIRRORED_VERTICES = 1000  # their mirror images are looked up
+MIN_SLANT_SHARE, MIN_WHOLE_SLANT_SHARE = 0.05, 0.3  # of slanted surface that slants to one end rather than the other
 MIN_SLANTED_SHARE = 0.004  # of all surface, times the sine and the cosine of its slope; less tells nothing
-MIN_PROTRUSION_SHARE = 0.1  # of its length: its muzzle is so much farther out of the rest than its breech
+MIN_PROTRUSION_SHARE = 0.1  # of a gun's length: its muzzle is so much farther out of the rest than its breech
 CONTRADICTION_DOUBT = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
 TUBES_CONTRADICTED = (
@@ -152,7 +152,7 @@ def _long_axis(
     line, why = _mirror_line(solids)
     if why == NO_LINE:
         own = solids.where(np.asarray(gun, bool)[solids.piece])
-        slender = (own.size[:, 0] > GUN_LINE * own.size[:, 1]) & (
+        slender = (own.size[:, 0] > MIN_LONE_GUN_SLENDERNESS * own.size[:, 1]) & (
             np.hypot(*own.axes[:, 0, :2].T) > MIN_NAMED_GUN_COSINE
         )
         if slender.any():
@@ -189,7 +189,7 @@ def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3
     if whole < MIN_SLANTED_SHARE * float(area.sum()):
         return 0.0
     share = float(slanted.sum()) / whole
-    return float(np.sign(share)) * (1 + (abs(share) > ALL_SLANTED)) * (abs(share) > SLANT)
+    return float(np.sign(share)) * (1 + (abs(share) > MIN_WHOLE_SLANT_SHARE)) * (abs(share) > MIN_SLANT_SHARE)
 
 
 def _mirror_line(solids: Solids) -> tuple[float, str]:
@@ -259,7 +259,7 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
     pieces = np.unique(solids.piece[is_gun])
     reach = np.array([np.ptp(along[solids.piece == piece]) for piece in pieces])
     # More than two alike are the tubes of a launcher, which lie over the cab for the road.
-    if not len(pieces) or reach.max() < NAMED_LONG * half or (reach > TUBES_ALIKE * reach.max()).sum() > 2:
+    if not len(pieces) or reach.max() < MIN_GUN_REACH * half or (reach > MIN_TWIN_GUN_SHARE * reach.max()).sum() > 2:
         return 0.0, -1
     piece = int(pieces[reach.argmax()])
     own = solids.piece == piece
@@ -325,7 +325,7 @@ def rising_end(
     )
     tube &= (solids.size[:, 2] > 0.5 * solids.size[:, 1]) & (solids.center[:, 2] > low + 0.33 * (high - low))
     tube &= (
-        (axis[:, 2] > np.sin(MIN_RISE_RADIANS))
+        (axis[:, 2] > np.sin(MIN_TUBE_RISE_RADIANS))
         & (np.abs(along) > 0.3)
         & (np.hypot(along, axis[:, 2]) > MIN_PARALLEL_COSINE)
     )

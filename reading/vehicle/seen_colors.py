@@ -13,17 +13,17 @@ from scipy.ndimage import minimum_filter
 from hulldown.base.color import srgb_from_linear
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.wording import MOST_NAMES, quote_names
+from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, quote_names
 
-BACKGROUND_LEVEL = 250.0  # gray around vehicles, of 255
-MIN_MAGENTA_SHARE = 0.02  # of the pixels that have Blender's color of missing pictures
+BACKGROUND_LEVEL = 250.0  # of 255: gray around vehicles
+MIN_MAGENTA_SHARE = 0.02  # of the pixels, in Blender's color of missing pictures
 MAX_BLACK_BRIGHTNESS = 0.003  # linear light; soot has 0.02, and only what no light reaches has less
 MIN_BLACK_SHARE = 0.15  # of the pixels; between wheels and in hatches it's 0.04
 NEARLY_BLACK, COLORLESS = 0.1, 0.01  # linear light: the lines around drawings, whose gloss has 0.05
 MIN_WHITE_BRIGHTNESS = 0.5  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
 MAX_WHITE_TINT = 0.05
 MIN_WHITE_SHARE = 0.9  # of the pixels
-MIN_OPAQUE_ALPHA = 0.95  # alpha that lets nothing through that one sees
+MIN_OPAQUE_ALPHA = 0.95  # nobody sees through more
 MIN_GHOSTLY_SHARE = 0.3  # of the pixels; windows have less
 
 
@@ -63,7 +63,7 @@ def color_doubts(
         doubts.append(Doubt(DoubtKind.TRANSPARENT, text))
     elif ghostly > MIN_GHOSTLY_SHARE:
         thin = [f"{row.name!r} has alpha {row.alpha:.3g}" for row in report.materials if row.alpha < MIN_OPAQUE_ALPHA]
-        why = ", ".join(thin[:MOST_NAMES]) or "its textures have alpha"
+        why = ", ".join(thin[:MAX_SENTENCE_NAMES]) or "its textures have alpha"
         text = f"see-through: {why} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost"
         doubt(DoubtKind.TRANSPARENT, ghostly, text)
     elif white > MIN_WHITE_SHARE:

@@ -17,9 +17,9 @@ from hulldown.reading.vehicle.nose import Direction, find_forward
 from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 
 UP_AXES = ("z", "-z", "y", "-y", "x", "-x")
-MAX_SUNK_RADII = 0.5  # radii: a vehicle that reaches lower than its wheels isn't upside down for sure
-MIN_SURE_WHEELS = 6  # wheels on one plane that are sure
-MIN_UP_COSINE = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
+MAX_SUNK_RADII = 0.5  # a vehicle that reaches farther below its wheels isn't surely upside down
+MIN_SURE_WHEELS = 6  # on one plane
+MIN_UP_COSINE = float(np.cos(np.radians(12.0)))  # between up and the file's axis
 NOSE_YAWS = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 

@@ -16,25 +16,23 @@ from hulldown.reading.pieces.asset_report import Thing, format_xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import VEHICLE_WORDS, first_match, name_words
 from hulldown.reading.pieces.roles import Piece, is_wanted
-from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
+from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, as_key, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, touching_clusters
 
-MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: pieces closer than this are one thing
-MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's diagonal: smaller ones belong to the nearest thing
-MIN_THING_VOLUME_SHARE = 0.15  # the same of its volume
-MAX_COUPLING_GAP_SHARE = 0.15  # of their length: things this close in line are a truck and its trailer
-IN_LINE = 0.8  # of the narrower one's width that faces the other
-COPY_BOUNDS_TOLERANCE = 0.04  # of the longest side: bounds of copies agree within this
-COPY_SURFACE_TOLERANCE = 0.04  # of the diagonal: surfaces of copies are this close to each other ...
-MIN_COPIED_AREA_SHARE = 0.85  # ... for this share of their area
-MIN_COPIED_SURFACE_SHARE = 0.6  # of the surface has copies, if the vehicle is drawn several times
-MAX_COARSE_TRIANGLE_SHARE = (
-    0.5  # a hull for collisions or shadows has at most this share of the triangles that it encloses
-)
-MIN_CONVEX_AREA_SHARE = 0.95  # share of a convex hull's area that such a mesh has at least
-SAMPLES, TARGETS = 400, 4000  # points of a surface
+MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: closer pieces are one thing
+MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's; smaller things belong to the nearest one
+MIN_THING_VOLUME_SHARE = 0.15  # of the largest thing's
+MAX_COUPLING_GAP_SHARE = 0.15  # of their length: a truck and its trailer are this close in line
+MIN_FACING_WIDTH_SHARE = 0.8  # of the narrower one's width
+COPY_BOUNDS_SHARE = 0.04  # of the longest side, between bounds of copies
+COPY_DISTANCE_SHARE = 0.04  # of the diagonal, between surfaces of copies
+MIN_COPIED_AREA_SHARE = 0.85  # of two things' area that is so close, if they're copies
+MIN_COPIED_SURFACE_SHARE = 0.6  # of the surface that has copies, if the vehicle is drawn several times
+MAX_COARSE_TRIANGLE_SHARE = 0.5  # of the triangles that a hull for collisions or shadows encloses
+MIN_CONVEX_AREA_SHARE = 0.95  # of its convex hull's area, for such a mesh
+MAX_SAMPLES, MAX_TARGETS = 400, 4000
 MAX_PIECES = 2000  # more are one thing
-MAX_LISTED_NAMES = 6  # that a sentence lists
+MAX_LISTED_NAMES = 6  # in a sentence
 
 
 def find_things(
@@ -130,7 +128,7 @@ def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bo
     return bool(
         both[along] > 1.5 * both[1 - along]
         and gap[along] < MAX_COUPLING_GAP_SHARE * length
-        and shared[1 - along] > IN_LINE
+        and shared[1 - along] > MIN_FACING_WIDTH_SHARE
     )
 
 
@@ -177,7 +175,7 @@ def _coarse_levels(whole: PlacedPieces) -> list[int]:
     coarse = [
         k
         for k, box in zip(found[1:], boxes[1:], strict=True)
-        if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_TOLERANCE)
+        if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_SHARE)
     ]
     return np.flatnonzero(np.isin(level, coarse)).tolist()
 
@@ -193,7 +191,7 @@ def _detail_level(piece: Piece) -> int:
 
 
 def _bounds_agree(
-    a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = COPY_BOUNDS_TOLERANCE
+    a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = COPY_BOUNDS_SHARE
 ) -> Bool[np.ndarray, "*n"]:
     return np.abs(a - b).max(axis=(-1, -2)) <= within * float(np.ptp(b, axis=0).max())
 
@@ -209,15 +207,15 @@ def _surface_samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "
     if not area.sum() > 0:
         return corners[0, :1]
     rng = np.random.default_rng(0)
-    a, b, c = np.moveaxis(corners[rng.choice(len(area), TARGETS, p=area / area.sum())], 1, 0)
-    u, v = np.sort(rng.random((2, TARGETS, 1)), axis=0)
+    a, b, c = np.moveaxis(corners[rng.choice(len(area), MAX_TARGETS, p=area / area.sum())], 1, 0)
+    u, v = np.sort(rng.random((2, MAX_TARGETS, 1)), axis=0)
     return u * a + (v - u) * b + (1 - v) * c
 
 
 def _surfaces_agree(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
-    close = COPY_SURFACE_TOLERANCE * float(np.linalg.norm(np.ptp(a, axis=0)))
+    close = COPY_DISTANCE_SHARE * float(np.linalg.norm(np.ptp(a, axis=0)))
     return all(
-        (cKDTree(to).query(of[:SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a))
+        (cKDTree(to).query(of[:MAX_SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a))
     )
 
 
@@ -226,8 +224,8 @@ def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[
         hull = ConvexHull(points)
     except QhullError:
         return False
-    slack = COPY_SURFACE_TOLERANCE * float(np.ptp(points, axis=0).max())
-    inside = (cloud[:SAMPLES] @ hull.equations[:, :3].T + hull.equations[:, 3] <= slack).all(axis=1)
+    slack = COPY_DISTANCE_SHARE * float(np.ptp(points, axis=0).max())
+    inside = (cloud[:MAX_SAMPLES] @ hull.equations[:, :3].T + hull.equations[:, 3] <= slack).all(axis=1)
     return bool(area >= MIN_CONVEX_AREA_SHARE * hull.area and inside.mean() >= MIN_COPIED_AREA_SHARE)
 
 
@@ -243,7 +241,7 @@ def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str
     inside = np.isin(np.arange(len(pieces)), members)
     found: list[str] = []
     open_ = inside.copy()
-    while open_.any() and len(found) < MOST_NAMES:
+    while open_.any() and len(found) < MAX_SENTENCE_NAMES:
         best, most = "", 0
         for candidate in _candidate_patterns([pieces[i] for i in np.flatnonzero(open_)]):
             matched = np.array([is_wanted(piece, (candidate,)) for piece in pieces])

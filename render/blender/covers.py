@@ -13,9 +13,7 @@ from hulldown.weather.kinds import WEATHER_KINDS
 
 SHARE_ATTRIBUTE = "hulldown share"
 UP_NORMAL = (0.0, 0.0, 1.0)
-UNDERSIDE_PROPERTY = (
-    "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
-)
+UNDERSIDE_PROPERTY = "hulldown_above"  # of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
 # Lagarde: a surface soaks up water if it is rougher than 0.5 (perceptual roughness), fully from 0.9 on.
 POROUS_FROM, POROUS_AT = 0.5, 0.9
 WET_DIFFUSE = 0.6  # of the dry albedo where fully porous; his 0.2 turns soil twice as dark as measured

@@ -20,9 +20,7 @@ from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 MAX_LIFT_RADIANS = math.radians(89.0)  # of what the camera sees lifted
 SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
 MOST_MAPS = 16  # of HDRIs that are kept; each takes 0.8 MB
-FINE_MAP_COLUMNS = (
-    1024  # columns of an HDRI up to which the map has twice as many: with as many it overlooks flanks of small suns
-)
+FINE_MAP_COLUMNS = 1024  # smaller HDRIs get twice their columns: with as many, the map overlooks flanks of small suns
 
 
 class HdriWorld:

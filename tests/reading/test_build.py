@@ -14,7 +14,7 @@ from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Link, Piece
-from hulldown.reading.vehicle.solids import MOST_SOLIDS
+from hulldown.reading.vehicle.solids import MAX_SOLIDS
 from hulldown.reading.vehicle.stance import UP_AXES, meters_from_file, stand_upright, up_matrix
 from hulldown.tests.builders.shapes import CORNERS, FACES, sheet
 
@@ -381,7 +381,7 @@ def test_a_vehicle_on_a_show_platform_faces_along_its_gun() -> None:
 
 def test_a_vehicle_is_read_beside_thousands_of_larger_solids() -> None:
     # Fuzzing found it: all of the vehicle's solids were left out for the trees', and Blender's process ended.
-    trees = {f"Tree{k}": box((9, 9, 9), (20 * (k % 70), 20 * (k // 70) + 20, 0)) for k in range(MOST_SOLIDS)}
+    trees = {f"Tree{k}": box((9, 9, 9), (20 * (k % 70), 20 * (k // 70) + 20, 0)) for k in range(MAX_SOLIDS)}
     built = read(TANK | trees, turned(120), drop=("Tree*",))
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     assert built.shape.part_names == ("hull", "turret", "gun")

@@ -12,9 +12,7 @@ from jaxtyping import UInt8
 from hulldown.training.detectors.detector import Detections, Detector
 
 TILE_OVERLAP_SHARE = 0.25  # share of a tile's sides
-MIN_SAME_OBJECT_SHARE = (
-    0.6  # share of the smaller of two boxes inside the other from which they're one object, which an edge may cut
-)
+MIN_SAME_OBJECT_SHARE = 0.6  # of the smaller of two boxes of one object, which a tile's edge may cut
 
 
 class TiledDetector:

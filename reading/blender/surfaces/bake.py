@@ -19,10 +19,10 @@ from hulldown.blender.opacity_nodes import show_opacity
 from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Extension
 from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, material_lookup
 
-CYCLES_NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
-MIN_BAKE_PX = 4  # pixels along each side of a picture that Blender renders
+CYCLES_NOISE = 2e-6  # Cycles' luminance of white is 1.000001
+MIN_BAKE_SIDE_PX = 4  # of a picture that Blender renders
 UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 1.0]])
-MAX_REPEATS = 16.0  # times that an image may repeat in what is baked
+MAX_IMAGE_REPEATS = 16.0  # in what is baked
 # Nodes whose outputs follow from their inputs.
 PLAIN_NODES = (
     *("Math", "VectorMath", "Mix", "MixRGB", "MapRange", "Clamp", "ValToRGB", "Invert", "RGBCurve", "FloatCurve"),
@@ -142,7 +142,7 @@ def _coordinate_range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
         uv = texture_coordinates(mesh, layer)
         if uv is not None and len(uv):
             low, high = np.minimum(low, uv.min(axis=0)), np.maximum(high, uv.max(axis=0))
-    if (high - low).max() > MAX_REPEATS:
+    if (high - low).max() > MAX_IMAGE_REPEATS:
         raise NotUnderstoodError(f"nodes whose texture repeats {(high - low).max():.0f} times")
     return np.stack([low, high])
 
@@ -154,7 +154,7 @@ def _render_materials(
     scene, lens = bpy.data.scenes.new("hulldown bake"), bpy.data.cameras.new("hulldown bake")
     mesh = bpy.data.meshes.new("hulldown bake")
     (width, height), count = size, len(materials)
-    seen = np.maximum([width, count * height], MIN_BAKE_PX)
+    seen = np.maximum([width, count * height], MIN_BAKE_SIDE_PX)
     x, y = np.array([width, height]) / seen.max()
     ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # of a rectangle's corners, along both sides
     points = [(x * i, y * (k + j), 0.0) for k in range(count) for i, j in ends]

@@ -19,7 +19,7 @@ from hulldown.blender.nodes import Stack, material_output, socket_source
 from hulldown.blender.shaders import TRANSPARENT_SHADER, surface_shaders
 from hulldown.geometry.alpha import AlphaMap, Extension
 
-MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
+MAX_READ_PIXELS = 1 << 26  # Blender shrinks larger images first
 IDENTITY_AFFINE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
 # Nodes that make of a gray value what they make of each color's luminance.
@@ -168,7 +168,7 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
     if image.alpha_mode == "NONE" and channel == "alpha":
         return np.full((1, 1), 255, np.uint8)
     width, height = image.size
-    share = min(1.0, (MOST_PIXELS / (width * height)) ** 0.5)
+    share = min(1.0, (MAX_READ_PIXELS / (width * height)) ** 0.5)
     rgba = image_pixels(image, (int(width * share), int(height * share)))
     if channel == "alpha":
         return _stored(rgba[..., 3], image)
