@@ -24,12 +24,12 @@ from hulldown.render.jobs import readable_paths
 from hulldown.render.pool import Engine
 from hulldown.render.process import Allowance, Blender, Confinement, Limits, Outcome
 
-AT_ONCE = 2  # tasks per worker: the current and the next one
+TASKS_PER_WORKER = 2  # the current and the next one
 LOST_WORKERS = "its workers were lost, the last ones while they had nothing else to do"
 SHARED_FOLDER_REMEDY = (
     "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
 )
-IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
+MAX_IDLE_S = 60.0  # then Blender is ended to free memory
 
 
 class ClusterPool(Cluster):
@@ -47,7 +47,7 @@ class ClusterPool(Cluster):
         self._stopping = stopping
         self._setting = Setting(readable_paths(library), engine.device, engine.limits)
         refused = partial(refusal_reason, package_versions("bpy"), engine.require_confinement, shared_files(library))
-        super().__init__(scheduler, RENDER_RESOURCE, refused, at_once=AT_ONCE, say=say)
+        super().__init__(scheduler, RENDER_RESOURCE, refused, at_once=TASKS_PER_WORKER, say=say)
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
@@ -134,7 +134,7 @@ class OpenBlender:
         self._setting: Setting | None = None
         self.lines: list[str] = []
         self._busy = threading.Lock()
-        self._idle = threading.Timer(IDLE_S, self._end_idle)
+        self._idle = threading.Timer(MAX_IDLE_S, self._end_idle)
 
     def _end_idle(self) -> None:
         with self._busy:
@@ -143,7 +143,7 @@ class OpenBlender:
 
     @contextmanager
     def use_blender(self, setting: Setting) -> Iterator[None]:
-        """Have a Blender for a setting during the block; Blender stays open for `IDLE_S` after it."""
+        """Have a Blender for a setting during the block; Blender stays open for `MAX_IDLE_S` after it."""
         self._idle.cancel()
         try:
             with self._busy:
@@ -151,7 +151,7 @@ class OpenBlender:
                     self._apply_setting(setting)
                 yield
         finally:
-            self._idle = threading.Timer(IDLE_S, self._end_idle)
+            self._idle = threading.Timer(MAX_IDLE_S, self._end_idle)
             self._idle.daemon = True
             self._idle.start()
 

@@ -20,9 +20,9 @@ from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
 from hulldown.render.blender.messages import MaskJob, RenderJob
-from hulldown.render.process import POLL_S, Allowance, Blender, Confinement, Limits, Outcome
+from hulldown.render.process import CHECK_INTERVAL_S, Allowance, Blender, Confinement, Limits, Outcome
 
-MOST_BLENDERS = 256  # Blenders
+MAX_BLENDERS = 256
 
 
 Device: TypeAlias = Literal["auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"]
@@ -88,7 +88,7 @@ class Pool:
         self._blenders: list[Blender] = []
         self._add_blenders(engine.workers or 1)
         self._left = Event()
-        self._threads = ThreadPoolExecutor(MOST_BLENDERS)
+        self._threads = ThreadPoolExecutor(MAX_BLENDERS)
 
     @property
     def working(self) -> int:
@@ -134,7 +134,7 @@ class Pool:
                     do = self._blenders[i].do
                     running[self._threads.submit(do, job_of(job), stopping=self._left.is_set)] = i, job
             if ended is None:
-                wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
+                wait(running, timeout=CHECK_INTERVAL_S, return_when=FIRST_COMPLETED)
                 continue
             (_, job), outcome = running.pop(ended), ended.result()
             yield job, outcome  # all Blenders work meanwhile

@@ -28,7 +28,7 @@ from hulldown.render.blender.messages import BlendJob, Job, OutputJob, RenderJob
 from hulldown.render.blender.reply import REPLY_PREFIX, Reply
 
 WORKER_SCRIPT = Path(__file__).with_name("blender") / "worker.py"
-STOP_S = 5.0  # for a worker to end by itself
+MAX_STOP_S = 5.0  # for a worker to end by itself
 # For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
 # alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
 # For OpenBLAS, whose threads busy-wait for products that are too small for them.
@@ -38,17 +38,17 @@ WORKER_ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "OCIO_DISABLE_PROCESSOR_CACHES": "1",
 }
-POLL_S = 0.2  # interval of checks of time and memory
+CHECK_INTERVAL_S = 0.2  # of time and memory
 REPLACE_MEMORY_SHARE = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
 GIB_BYTES = 2**30
-GPU_DEVICES = ("nvidia*", "dri", "kfd", "shm")  # of /dev
+GPU_DEVICES = ("nvidia*", "dri", "kfd", "shm")  # in /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
 MAX_ATTEMPTS = 3  # at a job, or at a start
-START_S = 300.0  # time limit of a start
-FIRST_JOBS = 5  # jobs that set the time limit of the others
-FIRST_JOBS_S = 3600.0  # their own time limit
-TIMES_LONGER = 20.0  # the longest of them is the others' time limit
-SHORTEST_S = 300.0  # least time limit, for loading another scenery
+MAX_START_S = 300.0
+FIRST_JOBS = 5  # they set the time limit of the others
+MAX_FIRST_JOB_S = 3600.0
+MAX_TIME_RATIO = 20.0  # the others' time limit over the longest first job's time
+MIN_TIME_LIMIT_S = 300.0  # for loading another scenery
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_NOTE_CHUNKS = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
@@ -84,7 +84,7 @@ class Allowance:
         if self.limits.job_s is not None:
             return self.limits.job_s
         first = self.took[:FIRST_JOBS]
-        return max(SHORTEST_S, TIMES_LONGER * max(first)) if len(first) == FIRST_JOBS else FIRST_JOBS_S
+        return max(MIN_TIME_LIMIT_S, MAX_TIME_RATIO * max(first)) if len(first) == FIRST_JOBS else MAX_FIRST_JOB_S
 
     @property
     def memory(self) -> float:
@@ -196,7 +196,7 @@ class Blender:
         if self._child.memory > REPLACE_MEMORY_SHARE * self._allowance.memory:
             self._say("has grown near its memory limit and is replaced")
             self._child.close_stdin()
-            self._child.wait(STOP_S)
+            self._child.wait(MAX_STOP_S)
             self.close()
         return reply, content
 
@@ -207,8 +207,8 @@ class Blender:
         for attempt in range(1, MAX_ATTEMPTS + 1):
             try:
                 self._launch_process()
-                version = self._next_reply(START_S).ready
-                reply = self._send_job(StartJob(self._device, self._number, self._allowance.threads), START_S)
+                version = self._next_reply(MAX_START_S).ready
+                reply = self._send_job(StartJob(self._device, self._number, self._allowance.threads), MAX_START_S)
             except Lost as lost:
                 self._end_lost(lost)
                 if attempt < MAX_ATTEMPTS:
@@ -266,7 +266,7 @@ class Blender:
             if self._stopping():
                 raise Stopped
             try:
-                reply = self._replies.get(timeout=POLL_S)
+                reply = self._replies.get(timeout=CHECK_INTERVAL_S)
             except queue.Empty:
                 limit = self._allowance.memory
                 if time.monotonic() > end:

@@ -36,7 +36,7 @@ from hulldown.render.process import Outcome, without_notes
 if TYPE_CHECKING:
     from hulldown.render.cluster_pool import ClusterPool
 
-GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they aren't the cause
+MAX_FAILURES_IN_A_ROW = 30  # over all images; more aren't the images' fault
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +127,7 @@ class Session:
             return
         self._set_aside(index, outcome.reasons)
         self._failed_in_a_row += len(outcome.reasons)
-        if self._failed_in_a_row >= GIVE_UP_AFTER:
+        if self._failed_in_a_row >= MAX_FAILURES_IN_A_ROW:
             raise HulldownError(
                 f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
                 f"{outcome.reasons[-1]}",

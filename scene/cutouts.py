@@ -15,10 +15,10 @@ from hulldown.geometry.alpha import HIT_OPACITY, Cut, TexelCounts
 from hulldown.geometry.meshes import Mesh
 from hulldown.scene.ray_caster import RayCaster, RayHits, checked_rays
 
-STEP_ULPS = 4  # units in the last place from a hit to the next start
-MIN_STEP_COSINE = 1e-3  # cosine to a face's normal below which the step no longer grows
-MIN_TRANSMITTANCE = 1e-3  # share of light below which a ray counts as blocked
-ON_PLANE = 1e-4  # cosine from which on a hit is where the ray meets the face's plane in float64
+STEP_ULPS = 4  # from a hit to the next start
+MIN_STEP_COSINE = 1e-3  # to a face's normal; below it the step no longer grows
+MIN_TRANSMITTANCE = 1e-3  # a ray with less counts as blocked
+MIN_PLANE_COSINE = 1e-4  # from here on a hit is where the ray meets the face's plane in float64
 
 
 def make_caster(mesh: Mesh) -> RayCaster:
@@ -132,7 +132,7 @@ class CutoutCaster(RayCaster):
         texture = self._texture
         normal, off = texture.normal[face], start - texture.first[face]
         facing = _row_dot(normal, along)
-        steep = np.abs(facing) > ON_PLANE
+        steep = np.abs(facing) > MIN_PLANE_COSINE
         on_plane = -_row_dot(normal, off) / np.where(steep, facing, 1.0)
         uv = texture.uv(face, off + np.where(steep, on_plane, at)[:, None] * along)
         uv = np.clip(uv, texture.low[face], texture.high[face])

@@ -17,8 +17,8 @@ from hulldown.scene.cutouts import Solidity
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.rays import RayList
 
-ENCLOSURE_REACH_M = 100.0  # meters; a sky dome is farther away
-PAIRS_PER_BLOCK = 1 << 14  # pairs of box and triangle tested at a time
+ENCLOSURE_REACH_M = 100.0  # a sky dome is farther away
+BOX_PAIRS_PER_BLOCK = 1 << 14  # of box and triangle
 
 
 def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
@@ -31,7 +31,7 @@ def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
 
 
 SKYWARD_DIRECTIONS = _skyward_directions(48)
-MIN_FREE_RAYS = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
+MIN_FREE_RAYS = 4  # needed if the first is blocked; below a wide sheet, two level ones are free
 
 
 def boxes_touch(
@@ -180,8 +180,8 @@ class Obstacles:
         for batch in rank_batches(box[pair[order]], first=8, growth=8):
             left = order[batch]
             left = left[~touched[box[pair[left]]]]
-            for i in range(0, len(left), PAIRS_PER_BLOCK):
-                which, faces = pair[left[i : i + PAIRS_PER_BLOCK]], face[left[i : i + PAIRS_PER_BLOCK]]
+            for i in range(0, len(left), BOX_PAIRS_PER_BLOCK):
+                which, faces = pair[left[i : i + BOX_PAIRS_PER_BLOCK]], face[left[i : i + BOX_PAIRS_PER_BLOCK]]
                 into = moves[:, :, which]
                 moved = [
                     [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]

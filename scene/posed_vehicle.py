@@ -19,7 +19,7 @@ from hulldown.scene.cutouts import make_caster
 from hulldown.scene.ray_caster import RayCaster
 from hulldown.scene.rays import Hits, LocalRayBlock, RayBatch, SurfaceKind, ray_reaches
 
-MAX_HULL_VERTICES = 64  # hull vertices up to which the hull isn't simplified
+MAX_HULL_VERTICES = 64  # larger hulls are simplified
 
 
 @dataclass(frozen=True, eq=False, slots=True)

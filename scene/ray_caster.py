@@ -30,7 +30,7 @@ from hulldown.geometry.meshes import Mesh
 _UNLIMITED_DISTANCE = np.float32(1e37)  # embreex's value for no limit
 RAYS_PER_BLOCK = 1 << 16  # large enough to be coherent once sorted, small enough to stay in cache
 _WORTH_SORTING = 4096
-_MAX_COORDINATE = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centered
+_MAX_COORDINATE = 1e30  # squares stay inside float64, and centered coordinates inside float32
 
 
 @dataclass(frozen=True, eq=False, slots=True)

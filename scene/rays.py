@@ -19,7 +19,7 @@ from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.transforms import invert_rigid, rotate_vectors, transform_points
 from hulldown.scene.ray_caster import checked_rays
 
-RAYS_PER_BLOCK = 1 << 16  # rays whose crossings are in memory at a time
+RAYS_PER_BLOCK = 1 << 16  # their crossings are in memory together
 
 
 class SurfaceKind(IntEnum):

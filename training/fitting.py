@@ -36,7 +36,7 @@ from hulldown.training.run_folder import RunFolder
 with silence_libraries():
     from rfdetr.training.callbacks.ema import RFDETREMACallback
 
-CURVE_POINTS = 10  # points of a run's curve; the last one is the result
+CURVE_POINTS = 10  # the last one is the result
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -39,12 +39,12 @@ from hulldown.training.input_pictures import Pictures, find_pictures
 from hulldown.training.inputs.extra import require_extra
 from hulldown.training.run_folder import starting_weights
 
-UNFINISHED_SUFFIX = ".unfinished"  # of a file next to the results: a line for each finished image
+UNFINISHED_SUFFIX = ".unfinished"  # a file next to the results, with a line for each finished image
 INFO_MARK, RESULTS_MARK = b'{"detector":', b"["
 BATCH_PICTURES = 8
-PIXEL_DIGITS = 3  # decimals of a pixel
-START_RIVALS = "start"  # names the weights that a run started from, as rivals
-DEFAULT_THRESHOLD = 0.5  # least score of counted and drawn detections
+PIXEL_DECIMALS = 3
+START_RIVALS = "start"  # as rivals, the weights that a run started from
+DEFAULT_SCORE_THRESHOLD = 0.5  # for counted and drawn detections
 
 
 def tile_size(text: str) -> tuple[int, int]:
@@ -115,7 +115,7 @@ def predict_detections(
     tile: Annotated[tuple[int, int] | None, TILE_PARSER] = None,
     rivals: AnyPath | None = None,
     drawn: Annotated[AnyPath | None, Parameter(name="--draw")] = None,
-    threshold: Overlap = DEFAULT_THRESHOLD,
+    threshold: Overlap = DEFAULT_SCORE_THRESHOLD,
     progress: Callable[[int, int], None] | None = None,
 ) -> Predicted:
     """Detect in pictures, a video, or a dataset.
@@ -235,7 +235,7 @@ def _detect_batches(
         images = [pictures.images[k].id for k in indices[start : start + batch]]
         done: dict[int, ImageResults] = {}
         for image, found in zip(images, detector.detect(list(islice(pixels, batch))), strict=True):
-            columns = found.class_index.tolist(), found.xywh.round(PIXEL_DIGITS).tolist(), found.score.tolist()
+            columns = found.class_index.tolist(), found.xywh.round(PIXEL_DECIMALS).tolist(), found.score.tolist()
             done[image] = [
                 {"image_id": image, "category_id": ids[label], "bbox": box, "score": score}
                 for label, box, score in zip(*columns, strict=True)

@@ -20,7 +20,7 @@ from hulldown.base.terminal import print_message, print_warning
 from hulldown.verbs.output import DONE, print_report, show_json
 
 VERB_GROUPS = {"study": "Measure the worth of synthetic images when photographs are few."}
-NO_OPTIONS = ("assets", "library", "progress", "say")  # parameters of functions that are for Python alone
+PYTHON_PARAMETERS = ("assets", "library", "progress", "say")  # they aren't options of a verb
 JSON_OPTION = Annotated[bool, Parameter(help="Print the result as JSON on stdout.")]
 
 
@@ -73,7 +73,7 @@ class Verb:
             return answer.code
 
         last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JSON_OPTION)
-        options = [_make_option(one) for name, one in signature.parameters.items() if name not in NO_OPTIONS]
+        options = [_make_option(one) for name, one in signature.parameters.items() if name not in PYTHON_PARAMETERS]
         options.sort(key=lambda one: one.kind)  # an output that isn't positional follows the inputs
         run.__doc__, run.__annotations__ = function.__doc__, {}
         vars(run)["__signature__"] = inspect.Signature([*options, last], return_annotation=int)

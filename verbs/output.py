@@ -18,8 +18,8 @@ from rich.table import Table
 from hulldown.base.terminal import Terminal, print_warning
 
 STDOUT_TERMINAL = Terminal(highlight=False)
-MAX_TABLE_CHARACTERS = 10_000  # characters of a table in a file or a pipe
-STDOUT_NAME = "stdout"  # names it in errors
+MAX_TABLE_WIDTH = 10_000  # characters, in a file or a pipe
+STDOUT_NAME = "stdout"  # in errors
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
 
@@ -63,7 +63,7 @@ def print_report(*results: str | Table) -> None:
         elif STDOUT_TERMINAL.is_terminal:
             STDOUT_TERMINAL.print(result)
         else:
-            Terminal(file=STDOUT_TERMINAL.file, width=MAX_TABLE_CHARACTERS, highlight=False).print(result)
+            Terminal(file=STDOUT_TERMINAL.file, width=MAX_TABLE_WIDTH, highlight=False).print(result)
 
 
 @_naming_stdout()

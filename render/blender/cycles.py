@@ -12,9 +12,9 @@ from hulldown.render.blender.messages import CyclesSettings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 DENOISER = "OPENIMAGEDENOISE"
-NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
+NEUTRAL_BALANCE_K, NEUTRAL_BALANCE_TINT = 6500.0, 10.0  # this white balance changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
-FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) busy-waits on another core
+MIN_THREADS = 2  # with one, a thread of its scheduler (TBB) busy-waits on another core
 VIEW_TRANSFORM = "AgX"  # rolls highlights off as film does; Standard clips the sky of every sunny HDRI to flat white
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
@@ -77,7 +77,7 @@ def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, thread
     scene.view_settings.view_transform = VIEW_TRANSFORM
     render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
-        render.threads = max(threads, FEWEST_THREADS)
+        render.threads = max(threads, MIN_THREADS)
     cycles.device = "CPU" if device == "CPU" else "GPU"
     cycles.samples = settings.samples
     cycles.use_adaptive_sampling = settings.adaptive_threshold > 0
@@ -101,7 +101,7 @@ def set_exposure(scene: Any, settings: CyclesSettings, exposure: float, white_ba
     view.exposure = exposure
     view.use_white_balance = white_balance != 0.0
     # Resetting the white point has set both anew.
-    view.white_balance_temperature, view.white_balance_tint = NEUTRAL_K + white_balance, NEUTRAL_TINT
+    view.white_balance_temperature, view.white_balance_tint = NEUTRAL_BALANCE_K + white_balance, NEUTRAL_BALANCE_TINT
     for name, value in (
         ("sample_clamp_indirect", CLAMP_INDIRECT * scale),
         ("light_sampling_threshold", min(LIGHT_THRESHOLD * scale, 1.0)),

@@ -17,9 +17,9 @@ from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, even_color, fade_sine
 from hulldown.render.blender.messages import LightInput
 from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 
-MAX_LIFT_RADIANS = math.radians(89.0)  # of what the camera sees lifted
-SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
-MOST_MAPS = 16  # of HDRIs that are kept; each takes 0.8 MB
+MAX_LIFT_RADIANS = math.radians(89.0)  # what the camera sees is lifted by no more
+SKY_MAP_COLUMNS = 1024  # Cycles finds the bright parts of the sky by this map; a texel is 0.35 degrees
+MAX_KEPT_MAPS = 16  # each takes 0.8 MB
 FINE_MAP_COLUMNS = 1024  # smaller HDRIs get twice their columns: with as many, the map overlooks flanks of small suns
 
 
@@ -110,7 +110,7 @@ class HdriWorld:
             small.scale(256, 128)
             radiance = image_pixels(small)[::-1, :, :3].astype(np.float64)
             small.buffers_free()  # and stays, as of `_color_space`
-            if len(self._small) >= MOST_MAPS:
+            if len(self._small) >= MAX_KEPT_MAPS:
                 del self._small[next(iter(self._small))]
             self._small[self._path] = radiance
         return self._small[self._path]
@@ -120,10 +120,10 @@ def sky_map(width: int) -> int:
     """Return columns of Cycles' importance map for an HDRI of `width` columns.
 
     A texel of the map is as bright as the HDRI at its center. If a sun is in the texel but not at its center,
-    light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP` change
+    light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP_COLUMNS` change
     nothing (measured) until the map takes too long to build for each image.
     """
-    return 2 * width if width <= FINE_MAP_COLUMNS else SKY_MAP
+    return 2 * width if width <= FINE_MAP_COLUMNS else SKY_MAP_COLUMNS
 
 
 class _Veil:

@@ -11,8 +11,8 @@ from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.nodes import nested_trees
 from hulldown.blender.shaders import BASE_COLOR_INPUTS
 
-MID_GRAY = 0.18  # linear; a painted surface of this brightness has the paint's own, black half of it, white 1.35 times
-PROPERTY_PREFIX = "hulldown paint "  # of the properties' names
+MID_GRAY = 0.18  # linear; a painted surface of it has the paint's own, black half of it, white 1.35 times
+PROPERTY_PREFIX = "hulldown paint "  # begins the properties' names
 PaintColors = Mapping[str, tuple[float, float, float]]  # linear, by the material's name
 
 

@@ -23,10 +23,10 @@ from hulldown.render.blender.streaks import Precipitation, falling_streaks
 from hulldown.render.blender.surfaces import Surfaces
 from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
 
-MAX_VEHICLES = 8  # vehicle files kept in memory if rows have companions, which recur
+MAX_KEPT_VEHICLES = 8  # files in memory if rows have companions, which recur
 SENSOR_WIDTH = 36.0
-SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
-CLIP_END_M = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
+MIN_FOCAL_LENGTH_MM = 1.0  # Blender's limit
+CLIP_END_M = 1e7  # Cycles traces rays, so a far clip plane costs no depth resolution
 
 
 class BlenderScene:
@@ -84,7 +84,7 @@ class BlenderScene:
         for tidy, loaded in self._vehicles.items():
             loaded.show(used.get(tidy, 0))
         self._companions = self._companions or len(used) > 1
-        kept = MAX_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
+        kept = MAX_KEPT_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
         for tidy in [t for t in self._vehicles if t not in used][: max(0, len(self._vehicles) - kept)]:
             self._vehicles.pop(tidy).remove()
         return placed
@@ -105,7 +105,7 @@ class BlenderScene:
         else:
             fx, fy, cx, cy = intrinsics.pinhole
             across, stretch = width / fx, fx / fy
-        data.lens = max(SENSOR_WIDTH / across, SHORTEST_LENS)
+        data.lens = max(SENSOR_WIDTH / across, MIN_FOCAL_LENGTH_MM)
         data.sensor_width = across * data.lens
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
         data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch

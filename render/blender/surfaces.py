@@ -15,7 +15,7 @@ from hulldown.reading.pieces.naming import NOT_WATER, WATER_BODY_WORDS, WATER_WO
 from hulldown.render.blender import covers
 from hulldown.weather.kinds import WEATHER_KINDS
 
-NODE_LABEL = "hulldown weather"  # label of inserted nodes
+NODE_LABEL = "hulldown weather"  # on inserted nodes
 MATERIAL_PREFIX = "hulldown"  # begins the names of the stage's own materials
 SCENERY, VEHICLES = "scenery", "vehicles"
 UNCOVERED_SHADERS = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")

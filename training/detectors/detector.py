@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import torch
 
 RUN_NAME = "run.json"
-WEIGHTS_NAME, WEIGHTS_FOLDER = "weights.pt", "weights"  # of RF-DETR, and of a detector of transformers
+WEIGHTS_NAME, WEIGHTS_FOLDER = "weights.pt", "weights"  # RF-DETR's, and those of a detector of transformers
 TRANSFORMERS_FILES = ("config.json", "preprocessor_config.json", "model.safetensors")  # in a folder of weights
 # Exceptions of unpickling damaged bytes, or of loading them into a network.
 DAMAGE_ERRORS = (

@@ -51,8 +51,8 @@ DETR_CONFIGS = {
     "medium": rf_config.RFDETRMediumConfig,
     "large": rf_config.RFDETRLargeConfig,
 }
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colors, from 0 to 1
-COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
+IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of colors from 0 to 1
+COCO_LOGITS = 91  # the pre-trained heads number classes as COCO does
 
 
 def starting_module(
@@ -136,7 +136,7 @@ def detr_configs(
 
 def normalize_pictures(pictures: Tensor) -> Tensor:
     """Normalize pictures (..., 3, h, w) of 0 to 255 for RF-DETR."""
-    return normalize(pictures.float() / 255, MEAN, DEVIATION)
+    return normalize(pictures.float() / 255, IMAGENET_MEAN, IMAGENET_DEVIATION)
 
 
 def detr_contents(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:

@@ -11,7 +11,7 @@ from jaxtyping import UInt8
 
 from hulldown.training.detectors.detector import Detections, Detector
 
-TILE_OVERLAP_SHARE = 0.25  # share of a tile's sides
+TILE_OVERLAP_SHARE = 0.25  # of a tile's sides
 MIN_SAME_OBJECT_SHARE = 0.6  # of the smaller of two boxes of one object, which a tile's edge may cut
 
 

@@ -48,7 +48,7 @@ from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings
 
 D_FINE_NANO = "ustc-community/dfine-nano-coco"  # at the Hugging Face hub
-LIKE_VEHICLES = "truck"  # class of COCO
+VEHICLE_LIKE_CLASS = "truck"  # of COCO
 MIN_SCORE = 0.01
 UNUSABLE_ERRORS = (*DAMAGE_ERRORS, SafetensorError, StrictDataclassError)
 _REMEDY = f"name a run, a folder with {', '.join(TRANSFORMERS_FILES)}, a detector at the Hugging Face hub, or none"
@@ -93,11 +93,11 @@ def starting_network(settings: Settings, classes: Sequence[str]) -> tuple[Any, A
 
 
 def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
-    """Start the lost outputs of each class from those of its name in another network, or of `LIKE_VEHICLES` there."""
+    """Start each class's lost outputs from those of its name in another network, or of `VEHICLE_LIKE_CLASS` there."""
     place = {name: i for i, name in before.config.id2label.items()}
-    if LIKE_VEHICLES not in place:
+    if VEHICLE_LIKE_CLASS not in place:
         return
-    rows = [place.get(name, place[LIKE_VEHICLES]) for _, name in sorted(network.config.id2label.items())]
+    rows = [place.get(name, place[VEHICLE_LIKE_CLASS]) for _, name in sorted(network.config.id2label.items())]
     new, old, classes = network.state_dict(), before.state_dict(), len(before.config.id2label)
     for key in lost:
         last = [*range(classes, len(old[key]))]  # some have a row more, of no class

@@ -19,9 +19,9 @@ from hulldown.training.evaluation.metrics import safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
 RECALL_GRID = np.linspace(0.0, 1.0, 101)
-IOU_THRESHOLDS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
+IOU_THRESHOLDS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # of AP, bit-equal to COCO's
 AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
-MAX_ARRAY_CELLS = 1 << 22  # approximate largest size of an array
+MAX_ARRAY_CELLS = 1 << 22  # approximate
 AP_NAMES = ("ap", "ap50", "ap75")
 AP_SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),

@@ -17,7 +17,7 @@ from hulldown.training.evaluation.matching import Matching
 from hulldown.training.evaluation.metrics import grouped_sums, safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
-BINNED_SCALES = ("visible_fraction", "distance")  # of `SCALES`
+BINNED_SCALES = ("visible_fraction", "distance")  # keys of `SCALES`
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -26,9 +26,9 @@ from scipy.special import stdtrit
 from hulldown.training.evaluation.metrics import MEAN_METRICS, safe_ratio
 
 RESAMPLE_COUNT = 2000
-LEAST_ERROR = 1e-150  # smallest error whose square doesn't underflow
+MIN_ERROR = 1e-150  # the square of a smaller one underflows
 CONFIDENCE_LEVEL = 0.95
-MIN_POSITIONS = 5  # positions: with fewer, coverage wasn't measured, so there is no interval
+MIN_POSITIONS = 5  # with fewer, coverage wasn't measured, so there is no interval
 DRAWN_AT_ONCE = 1 << 22
 
 
@@ -77,7 +77,7 @@ def share_interval(
     """Return Wilson's 95 % interval of a share with this `error` of `freedom` degrees; nan if `error` is."""
     value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
     spread = value * (1.0 - value)
-    variance = np.maximum(error, LEAST_ERROR) ** 2
+    variance = np.maximum(error, MIN_ERROR) ** 2
     worth = np.where((error > 0) & (spread > 0), safe_ratio(spread, variance), freedom + 1.0)
     scale = safe_ratio(_t_quantile(freedom) ** 2, np.minimum(worth, trials))
     middle = (value + scale / 2.0) / (1.0 + scale)

@@ -52,10 +52,10 @@ FIGURE_TITLES = {
 }
 COMPARED_METRICS = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
 THRESHOLD_SOURCES = {"given": "as given", "validation": "best F1 on the validation set"}
-MAX_TILES = 24  # of a sheet
+MAX_SHEET_TILES = 24
 TILE_SIZE = (320, 240)
-CROP_WIDTHS = 2.4  # widths of a box that its crop shows
-MIN_CROP_PX = 96  # for context
+CROP_BOX_WIDTHS = 2.4
+MIN_CROP_WIDTH_PX = 96  # for context
 LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 
@@ -173,7 +173,7 @@ def _ranked_tiles(
     """Return pictures of the boxes of highest rank by their captions, in which a word has the rank."""
     rows = np.flatnonzero(among)
     tiles = {}
-    for number, k in enumerate(rows[np.argsort(-rank[rows], kind="stable")][:MAX_TILES].tolist(), start=1):
+    for number, k in enumerate(rows[np.argsort(-rank[rows], kind="stable")][:MAX_SHEET_TILES].tolist(), start=1):
         tile, problem = _cut_picture(one, int(boxes.image[k]), boxes.xywh[k])
         name = one.predictions.class_names[boxes.class_index[k]]
         tiles[", ".join((f"{number}. {name}", word.format(rank[k]), *problem))] = tile
@@ -188,7 +188,7 @@ def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) ->
     except DatasetError as error:
         return tile, (f"{name} {error.problem}",)
     ratio = TILE_SIZE[0] / TILE_SIZE[1]
-    width = max(CROP_WIDTHS * around[2], CROP_WIDTHS * around[3] * ratio, MIN_CROP_PX)
+    width = max(CROP_BOX_WIDTHS * around[2], CROP_BOX_WIDTHS * around[3] * ratio, MIN_CROP_WIDTH_PX)
     size = np.minimum([width, width / ratio], whole.size)
     low = np.clip(around[:2] + (around[2:] - size) / 2.0, 0.0, np.maximum(whole.size - size, 0.0))
     scale = min(TILE_SIZE[0] / size[0], TILE_SIZE[1] / size[1])

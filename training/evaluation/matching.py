@@ -20,7 +20,7 @@ from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
 MAX_DETECTIONS = 100  # of a class in an image, COCO's limit
-ANNOTATION_KEYS = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "score")  # of a COCO annotation
+COCO_ANNOTATION_KEYS = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "score")
 ALL_AREAS = [[0.0, 1e10]]  # COCO's range without a limit
 
 
@@ -103,7 +103,7 @@ def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_fast
     ):
         columns = (boxes.image + 1, boxes.class_index + 1, boxes.xywh, area, crowd.astype(np.int64), score)
         rows = enumerate(zip(*(column.tolist() for column in columns), strict=True), start=1)
-        records = [dict(zip(ANNOTATION_KEYS, (k, *row), strict=True)) for k, row in rows]
+        records = [dict(zip(COCO_ANNOTATION_KEYS, (k, *row), strict=True)) for k, row in rows]
         if corners is not None:
             records = [{**one, "corners": turned} for one, turned in zip(records, corners, strict=True)]
         coco = COCO()

@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from hulldown.training.evaluation.matching import Matching, match_detections
 
 COUNT_METRICS = ("tp", "fp", "fn")
-SUM_METRICS = (*COUNT_METRICS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
-RATIO_METRICS = ("precision", "recall", "f1")  # ratios of counts
+SUM_METRICS = (*COUNT_METRICS, "iou", "confidence_tp", "confidence_fp")  # they add up over images
+RATIO_METRICS = ("precision", "recall", "f1")  # of counts
 MEAN_METRICS = ("mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
 DERIVED_METRICS = (*RATIO_METRICS, *MEAN_METRICS)
 

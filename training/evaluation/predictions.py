@@ -20,7 +20,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.base.outside import DATA, describe_path, parse_value, read_json
 from hulldown.training.evaluation.labels import Labels
 
-INFO_SUFFIX = ".info.json"  # of a file next to the results, a `PredictionInfo`
+INFO_SUFFIX = ".info.json"  # a file next to the results, a `PredictionInfo`
 
 
 class NewCategory(TypedDict):

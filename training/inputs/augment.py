@@ -17,9 +17,9 @@ from hulldown.annotate.masks import mask_box
 from hulldown.base.errors import ConfigError
 from hulldown.training.inputs.sources import Sample
 
-MIN_VISIBLE = 0.2  # least share of a box inside the picture
-MASK_ROUNDING = 1.0  # pixels between the box of a mask and that of its outline
-MIN_SIDE = 1.0  # least width and height of a box in pixels
+MIN_KEPT_BOX_SHARE = 0.2  # inside the picture
+MASK_ROUNDING_PX = 1.0  # between the box of a mask and that of its outline
+MIN_BOX_SIDE_PX = 1.0
 
 
 class Augmenter:
@@ -40,8 +40,8 @@ class Augmenter:
                 loaded.transforms if isinstance(loaded, A.Compose) else [loaded],
                 p=getattr(loaded, "p", 1.0) if isinstance(loaded, A.Compose) else 1.0,
                 bbox_params=A.BboxParams(
-                    format="pascal_voc", label_fields=["index"], min_visibility=MIN_VISIBLE,
-                    min_width=MIN_SIDE, min_height=MIN_SIDE, clip=True, check_each_transform=False,
+                    format="pascal_voc", label_fields=["index"], min_visibility=MIN_KEPT_BOX_SHARE,
+                    min_width=MIN_BOX_SIDE_PX, min_height=MIN_BOX_SIDE_PX, clip=True, check_each_transform=False,
                 ),
             )  # fmt: skip
 
@@ -74,7 +74,7 @@ class Augmenter:
             if seen is None:
                 continue
             x, y, width, height = seen
-            if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING:
+            if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING_PX:
                 xywh[row] = seen
             kept.append(row)
         return Sample(changed.picture, xywh[kept], changed.class_index[kept], tuple(masks[row] for row in kept))

@@ -20,7 +20,7 @@ from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.sources import LabeledPictures, Sample
 
-KEPT_BYTES = 256 * 2**20  # bytes of pictures that each worker keeps in memory
+KEPT_PICTURE_BYTES = 256 * 2**20  # in each worker
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -47,7 +47,7 @@ class DrawnExamples(Dataset[Example | HulldownError]):
         self.sources, self.draws, self.size, self.masks = sources, draws, size, masks
         self.augment = Augmenter(augmentation)
         self._kept: dict[tuple[int, int], Sample] = {}
-        self._room = KEPT_BYTES
+        self._room = KEPT_PICTURE_BYTES
 
     def __len__(self) -> int:
         return len(self.draws)

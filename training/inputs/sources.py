@@ -25,7 +25,7 @@ from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.usable_labels import clip_labels
 from hulldown.dataset.verification.check_pictures import near_duplicates, picture_hash
 
-READER_THREADS = 4  # threads that check pictures before training
+CHECK_THREADS = 4  # they check pictures before training
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -125,7 +125,7 @@ def check_source_pictures(
 ) -> dict[str, CheckedPictures]:
     """Read every picture of every source; return their hashes by the source's name."""
     checked, done, total = {}, 0, sum(map(len, sources))
-    with ThreadPoolExecutor(READER_THREADS) as pool:
+    with ThreadPoolExecutor(CHECK_THREADS) as pool:
         for source in sources:
             found: list[tuple[bytes, Bool[np.ndarray, "256"] | None]] = []
             paths = [source.folder / name for name in source.file_names]

@@ -33,7 +33,7 @@ from hulldown.training.study.config import StudyConfig
 from hulldown.training.subset import subset_name, write_subsets
 
 STUDY_NAME, RUNS_NAME, SUBSETS_NAME = "study.json", "runs", "subsets"
-MIN_PHOTOGRAPH_SHARE = 0.2  # of the draws, below which photographs may be too rare
+MIN_PHOTOGRAPH_SHARE = 0.2  # of the draws; with fewer, photographs may be too rare
 MAX_LISTED_PAIRS = 10  # of pictures, in an error
 
 

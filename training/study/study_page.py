@@ -35,7 +35,7 @@ PAPER_COLORS = {
 PAPER_FIGURES = ("precision", "recall", "f1")
 SPARE_COLORS = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
 CHART_PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
-BARS_WIDTH_SHARE = 0.8  # share of the width for the bars of one measure
+BARS_WIDTH_SHARE = 0.8  # for the bars of one measure
 
 
 def draw_charts(report: StudyReport) -> dict[str, tuple[str, Figure]]:
