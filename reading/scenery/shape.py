@@ -15,7 +15,7 @@ MIN_LEVEL_COSINE = np.cos(np.radians(30.0))  # of a level face's inclination
 MIN_LEVEL_SHARE = 0.5  # of a level piece's area; a box twice as wide as high has this much
 GROUND_LEVEL, ALONE_LEVEL = 0.6, 0.9  # the same for ground with things on it, and without
 MIN_HILLY_LEVEL = 0.3  # the same for one sheet of hills with things on it
-MAX_TILE_THICKNESS_SHARE = 0.1  # of its width
+MAX_TILE_THICKNESS_SHARE = 0.1  # of the tile's width
 MAX_GROUND_HEIGHT_SHARE = 0.25  # of the ground's longer side
 MIN_GROUND_EXTENT_SHARE = 0.05  # of the scenery's extent, for each piece of ground
 MIN_COVERED_SHARE = 0.4  # of the scenery's extent, by all ground
@@ -25,7 +25,7 @@ MIN_SHEET_WIDTH_M = 20.0  # narrower sheets without a name don't count as water
 MIN_FILLED_SHARE = 0.1  # of bounds seen from above; a barrier or a curb around a track is as wide and level
 MAX_OPEN_RATIO = 1.5  # of a piece's area seen from above to that of its bounds: a closed mesh has 2
 MIN_THING_WIDTH_M = 3.0  # what is on a roof is narrower
-MIN_PIT_DEPTH_M = 30.0  # from the main ground's lowest point to a pit's highest
+MIN_PIT_DEPTH_M = 30.0  # from the lowest point around a pit to the pit's highest
 MIN_WATER_DEPTH_M = 0.5  # of ground below such a sheet
 
 
@@ -107,18 +107,23 @@ def _is_sheet(piece: Piece) -> bool:
     return bool(flat and is_wide_and_level(piece, least=MIN_SHEET_WIDTH_M) and not piece.scattered)
 
 
-MIN_HILLY_LEVEL = 0.3  # the same for one sheet of hills with things on it
-MAX_TILE_THICKNESS_SHARE = 0.1  # of its width
-def sunken_ground(among: Sequence[int], pieces: Sequence[Piece]) -> list[tuple[int, float]]:
-    """Find ground inside the largest piece's bounds and `MIN_PIT_DEPTH_M` below all of it, and its depth in meters."""
+def sunken_ground(
+    among: Sequence[int], pieces: Sequence[Piece], obstacles: Sequence[Piece]
+) -> list[tuple[int, float, str]]:
+    """Find ground `MIN_PIT_DEPTH_M` below the largest piece around it or all else: its depth, and what's above."""
     if not among:
         return []
     main = pieces[max(among, key=lambda i: pieces[i].area)].bounds
     within = [i for i in among if _shared_area(pieces[i].bounds, main) > 0.9 * pieces[i].area]
-MIN_HILLY_LEVEL = 0.3  # the same for one sheet of hills with things on it
-MAX_TILE_THICKNESS_SHARE = 0.1  # of its width
-    below = [(i, float(main[0, 2] - pieces[i].bounds[1, 2])) for i in within]
-    return [(i, depth) for i, depth in below if depth > MIN_PIT_DEPTH_M]
+    below = [(i, float(main[0, 2] - pieces[i].bounds[1, 2]), "the main ground and under it") for i in within]
+    found = {i: (depth, what) for i, depth, what in below if depth > MIN_PIT_DEPTH_M}
+    rest = sorted((i for i in among if i not in found), key=lambda i: pieces[i].bounds[1, 2])
+    for k, i in enumerate(rest[:-1]):
+        lows = [pieces[j].bounds[0, 2] for j in rest[k + 1 :]] + [piece.bounds[0, 2] for piece in obstacles]
+        if (depth := float(min(lows) - pieces[i].bounds[1, 2])) <= MIN_PIT_DEPTH_M:
+            break
+        found[i] = (depth, "everything else")
+    return [(i, *how) for i, how in found.items()]
 
 
 def canopy_sheets(pieces: Sequence[Piece], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[tuple[Piece, float]]:
@@ -147,11 +152,16 @@ def carpet_meshes(
     for i in among:
         piece, least = pieces[i], MIN_COVERED_SHARE * extent[0] * extent[1]
         flat = piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2])
-MIN_HILLY_LEVEL = 0.3  # the same for one sheet of hills with things on it
-MAX_TILE_THICKNESS_SHARE = 0.1  # of its width
         open_below = MIN_COVERED_SHARE <= piece.filled <= MAX_OPEN_RATIO or (flat and piece.filled >= MIN_COVERED_SHARE)
-        wide = _may_be_ground(piece, MIN_SHEET_WIDTH_M**2) and min(piece.size[:2]) >= MIN_SHEET_WIDTH_M and open_below
-        if not wide or i in between or piece.bounds[0, 2] > highest + MIN_WATER_DEPTH_M:
+        level = MIN_HILLY_LEVEL if 0.8 <= piece.filled <= 1.2 else GROUND_LEVEL
+        wide = _may_be_ground(piece, MIN_SHEET_WIDTH_M**2, level=level)
+        if (
+            not wide
+            or min(piece.size[:2]) < MIN_SHEET_WIDTH_M
+            or not open_below
+            or i in between
+            or piece.bounds[0, 2] > highest + MIN_WATER_DEPTH_M
+        ):
             continue
         held = [p for p in obstacles if p is not piece and _is_below_wide(p, piece)]
         here = 2.0 * _shared_area(piece.bounds, known) > piece.area
