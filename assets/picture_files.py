@@ -77,7 +77,7 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.nda
 
 
 def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
-    """Say how a picture's size differs from the size in its record."""
+    """Describe how a picture's size differs from the size in its record."""
     turned = (
         ""
         if picture.orientation == UPRIGHT_ORIENTATION

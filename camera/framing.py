@@ -176,7 +176,7 @@ def turn_cameras_to_boxes(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _FramingSearch:
-    """Cameras to be turned until each box has its upper left corner where `corner` wants it for a box of that size."""
+    """Cameras to be turned until each box's upper left corner is where `corner` wants it for a box of that size."""
 
     cameras: Cameras
     points: Float[np.ndarray, "m k 3"]
@@ -186,7 +186,7 @@ class _FramingSearch:
     def turned(
         self, rows: Int[np.ndarray, " r"], pixel: Float[np.ndarray, "r 2"], *, keep_level: bool = True
     ) -> tuple[Float[np.ndarray, "r 4 4"], Float[np.ndarray, "r 2"]]:
-        """Cameras turned to these pixels, and the pixels from each box to its place: nan if it isn't in view."""
+        """Return cameras turned to these pixels, and the pixels from each box to its place; nan if it isn't in view."""
         cameras = self.cameras.take(rows)
         through = cameras.lenses.pixel_directions(pixel[:, None])[:, 0]
         unseen = np.isnan(through[:, 0])  # beyond the fold of a distorted lens
@@ -261,7 +261,7 @@ def _multiply_rows(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray,
 
 
 def _projected_box(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "n 2 2"]:
-    """Low and high corner of the projected points, nan if one of them is not in front."""
+    """Return low and high corner of the projected points; nan if one of them isn't in front."""
     pixels = cameras.project(points).pixels
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
 

@@ -60,7 +60,7 @@ def white_balance(offset_k: float) -> np.ndarray:
 
 
 def _daylight_xyz(kelvin: float) -> np.ndarray:
-    """XYZ of daylight of a color temperature from 4000 to 25000 K, of luminance 1."""
+    """XYZ of daylight with luminance 1, for a color temperature from 4000 to 25000 K."""
     t = 1000.0 / kelvin
     cool, warm = ((0.244063, 0.09911, 2.9678, -4.6070), (0.237040, 0.24748, 1.9018, -2.0064))
     x = float(np.polyval((cool if kelvin <= 7000.0 else warm)[::-1], t))
@@ -90,7 +90,7 @@ def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
 
 
 def _chromaticity_uv(xyz: np.ndarray) -> np.ndarray:
-    """CIE 1976 chromaticity."""
+    """CIE 1976 u'v' of XYZ."""
     x, y, z = xyz
     return np.array([4.0 * x, 9.0 * y]) / (x + 15.0 * y + 3.0 * z)
 

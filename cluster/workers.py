@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class TaskResult(Generic[Result]):
-    """A task's answer."""
+    """The answer of a task on a worker, and the lines that it wrote."""
 
     value: Result
     has_failed: bool = False  # whether another worker should try it
