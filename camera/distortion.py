@@ -58,7 +58,7 @@ def distortion_jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[n
 
 
 def max_bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
-    """Return the greatest second derivative of `distort_points`, along lines at unit speed up to `length` off the axis."""
+    """Return the greatest second derivative of `distort_points` along lines at unit speed, `length` off the axis."""
     k1, k2, p1, p2, k3 = map(abs, distortion)
     square = length * length
     first = k1 + square * (2.0 * k2 + square * 3.0 * k3)

@@ -120,7 +120,7 @@ def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> C
 
 
 def _yolo_label(coco: Coco, image: Record, category: int, values: list[float]) -> None:
-    """Add a label of a line: a box (and a confidence), or a polygon; as shares of the picture."""
+    """Add the label in a line: a box (and a confidence), or a polygon, in shares of the picture."""
     width, height = image["width"], image["height"]
     if len(values) in (4, 5):
         x, y, w, h = values[:4]

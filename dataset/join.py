@@ -30,7 +30,7 @@ from hulldown.dataset.store.reservations import Reservation
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """The result of joining."""
+    """Numbers of images that joining added and didn't add."""
 
     added: int
     already: int  # number of the parts' images that were in the dataset before

@@ -99,7 +99,7 @@ def refuse_unusable(
 def unusable_records(
     categories: Iterable[Record], images: Iterable[Record], annotations: Iterable[Record]
 ) -> Iterator[Finding]:
-    """Find fields that don't have their type, ids given twice, and references to what isn't there."""
+    """Find fields of a wrong type, repeated ids, and references to missing records."""
     known: set[object] = set()
     for category in categories:
         where = f"category {category['id']}"
@@ -130,7 +130,7 @@ def unusable_records(
 
 
 def check_names(coco: Coco) -> Iterator[Finding]:
-    """Find names of classes and images that are there twice, or differ in capitals only."""
+    """Find repeated names of classes and images, and names that differ only in case."""
     for kind, names in (
         ("category ", [str(category.get("name")) for category in coco["categories"]]),
         ("", [normal_name(str(image.get("file_name"))) for image in coco["images"]]),
@@ -144,7 +144,7 @@ def check_names(coco: Coco) -> Iterator[Finding]:
 
 
 def _recorded_fields(kind: type[Struct], *declared: type[Struct]) -> type[Struct]:
-    """Return a type of the fields of a plan's row or vehicle that records have, less those that are declared."""
+    """Return a type with the fields of a plan's row or vehicle that records have, but for declared ones."""
     hints, known = get_type_hints(kind, include_extras=True), set().union(*map(get_type_hints, declared))
     keys = [key for key, field in row_fields(kind).items() if field.recorded and key not in known]
     return defstruct(kind.__name__, [(key, hints[key], None) for key in keys])
@@ -155,7 +155,7 @@ VEHICLE_FIELDS = _recorded_fields(PlannedVehicle, LabelRecord)
 
 
 def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
-    """Find fields of a render's view that don't fit; those of other datasets may mean something else."""
+    """Find invalid fields of a render's view; in other datasets such fields may mean something else."""
     for image in images:
         row_fields = invalid_fields(image, ROW_FIELDS) if PICTURE_HASH_KEY in image else ()
         problems = [*invalid_fields(image, RenderedImageRecord), *row_fields]
@@ -172,7 +172,7 @@ def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
 
 
 def sound_images(coco: Coco) -> dict[int, Image]:
-    """Return images whose records fit, by id, with those of their labels that fit."""
+    """Return images whose records are valid, by id, with those of their labels that are valid."""
     names = {category["id"]: str(category.get("name")) for category in coco["categories"]}
     of_image: dict[object, list[Label]] = {image["id"]: [] for image in coco["images"]}
     for annotation in coco["annotations"]:
@@ -224,7 +224,7 @@ def _label_hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
 
 
 def _box_gap(label: Label, image: Image) -> float:
-    """Return by how many pixels a box is larger than the mask of a target in full view; 0.0 for as much as antennas."""
+    """Return the pixels by which a box exceeds the mask of a target in full view; 0 for gaps small as an antenna."""
     if label.visible_fraction != 1.0 or not (mask := label.read(VisibleMask).segmentation):
         return 0.0
     with contextlib.suppress(ValueError):  # found elsewhere
@@ -238,7 +238,7 @@ def _box_gap(label: Label, image: Image) -> float:
 
 
 class _Line(Struct):
-    """A line of a journal: an image, or what else it has."""
+    """A line of a journal: an image, or another record."""
 
     image: dict[str, object] | None = None
     annotations: list[dict[str, object]] = []
@@ -246,7 +246,7 @@ class _Line(Struct):
 
 
 def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
-    """Find records that aren't as they were appended; images without a line in the journal are from elsewhere."""
+    """Find records that differ from their journal line; images without a line come from elsewhere."""
     lines: dict[str, _Line] = {}
     classes: dict[object, Record] = {}
     for number, each in enumerate(read_journal(journal), start=1):
@@ -279,7 +279,7 @@ def _changes(where: str, found: Mapping[str, Record], wanted: Mapping[str, Recor
 
 
 def check_reservations(coco: Coco) -> Iterator[Finding]:
-    """Find two plans with the same reserved ids."""
+    """Find plans that reserve the same ids."""
     reservations = read_reservations(coco)
     for kind in ("image", "annotation"):
         ranges = sorted((getattr(each, f"{kind}_offset"), getattr(each, f"{kind}s"), each.key) for each in reservations)

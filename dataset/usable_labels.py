@@ -87,7 +87,7 @@ def clip_labels(images: Sequence[Image], *, folder: Path, clip: bool) -> list[Im
 
 
 def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
-    """Raise one error that lists all problems, up to `MAX_LISTED_BOXES`, if there are any."""
+    """Raise one error that lists all problems, at most `MAX_LISTED_BOXES`, if there are any."""
     if wrong:
         more = (
             f", and {len(wrong) - MAX_LISTED_BOXES} more; `hulldown verify` lists all"

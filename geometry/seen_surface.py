@@ -76,7 +76,7 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
 
 
 def _face_blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
-    """Yield steps along sides, and mixed faces of one map that have so many, few enough to be in memory together."""
+    """Yield numbers of steps along sides, and mixed faces of one map with so many steps that fit into memory."""
     steps = _side_steps(cutouts, mixed)
     order = np.lexsort((steps, cutouts.face_map[mixed]))
     kinds = np.stack([cutouts.face_map[mixed], steps])[:, order]
@@ -141,7 +141,7 @@ def _opaque_rings(
 
 
 def _lattice_edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
-    """Return both ends of each edge of a face's lattice, as numbers in the square, and its line; along each line."""
+    """Return both ends (numbers in the square) and the line of each edge of a face's lattice, along each line."""
     q, k = np.tril_indices(steps)
     r = steps - 1 - q
     ends = [((k, r), (k + 1, r)), ((r, k), (r, k + 1)), ((q + 1 - k, k), (q - k, k + 1))]

@@ -123,7 +123,7 @@ class Samples:
 
 
 def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
-    """Return n x n points over a rectangle, border included (n = 1: its middle). All are feet of height 0."""
+    """Return n x n points over a rectangle with its border (n = 1: its middle); all are feet of height 0."""
     share = _even_sample_positions(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -137,7 +137,7 @@ def _even_sample_positions(n: int) -> Float[np.ndarray, " n"]:
 
 @lru_cache(maxsize=64)
 def underside_samples(footprint: Underside, n: int) -> Samples:
-    """Return the lowest spot near each of n x n points of an underside; a nearer spot wins if it's little higher."""
+    """Return the lowest spot near each of n x n points of an underside; nearer spots win if they're little higher."""
     regular, share = plate_samples(footprint.box, n), _even_sample_positions(n)
     reach = 0.5 / max(n - 1, 1)
     cells = np.array(footprint.heights.shape)

@@ -23,7 +23,7 @@ _MIN_EXACT_PRODUCT = 1e-120
 
 @dataclass(frozen=True, eq=False, slots=True)
 class GroundFaceHits:
-    """The ground under n points."""
+    """The ground under each of n points."""
 
     z: Float[np.ndarray, " n"]  # height in meters; nan where there is no ground
     normal: Float[np.ndarray, "n 3"]  # unit normal, pointing up; nan where there is no ground
@@ -89,14 +89,14 @@ class GroundFaces:
     def heights(
         self, face: Int[np.ndarray, " n"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Height in float64 of each face's plane at each point."""
+        """Return each face's plane's height at each point, in float64."""
         first = self.corners[0][face]
         return plane_heights(self.slope[face], x - self.x[first], y - self.y[first], self.z[first])
 
     def height_bounds(
         self, face: Int[np.ndarray, " n"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return two heights between which each face is at a point in it, the rounding of these sums included."""
+        """Return two heights between which each face is at a point in it, despite the rounding of these sums."""
         error = 2.0 * self.height_error[face]
         z = np.where(error < np.inf, self.heights(face, x, y), 0.0)
         return z - error, z + error
@@ -108,7 +108,7 @@ def plane_heights(
     dy: Float[np.ndarray, " n"],
     z: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """Heights of planes with these slopes at offsets from where they are `z` high."""
+    """Return heights of planes with these slopes at offsets from a point where they are `z` high."""
     with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
         height = slope.real * dx
         height += slope.imag * dy

@@ -66,7 +66,7 @@ CountSheets = Callable[
 
 
 class SheetMap:
-    """For each cell of a raster over the ground: the number of sheets, or unknown."""
+    """The number of sheets over each cell of a raster over the ground, or `UNKNOWN`."""
 
     def __init__(
         self,
@@ -187,7 +187,7 @@ def _edge_keys(
 def _uncanceled_edges(
     keys: Int[np.ndarray, " e"], weights: Int[np.ndarray, " e"] | None, n: int
 ) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
-    """Of sorted keys, the edges whose weights do not cancel, directed so that the sums that are left are positive."""
+    """Return the edges (of sorted keys) whose weights don't cancel, directed so that remaining sums are positive."""
     if not len(keys):
         return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64)
     edge = keys >> 1

@@ -45,7 +45,7 @@ SURROUNDINGS_WIDTH_SHARE = 0.25  # of the mask's longer side
 def check_pictures(
     folder: Path, coco: Coco, sound: Mapping[int, Image], *, fast: bool, progress: Callable[[int, int], None]
 ) -> Iterator[Finding]:
-    """Find problems with a dataset's picture files; `sound` are its images whose records fit, by id."""
+    """Find problems with a dataset's picture files; `sound` has its valid images by id."""
     images = coco["images"]
     contents: dict[str, str] = {}
     digests: list[str | None] = []
@@ -152,7 +152,7 @@ class TargetAppearance:
 
 
 def is_rendered(image: Record) -> bool:
-    """Return whether an image record is of a rendered picture: photographs' records lack two keys."""
+    """Return whether an image record is of a render; photographs' records lack two keys."""
     return any(image.get(key) is not None for key in (PICTURE_HASH_KEY, "world_from_camera"))
 
 
@@ -185,7 +185,7 @@ def _appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding
 def target_appearance(
     picture: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], others: Bool[np.ndarray, "h w"]
 ) -> TargetAppearance | None:
-    """Measure the look of a target's pixels; None without any. Pixels of `others` don't count as surroundings."""
+    """Measure the look of a target's pixels, None without any; pixels of `others` don't count as surroundings."""
     if not mask.any():
         return None
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

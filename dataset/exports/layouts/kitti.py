@@ -26,7 +26,7 @@ LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 
 
 def write_kitti(splits: Splits, out: Path) -> None:
-    """Write ``training/image_2``, ``label_2``, ``calib`` (where a field of view is known), and ``ImageSets``."""
+    """Write ``training/image_2``, ``label_2``, ``calib`` (for images with a known field of view), and ``ImageSets``."""
     pictures, texts, cameras = (out / "training" / name for name in ("image_2", "label_2", "calib"))
     lists = out / "ImageSets"
     for folder in (pictures, texts, cameras, lists):

@@ -23,7 +23,7 @@ COMMON_SPLIT_NAMES = {"train": "train", "valid": "val", "test": "test"}  # most 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ExportedImage:
-    """An image of an export."""
+    """An image of a dataset, and its picture in the export."""
 
     image: Image  # the image in the dataset, with the labels that are kept
     name: str  # name of its picture in the export: without folders, with a unique stem
@@ -68,7 +68,7 @@ class Splits:
 
 
 def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[tuple[Path, str]]:
-    """Return the file of each picture, links resolved, and its hash; one with the hash in its record isn't decoded."""
+    """Return each picture's file, links resolved, and hash; a file with the hash in its record isn't decoded."""
 
     def checked(image: Image) -> tuple[Path, str] | str:
         name = image.file_name
@@ -92,7 +92,7 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
 
 
 def flat_names(images: Sequence[Image]) -> list[str]:
-    """Return a unique name without folders for each image, dots in stems as underscores, which readers need."""
+    """Return a unique name without folders for each image; dots in stems become underscores, as readers need."""
     names = []
     taken: set[str] = set()
     for image in images:

@@ -16,7 +16,7 @@ TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the
 
 
 def write_voc(splits: Splits, out: Path) -> None:
-    """Write ``JPEGImages``, ``Annotations`` (in whole pixels, crowds ``difficult``), and ``ImageSets/Main``."""
+    """Write ``JPEGImages``, ``Annotations`` in whole pixels with crowds as ``difficult``, and ``ImageSets/Main``."""
     pictures, texts, lists = out / "JPEGImages", out / "Annotations", out / "ImageSets" / "Main"
     for folder in (pictures, texts, lists):
         folder.mkdir(parents=True)
