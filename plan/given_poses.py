@@ -10,7 +10,7 @@ Vector = tuple[float, float, float]
 
 
 class PoseLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The given values of one image; None is planned."""
+    """The values that a user gives of one image; what is None is planned."""
 
     line: int  # its number in the file
     scenery: str | None = None

@@ -53,7 +53,7 @@ ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Library:
-    """A config's assets, and the results of reading their files, by the assets' names."""
+    """A config's assets by name, as they were read."""
 
     assets: Assets
     # models, sceneries: report, bundle, and tidy twin of the file of each vehicle or distractor, and of each scenery
@@ -118,7 +118,7 @@ def load_library(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
-    """Return the assets of a config, from `cache` or the config's; `progress` gets each path, None: a status line."""
+    """Return the assets of a config, from `cache` or the config's; `progress` gets each path (None: a status line)."""
     if progress is None:
         with reading_status() as status:
             return load_library(config, strict=strict, cache=cache, progress=status, limits=limits)
@@ -190,7 +190,7 @@ def load_library(
 
 
 def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
-    """Return the export with a doubt about a vehicle of unusual length; without a scale, it's refused."""
+    """Return the export with a doubt about a vehicle's unusual length, which is refused without a scale."""
     report = exported.report
     if entry.scale is None or not (odd := odd_length(class_names(entry), report)):
         return exported
@@ -341,12 +341,12 @@ def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> Non
 
 
 def class_names(entry: ModelEntry) -> tuple[str, str]:
-    """Return the names that may tell a vehicle's class; the first that does so counts."""
+    """Return the names that may tell a vehicle's class, the most reliable first."""
     return getattr(entry, "category", None) or "", entry.name
 
 
 def odd_length(names: Sequence[str], report: FileReport) -> tuple[str, tuple[float, float]] | None:
-    """Return the class that these names tell and its usual lengths, if a vehicle doesn't have them."""
+    """Return the class by these names and its usual lengths, if the vehicle's length isn't usual."""
     kind = next((kind for name in names for kind in USUAL_LENGTHS_M if first_match(name, kind)), ANY_VEHICLE)
     low, high = USUAL_LENGTHS_M.get(kind, ANY_LENGTH)
     return None if low <= max(report.size) <= high else (kind[0], (low, high))

@@ -167,7 +167,7 @@ def _damage_error(path: Path, number: int, what: str) -> ConfigError:
 
 
 class _Names:
-    """File names of the images so far. Planned names follow from the index, so only other names take memory."""
+    """File names of the images so far; planned names follow from the index, so only others take memory."""
 
     def __init__(self) -> None:
         self._others: dict[str, int] = {}  # rows of names that aren't planned
@@ -218,7 +218,7 @@ class PlanWriter:
         return file
 
     def keep_rows(self, rows: int) -> None:
-        """Drop the rows after the first `rows`; call it before `write`."""
+        """Drop the rows after the first `rows`; call this before `write`."""
         end = int(self._starts[rows + 1])
         with self._name_file():
             self._file.truncate(end)

@@ -13,7 +13,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 
 
 class RowScenes:
-    """Makes scenes of rows, models prepared once; `fallback_z`: height of a plane in place of missing ground."""
+    """Makes scenes of rows, preparing each model once; a plane at `fallback_z` replaces missing ground."""
 
     def __init__(
         self,

@@ -67,7 +67,7 @@ def draw_lights(
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
 ) -> dict[str, Sequence[object]]:
-    """Draw light and exposure of images by weights of HDRIs; all but the HDRI don't depend on rotation and weather."""
+    """Draw light and exposure of images; all but the choice of HDRI is independent of rotation and weather."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     overcast = np.array(
@@ -99,7 +99,7 @@ def draw_lights(
 
 
 def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
-    """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
+    """Return how many images show an HDRI's land in place of terrain, and how many were examined."""
     fallback_z = Config.of_plan(plan).ground.fallback_z
     chosen = even_sample(len(plan), MAX_EXAMINED_IMAGES).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)

@@ -104,7 +104,7 @@ def _in_images(
 def _image_extras(
     planned: Planned, instances: Mapping[str, Sequence[object]]
 ) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
-    """Return the extras in each image, by the image's row in the block and the role."""
+    """Return the extras in each image, by role and the image's row in the block."""
     seen, views = planned.extra_views, planned.extra_views.views
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
     labels = extra_labels(views, seen.pixels, planned.block.config)
@@ -135,7 +135,7 @@ def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -
 
 
 def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
-    """Return columns with the fields of each instance that don't depend on the camera."""
+    """Return columns of the fields of instances that don't depend on the camera."""
     block, table, settled = planned.block, planned.table, planned.table.settled
     turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
     models = [table.fleet.models[model] for model in table.model.tolist()]
@@ -183,7 +183,7 @@ def _instance_coats(planned: Planned) -> list[list[Coat]]:
 
 
 def view_columns(views: Views) -> dict[str, Sequence[object]]:
-    """Return columns with the fields of vehicles that follow from their views."""
+    """Return columns of the fields of vehicles that follow from their views."""
     shares = {
         "visible_fraction": views.visible_fraction,
         "truncated_fraction": views.boxes.truncated_fraction,

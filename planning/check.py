@@ -67,7 +67,7 @@ def check_plan(
 
 
 def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
-    """`check_plan` with the planner of the plan's config, which plans can share."""
+    """Do `check_plan` with the planner of the plan's config, which plans can share."""
     budget, findings, hidden = planner.budget, [], 0
     if len(plan) != budget.n_images:
         findings.append(f"{len(plan)} images, the budget is {budget.n_images}")
@@ -152,7 +152,7 @@ def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
 
 
 def relabel_row(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> Row:
-    """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like."""
+    """Return an edited row with all values that follow from its poses computed anew, such as boxes and shares."""
     columns = _label_columns(row, site, vehicles, stage)
     values = zip(row.planned, *columns.values(), strict=True)
     target, *extras = (replace(vehicle, **dict(zip(columns, own, strict=True))) for vehicle, *own in values)
@@ -161,7 +161,7 @@ def relabel_row(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> 
 
 
 def _in_the_dark(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]:
-    """Return which vehicles stand where the config allows none: in a closed hall, or in a hollow hill."""
+    """Return which vehicles are where the config allows none: in a closed hall, or inside a hill."""
     if stage.config.placement.indoors:
         return []
     return np.flatnonzero(~sees_sky(site, vehicles)).tolist()

@@ -28,7 +28,7 @@ POSITIONS_PER_BLOCK = 2048  # gives large batches for each vehicle and scenery
 
 
 class Planner:
-    """Plans any run of positions; built once per process."""
+    """Plans any run of positions; each process builds one."""
 
     def __init__(
         self,

@@ -136,7 +136,7 @@ def plan_dataset(
 
 
 def new_doubts(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
-    """Return doubts by path without those that `init` wrote into the config."""
+    """Return doubts by path, without those that `init` wrote into the config."""
     from hulldown.planning.inputs.found_assets import stated_doubts
 
     stated = stated_doubts(config.path, config.folder / CACHE_NAME) if config.path else {}
@@ -182,7 +182,7 @@ def write_plan(
 
 
 def make_header(planner: Planner, path: str | Path) -> Header:
-    """Return the first line of a planner's plan with this name."""
+    """Return the first line of a planner's plan that is written to this path."""
     config, assets = planner.config, planner.assets
 
     def recorded(kind: str, name: str) -> AssetSource:

@@ -84,7 +84,7 @@ class FileEntry(Section):
 
 
 class ModelEntry(FileEntry):
-    """A file, and how the vehicle in it is found and posed."""
+    """A file with a vehicle, and how that is found and posed in it."""
 
     allow_missing: bool = False
     """plan it even if textures or libraries are missing, which renders magenta"""
@@ -126,7 +126,7 @@ class ModelEntry(FileEntry):
     """patterns of its sceneries; empty: all"""
 
     def matches_vehicle(self, scenery: str) -> bool:
-        """Return whether it may be placed on the scenery of this name."""
+        """Return whether the vehicle may be placed on the scenery of this name."""
         return not self.sceneries or any(fnmatchcase(scenery, pattern) for pattern in self.sceneries)
 
 

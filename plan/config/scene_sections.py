@@ -71,7 +71,7 @@ class PlacementSection(Section):
 
 
 class CameraMatrix(Section):
-    """OpenCV's camera matrix K, in pixels."""
+    """OpenCV's camera matrix K in pixels."""
 
     fx: float = Field(gt=0, le=1e9)
     fy: float = Field(gt=0, le=1e9)
@@ -142,7 +142,7 @@ class CameraSection(Section):
 
 
 class AnnotateSection(Section):
-    """The least that a labeled vehicle must show; by default, the camera's limits for targets apply."""
+    """The least that a labeled vehicle must show; by default, the camera's limits for targets."""
 
     min_box_px: AtLeastZero | None = Field(default=None, examples=[8.0])
     """least width and height of its box, pixels; default: camera.min_box_px"""
@@ -171,7 +171,7 @@ PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
 
 
 class BudgetSection(Section):
-    """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
+    """The number of images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
 
     images_per_class: PerClass = Field(default=None, examples=[140])
     """a number, or a table such as { tank = 200, truck = 100 }; a class's models take turns"""

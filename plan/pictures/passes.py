@@ -48,7 +48,7 @@ MOST_INSTANCES = (1 << 16) - 1
 
 
 class Instance(Struct, frozen=True):
-    """A vehicle or a surface in an image, numbered from 1; class and label are a vehicle's."""
+    """A vehicle or surface in an image, numbered from 1; only vehicles have a class and a label."""
 
     id: int
     kind: str
@@ -93,7 +93,7 @@ class PanopticLabel(Struct, frozen=True):
 
 
 class PanopticClass(Struct, frozen=True):
-    """A class of segments; those of things are instances."""
+    """A class of segments; the segments of "things" are instances."""
 
     id: int
     name: str
@@ -109,7 +109,7 @@ class Panoptic(Struct, frozen=True):
 
 
 class WrittenPasses(Struct, frozen=True):
-    """The file that lists an image's written passes, for the row with this hash."""
+    """A file that lists the passes that were written for the row with this hash."""
 
     row_sha256: str
     passes: list[str]
@@ -270,7 +270,7 @@ def write_passes(
 
 
 def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
-    """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
+    """Write an image's passes, then a table of the complete ones; return its segments."""
     stem, digest = _image_stem(row), hashlib.sha256(encode_line(row)).hexdigest()
     path, complete = output / "tables" / f"{stem}.json", set[str]()
     places = {name: output / folder / f"{stem}{suffix}" for name, (folder, suffix) in PASS_MEANINGS.items()}

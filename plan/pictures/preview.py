@@ -91,7 +91,7 @@ def _weather_words(weather: Weather | None) -> str:
 
 
 class Artist:
-    """Draws rows of a plan with the assets that it was made from."""
+    """Draws rows of a plan with its assets."""
 
     def __init__(self, plan: PlanFile, assets: Assets) -> None:
         self._plan, self._assets = plan, assets

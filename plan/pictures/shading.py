@@ -102,7 +102,7 @@ def _surface_albedo(
 
 
 def sun_direction(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
-    """Return a direction for the sun that differs between HDRIs and turns with them; it isn't the HDRI's sun."""
+    """Return a direction for the sun that differs between HDRIs and turns with them; the HDRI's sun is elsewhere."""
     azimuth = 2.0 * math.pi * _name_hash(hdri) + math.radians(yaw_deg)
     flat = math.cos(_SUN_ELEVATION)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(_SUN_ELEVATION)])
@@ -117,7 +117,7 @@ def preview_paint(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray
 
 
 def coated_color(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
-    """Return the linear color of a vehicle in a preview: that of its first coat, or its own."""
+    """Return the linear color of a vehicle in a preview: its first coat's, or its own."""
     color = coats[0].color if coats else None
     return own if color is None else np.array(linear_color(color))
 

@@ -82,7 +82,7 @@ def read_found(
     *,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
-    """Tell the kind of each file: by the name of a folder that it's in, else by its contents."""
+    """Find the kind of each file: by the name of a folder around it, or else by its contents."""
     limits.check_confinement()
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
@@ -123,7 +123,7 @@ def _found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> Fo
 
 
 def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
-    """Return a file's vehicles, as it's read by the keys that it needs, or its scenery."""
+    """Return a file's vehicles, read with the keys that it needs, or its scenery."""
     folder_kind = next(
         (FOUND_KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in FOUND_KINDS), None
     )
@@ -162,7 +162,7 @@ def _ground_comment(report: FileReport) -> list[str]:
 
 
 def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
-    """Return the needed kinds of assets that were not found."""
+    """Return the required kinds of assets that weren't found."""
     return [word for kind, word in NEEDED_KINDS.items() if all(file.kind != kind for file in found)]
 
 
@@ -214,7 +214,7 @@ def _propose_paint(material: str) -> dict[str, object]:
 
 
 def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: Path) -> None:
-    """Keep in a cache which doubts about the files of `folder` a config's comments state."""
+    """Record in a cache which doubts about the files of `folder` a config's comments state."""
     doubts: dict[str, list[Doubt]] = {}
     for file in found:
         doubts.setdefault(str((folder / file.path).resolve()), []).extend(file.doubts)
@@ -223,7 +223,7 @@ def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: P
 
 
 def stated_doubts(config: Path, cache: Path) -> dict[str, list[Doubt]]:
-    """Return the doubts, by resolved path, that `keep_doubts` kept for a config; none for other configs."""
+    """Return the doubts, by resolved path, that `keep_doubts` recorded for a config; none for other configs."""
     return unseal_entry(_write_entry(config, cache), dict[str, list[Doubt]]) or {}
 
 

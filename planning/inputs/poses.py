@@ -100,7 +100,7 @@ def _join_vector(values: Mapping[str, float], names: tuple[str, ...]) -> Vector 
 
 
 def _check_sequences(lines: list[PoseLine], path: Path) -> None:
-    """Check that the lines of a sequence are successive, and give the same vehicle in the same place."""
+    """Check that the lines of a sequence follow each other, and have the same vehicle in the same place."""
     ended: set[str | None] = set()
     for before, line in pairwise(lines):
         if line.sequence != before.sequence:

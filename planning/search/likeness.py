@@ -48,7 +48,7 @@ MAX_DISTANCE_RATIO = 2.0  # estimated distances are wrong by at most this factor
 
 
 class Following(IntEnum):
-    """What a camera follows."""
+    """What a try of a camera follows."""
 
     RANGES = 0  # the configured ranges
     INSTEAD = 1  # the configured ranges, since the photograph that was sampled for the image can't be followed
@@ -81,14 +81,14 @@ class TargetBoxes:
         return self.cut[:, 1] | self.cut[:, 3]
 
     def least_kept(self, most_truncated: float) -> Float[np.ndarray, "n 2"]:
-        """Least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
+        """Return least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
         share = np.minimum((1.0 - TRUNCATION_MARGIN * most_truncated) / self.kept, 1.0)
         return np.stack([np.where(self.horizontal_cut, share, 0.0), np.where(self.horizontal_cut, 0.0, share)], axis=1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PhotographedPoses:
-    """Places and headings of n companions as photographs show them, relative to targets."""
+    """Places and headings of n companions in photographs, relative to targets."""
 
     xy_yaw: Float[np.ndarray, "n 3"]  # on level ground: meters from the target, and radians
     is_shown: Bool[np.ndarray, " n"]  # whether the photograph shows this companion
@@ -133,7 +133,7 @@ class Likeness:
     def sample_boxes(
         self, draws: RandomStreams, fleet: Fleet, *, model: Int[np.ndarray, " n"], image: Int[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Sample a box for each image, by its target's model; return whether images follow it, too."""
+        """Sample a box for each image, by its target's model; return whether images follow it too."""
         share, rank = draws.uniform(Purpose.LIKE, image, 0, count=2).T
         return self._boxes_at_ranks(fleet, model, rank), share < self.camera.like_share
 
@@ -224,7 +224,7 @@ class Likeness:
 def usable_boxes(
     photographs: Photographs, camera: CameraSection, image_height: int
 ) -> tuple[Bool[np.ndarray, " n"], Counter[str]]:
-    """Return whether each box is within the limits of cameras, and the numbers of others by reason."""
+    """Return whether each box is within the cameras' limits, and the numbers of the other boxes by reason."""
     pixels = photographs.height * image_height
     cut, (least, most) = photographs.cut.any(axis=1), camera.truncated_fraction
     unused = {
@@ -243,7 +243,7 @@ def usable_boxes(
 def candidate_directions(
     draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]
 ) -> RowStreams:
-    """Return the generator for the candidate directions of these tries."""
+    """Return the random numbers for the candidate directions of these tries."""
     tries = attempt[:, None] * DIRECTIONS_PER_CAMERA + np.arange(DIRECTIONS_PER_CAMERA)
     return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, DIRECTIONS_PER_CAMERA), tries.ravel())
 
@@ -330,7 +330,7 @@ def choose_directions(
 def choose_fitting(
     misfit: Float[np.ndarray, "n d"], limits: CameraSection, choice: Float[np.ndarray, " n"]
 ) -> Int[np.ndarray, " n"]:
-    """Choose a direction for each row by the misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
+    """Choose a direction for each row by its misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
     exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, MIN_ASPECT_TOLERANCE)) ** 2
     return choose_weighted(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)
 
@@ -345,7 +345,7 @@ def companion_poses(
     lenses: Intrinsics,
     rng: RowStreams,
 ) -> PhotographedPoses:
-    """Return places on the rays through boxes' centers, and headings, at which companions fill photographs' boxes."""
+    """Return places on the rays through boxes' centers, and headings, where companions fill photographs' boxes."""
     photographs, limits = likeness.photographs, likeness.camera
     poses = np.zeros((len(number), 3))
     azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)

@@ -64,7 +64,7 @@ FIRST_BATCH_TRIES = 2  # each later batch of an extra has twice as many
 
 
 class HopelessPosition(ConfigError):
-    """The error of a position, by its number, that has no tries left."""
+    """The error of a position without tries left, with the position's number."""
 
     def __init__(self, position: int, problem: str, *, path: Path | None, remedy: str) -> None:
         super().__init__(problem, path=path, remedy=remedy)
@@ -117,7 +117,7 @@ def plan_block(block: Block) -> Planned:
 
 
 class _BlockSearch:
-    """What has been found for a block so far; `Planned` has its parts."""
+    """The state of the search in a block; `Planned` has its results."""
 
     def __init__(self, block: Block) -> None:
         self.block, self.config, self.draws = block, block.config, block.draws
@@ -159,7 +159,7 @@ class _BlockSearch:
             pending = np.union1d(pending[~roomy], blind)
 
     def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
-        """Take the next acceptable try of each position; the number of tries in a batch doubles."""
+        """Take the next acceptable try of each position; each batch has twice as many tries."""
         limit, ahead, table = self.config.placement.max_tries, 1, self.table
         given = self.block.given_poses(self.block.positions.first_image)
         self._give_up_if_placeless(pending)
@@ -212,7 +212,7 @@ class _BlockSearch:
         return roomy
 
     def _place_one_each(self, extras: Int[np.ndarray, " q"], photographed: PhotographedPoses) -> Bool[np.ndarray, " q"]:
-        """Place extras, at most one of a position, in batches that double their tries; return which have a place."""
+        """Place at most one extra of each position, in batches that double their tries; return which have a place."""
         table, pending, done, ahead = self.table, extras, 0, FIRST_BATCH_TRIES
         while len(pending) and done < MAX_EXTRA_TRIES:
             ahead = min(ahead, MAX_EXTRA_TRIES - done)
@@ -229,7 +229,7 @@ class _BlockSearch:
         return table.is_placed[extras]
 
     def _photographed_poses(self, extras: Int[np.ndarray, " q"]) -> PhotographedPoses:
-        """Return where the photographs of first images show these companions."""
+        """Return where the photographs of the positions' first images show these companions."""
         table, likeness, k = self.table, self.block.likeness, len(self.table)
         poses = PhotographedPoses(np.zeros((k, 3)), np.zeros(k, dtype=bool))
         extras = extras[table.role[extras] == InstanceRole.COMPANION]
@@ -254,7 +254,7 @@ class _BlockSearch:
     def _settle_extras(
         self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: PhotographedPoses
     ) -> Settled:
-        """Settle tries of extras around their targets, from the photograph's places to random ones as tries go on."""
+        """Settle tries of extras around targets, from the photograph's places to random ones as tries go on."""
         table, limits, tries = self.table, self.config.placement, []
         for batch in index_batches(len(which), MAX_BATCH_PLACES):
             extras = which[batch]
@@ -287,7 +287,7 @@ class _BlockSearch:
         return clear
 
     def _find_cameras(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
-        """Find cameras for all images of these positions, and return the positions with an image that has none."""
+        """Find cameras for all images of these positions; return the positions with an image without one."""
         max_tries = self.config.camera.max_tries
         extras = self.table.take(np.flatnonzero(self.table.is_placed & self.table.is_extra))
         blind = self.place_rejections[:, Rejection.NO_VIEW] // QUARTER_PLACES
@@ -363,7 +363,7 @@ class _BlockSearch:
     def _abandon_positions(
         self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str
     ) -> None:
-        """Give up these positions, and all positions after the first of them that isn't movable."""
+        """Give up these positions, and all after the first of them that isn't movable."""
         rows, block = self._hopeful_positions(rows), self.block
         given = block.given_poses(block.positions.first_image)
         self.table.state[np.isin(self.table.row, rows)] = PlaceState.ABANDONED

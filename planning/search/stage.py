@@ -33,7 +33,7 @@ _BOUND_FUNCTIONS = (np.min, np.max)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Site:
-    """A scenery with its query objects."""
+    """A scenery, prepared for queries."""
 
     name: str
     terrain: Terrain  # top hits on its ground, or on the fallback plane
@@ -49,7 +49,7 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class FleetModel:
-    """A vehicle with its query objects."""
+    """A vehicle or distractor, prepared for queries."""
 
     shape: VehicleShape  # shape, category: the vehicle and its class; None for a distractor without one
     category: str | None
@@ -59,7 +59,7 @@ class FleetModel:
 
     @cached_property
     def part_hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
-        """Vertices of the convex hull of what can be seen of each part of `caster`; of all of it, if nothing can."""
+        """Vertices of the convex hull of each part's visible vertices; of all of `caster`'s, if none are visible."""
         if self.shape.seen is None:
             return tuple(part.hull for part in self.caster.parts)
         seen = [(part, self.shape.seen_vertices(part.index)) for part in self.caster.parts]
@@ -67,7 +67,7 @@ class FleetModel:
 
 
 class Fleet:
-    """All vehicles and distractors; tables of their parts' boxes (vehicle frame, at rest), padded by the first."""
+    """All vehicles and distractors, with tables of their parts' boxes (vehicle frame, at rest), padded by the first."""
 
     def __init__(self, models: tuple[FleetModel, ...]) -> None:
         self.models = models
@@ -92,7 +92,7 @@ class Fleet:
 
 
 def _sphere_radius(shape: VehicleShape) -> float:
-    """Radius of a sphere about the origin that contains all parts in any articulation."""
+    """Return the radius of a sphere about the origin that contains all parts in any articulation."""
     reach = 0.0
     for part in range(len(shape.part_names)):
         part_vertices = shape.seen_vertices(part)
@@ -120,7 +120,7 @@ class PlanStage:
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
-    """Build the query objects of all assets, once for equal files."""
+    """Prepare all assets for queries."""
     listed: list[tuple[VehicleShape, str | None]] = [
         (v, assets.categories[name]) for name, v in assets.vehicles.items()
     ]
