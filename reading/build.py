@@ -54,7 +54,7 @@ class BuiltVehicle:
 
 
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
-    """Return the vehicle among the pieces; strays are proposed for `drop` if the rest has fewer doubts."""
+    """Build the vehicle from the pieces; strays are proposed for `drop` if the rest has fewer doubts."""
     built, strays = _build_vehicle(name, upright, options)
 
     def helps(stray: Stray) -> bool:
@@ -69,7 +69,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
 
 
 def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
-    """Return the vehicle with all other doubts, and what might not belong to it."""
+    """Build the vehicle with all other doubts, and return what might not belong to it."""
     pieces, meshes, markers = upright.drawn.pieces, upright.drawn.meshes, upright.drawn.markers
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
     kept = [i for i, role in enumerate(roles) if role.use == "vehicle"]
@@ -161,7 +161,7 @@ def _compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Me
 def build_scenery(
     name: str, drawn: Evaluated, roles: Sequence[PieceRole], *, meters: Float[np.ndarray, "4 4"], options: Options
 ) -> tuple[Scenery, tuple[str, ...]]:
-    """Ground and obstacles about an origin in whole kilometers, and ground pieces whose mesh is partly water."""
+    """Build ground and obstacles about an origin in whole kilometers; also return names of partly wet ground."""
     meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched_role_pattern(pieces, options):
         raise AssetError(
@@ -211,7 +211,7 @@ def build_scenery(
 
 
 def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4 4"]) -> bool:
-    """Return whether the faces of ground with a material named like water are water: together wide and mostly level."""
+    """Return whether faces of ground with materials named like water are water: wide together, and mostly level."""
     if piece.mesh not in drawn.wet:
         return False
     part, meters_from_mesh = _water_faces(piece.mesh, drawn, wet=True), meters @ piece.pose

@@ -41,7 +41,7 @@ FilePrint = tuple[int, int, str]  # of a file: its size, its time, and its conte
 
 @dataclass(frozen=True, slots=True)
 class _Note:
-    """The asset's resolved path, its report, and what else the report depends on."""
+    """The asset's resolved path, its report, and other inputs that the report depends on."""
 
     path: str
     report: FileReport
@@ -51,7 +51,7 @@ class _Note:
 
 @dataclass(frozen=True, slots=True)
 class _Sealed:
-    """What an entry's seal is of: the entry's name, hashes of its files, and a note."""
+    """The content that an entry's seal covers: the entry's name, hashes of its files, and a note."""
 
     name: str
     content: dict[str, str]
@@ -108,7 +108,7 @@ def _valid_entry(entry: Path, path: Path) -> Exported | None:
 
 
 def _namesakes(path: Path, report: FileReport) -> list[str]:
-    """Return the files near an asset that are called as its missing ones, and so may be read in their place."""
+    """Return files near an asset with the names of its missing files, which may be read in their place."""
     names = {re.split(r"[/\\]", missing.path)[-1].lower() for missing in report.missing}
     return sorted(str(file) for file in nearby_files(path) if file.name.lower() in names) if names else []
 
@@ -131,12 +131,12 @@ def _entry_lock(entry: Path) -> AbstractContextManager[object]:
 
 
 def new_folder(cache: Path) -> tempfile.TemporaryDirectory[str]:
-    """Return a temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
+    """Yield a temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
     return tempfile.TemporaryDirectory(prefix=".new-", dir=cache.resolve(), ignore_cleanup_errors=True)
 
 
 def entry_name(*parts: object) -> str:
-    """Return the name of the entry made from `parts`; different for every user."""
+    """Return the name of the entry made from `parts`; it's different for every user."""
     return hmac.digest(_secret_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
 
 
@@ -194,7 +194,7 @@ def _secret_key() -> bytes:
 
 
 def _file_print(file: Path, asset: Path, *, known: FilePrint | None = None) -> FilePrint | None:
-    """Size, time, and content of a file that an asset refers to; None where the confined reader couldn't open it."""
+    """Return size, time, and content of a file that an asset refers to; None if the confined reader can't open it."""
     if not (unconfined_reason() or is_inside(file, asset_folders(asset))):
         return None
     try:

@@ -201,7 +201,7 @@ def _missing_doubts(missing: Sequence[Missing]) -> Iterator[Doubt]:
 
 
 def likely_scale(longest: float, unit: float, usual: tuple[float, float] = LIKELY_LENGTHS) -> str:
-    """Return the usual unit that makes it a vehicle of a usual length, as " = 100 (now 1)"; without, if none does."""
+    """Return the usual unit that gives a vehicle a usual length, as " = 100 (now 1)", or only the present unit."""
     middle = math.sqrt(usual[0] * usual[1])
     best = min(USUAL_UNITS, key=lambda meters: abs(math.log(max(longest, 1e-9) / unit * meters / middle)))
     return f" = {best:g} (now {unit:g})" if usual[0] <= longest / unit * best <= usual[1] else f" (now {unit:g})"

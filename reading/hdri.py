@@ -38,7 +38,7 @@ PICTURES_PER_PROCESS = 16  # which reads one after the other
 
 @dataclass(frozen=True, slots=True)
 class FoundSky:
-    """What reading tells about an HDRI, as it's kept in the cache; its fields are those of `Hdri`."""
+    """What reading found in an HDRI, as the cache keeps it; its fields are those of `Hdri`."""
 
     light: SkyLight
     notes: tuple[str, ...]
@@ -78,7 +78,7 @@ class Hdri:
 
 
 def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
-    """Return a sky's usable radiance, linear Rec. 709, and its repairs, a sentence each."""
+    """Return a sky's usable radiance in linear Rec. 709, and a sentence about each repair."""
     height, width = pixels.shape[:2]
     if width != 2 * height:
         raise AssetError(f"is {width} x {height} pixels, but an HDRI of a whole sky is twice as wide as high")
@@ -109,7 +109,7 @@ def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray,
 
 
 def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
-    """Return mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
+    """Return the mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
     height = len(pixels)
     rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE_WEIGHTS
     weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
@@ -123,7 +123,7 @@ def read_hdris(
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
 ) -> list[Hdri]:
-    """Read and check pictures, from `cache` if possible."""
+    """Read and check HDRIs, from `cache` if possible."""
     for path in paths:
         refuse_no_hdri(path)
     make_cache(cache)
@@ -152,7 +152,7 @@ def read_hdris(
 
 
 def refuse_no_hdri(path: Path) -> None:
-    """Raise if a file doesn't begin like an HDRI."""
+    """Refuse a file that doesn't begin like an HDRI."""
     if not first_bytes(path).startswith(HDRI_MAGIC):
         raise AssetError("isn't an OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 

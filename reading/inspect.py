@@ -43,7 +43,7 @@ SHEET_VIEWS = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Inspected:
-    """An inspected file."""
+    """The report and picture of an inspected file."""
 
     name: str  # of the vehicle, scenery, or HDRI
     report: FileReport | SkyReport  # the report about its file
@@ -59,7 +59,7 @@ def sky_report(path: Path, hdri: Hdri) -> SkyReport:
 
 
 def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
-    """Write the pictures side by side, each under its name, or the only one."""
+    """Write the pictures side by side, each under its name, or one picture alone."""
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
     sheet = drawn[0][1]
     if len(drawn) > 1:
@@ -129,7 +129,7 @@ def draw_asset(
 
 
 def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
-    """Return bounds of the ground and the objects on it, without hills on the horizon; of everything without ground."""
+    """Return bounds of the ground and the objects on it without hills on the horizon; of everything without ground."""
     if scenery.ground is not None:
         low, high = scenery.ground.bounds
         middle = boxes.mean(axis=1)

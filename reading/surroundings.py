@@ -29,7 +29,7 @@ def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
 
 
 def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
-    """Means over squares of an equirectangular picture, about `MAP_ROWS` high; the zenith is in the first row."""
+    """Return means over squares of an equirectangular picture, about `MAP_ROWS` high, the zenith in the first row."""
     height, width = pixels.shape[:2]
     step = max(1, height // MAP_ROWS)
     cut = pixels[::-1][: height // step * step, : width // step * step]
@@ -37,7 +37,7 @@ def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
 
 
 def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
-    """Elevation in degrees up to which a `small_map` shows more than sky, and signs that it isn't open land."""
+    """Return the elevation in degrees up to which a `small_map` shows more than sky, and signs of closed land."""
     height = len(sky)
     if height < MIN_JUDGED_ROWS:  # too coarse to tell
         return round(min(90.0 / height, MAX_HORIZON_DEG), 3), ()
@@ -60,7 +60,7 @@ def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[st
 
 
 def _dark_tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-    """Elevation in degrees of the top of dark surroundings in each column."""
+    """Return the elevation in degrees of the top of dark surroundings in each column."""
     tops = np.zeros(gray.shape[1])
     bright = np.zeros(gray.shape[1], dtype=int)  # rows since the last dark one
     for row in np.flatnonzero((elevation > 0.0) & (elevation < MAX_HORIZON_DEG))[::-1]:

@@ -18,7 +18,7 @@ MAX_GROUNDED_VEHICLE_M = 30.0  # larger files with ground count as sceneries
 
 
 def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
-    """Return "scenery" for ground with things wider than a vehicle, or for what is flat and wide; else "vehicle"."""
+    """Return "scenery" for ground with things wider than a vehicle, or for a flat, wide file; else "vehicle"."""
     if not pieces:
         return "vehicle"
     if not _ground_reason(pieces, options):
@@ -33,7 +33,7 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
 
 
 def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> Doubt | None:
-    """Refuse a file of the other kind, unless options describe it; return a doubt if it may be intended, or None."""
+    """Refuse a file of the other kind, unless options describe it; return a doubt if it may be intended."""
     if not pieces:
         return None
     if kind == "vehicle":

@@ -29,7 +29,7 @@ class Duplicate:
 
 
 def take_duplicates() -> dict[str, list[Duplicate]]:
-    """Before evaluation, remove duplicates if there are many; return them by the name of the object that stays."""
+    """Remove duplicates before evaluation, if there are many; return them by the name of the object that stays."""
     groups = [same for same in _equal_groups().values() if len(same) > 1]
     if sum(len(same) - 1 for same in groups) < MIN_OBJECTS:
         return {}

@@ -191,5 +191,5 @@ def _cast_view(read: InstancedScene, view: _View) -> tuple[Float[np.ndarray, "h 
 def _is_outside(
     depth: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], near: float
 ) -> Bool[np.ndarray, "h w"]:
-    """Return where a depth is none of those that another picture has at the pixel or beside it."""
+    """Return where a depth isn't among those of another picture at the same pixel or beside it."""
     return (depth < minimum_filter(other, 3) - near) | (depth > maximum_filter(other, 3) + near)

@@ -51,7 +51,7 @@ class Opened:
 
 
 def open_file(path: Path, kind: str, options: Options) -> Opened:
-    """Make `path` the file that is open in Blender."""
+    """Open `path` in Blender."""
     if kind == "blend":
         return _open_blend(path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -87,7 +87,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
 
 
 class RestPose:
-    """Extension of Khronos's glTF importer: nodes keep the pose in the file, not that of an animation's first frame."""
+    """Extension of Khronos's glTF importer: nodes keep the file's pose, not that of an animation's first frame."""
 
     def gather_import_animations(self, animations: list[Any] | None, options: Any, gltf: Any) -> None:
         """Leave out the file's animations."""
@@ -196,7 +196,7 @@ def _open_blend(path: Path) -> Opened:
 
 
 def _lost_pictures() -> list[str]:
-    """Pictures of old files whose texture slots no longer exist, so that no material uses them."""
+    """Return pictures of old files whose texture slots no longer exist, so that no material uses them."""
     if tuple(bpy.data.version[:2]) >= FIRST_NODES_VERSION:
         return []
     textures = [t for t in bpy.data.textures if t.type == "IMAGE" and t.users == 0]

@@ -88,7 +88,7 @@ def prisms_block(mesh: Mesh, materials: Sequence[Any]) -> Any:
 
 
 def _strand_radii(settings: Any, along: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:
-    """Radii at shares of each strand's length; root, tip and shape as Blender's manual describes them."""
+    """Return radii at shares of each strand's length; root, tip, and shape are as in Blender's manual."""
     shape = settings.shape
     left = (1 - along) ** (1 + shape if shape < 0 else 1 / max(1 - shape, 1e-6))
     radii = settings.radius_scale / 2 * (settings.tip_radius + left * (settings.root_radius - settings.tip_radius))

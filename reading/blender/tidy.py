@@ -27,7 +27,7 @@ LOOK_ATTRIBUTES = (*VISIBILITY_FLAGS, "pass_index", "color")
 
 
 def lasting_data(drawn: Any, materials: Sequence[Any]) -> Any:
-    """Return an object's data, such as a mesh, in evaluated materials, as it outlives the depsgraph."""
+    """Return an object's data, such as a mesh, with evaluated materials, in a form that outlives the depsgraph."""
     data = drawn.data
     wanted = [material.original if material else None for material in materials]
     if _is_as_in_the_file(drawn, data, wanted):
@@ -117,7 +117,7 @@ def write_scenery(
 
 
 def _carrier_object(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequence[float]) -> Any:
-    """Return one object that draws `thing` in all these poses; ten thousand objects would take minutes."""
+    """Return one object that draws `thing` in all these poses, since ten thousand objects take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))
     # Blender stores matrices column by column.

@@ -37,7 +37,7 @@ def refuse_special_files(path: Path) -> None:
 
 
 def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
-    """Block code and path, as written, of every file that a .blend refers to; unreadable blocks are skipped."""
+    """Yield block code and path, as written, of every file that a .blend refers to; skip unreadable blocks."""
     try:
         with open_regular(path) as raw, _decompress_blend(raw) as file:
             for code, data in _file_blocks(file):

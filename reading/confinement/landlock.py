@@ -48,7 +48,7 @@ READABLE_VARIABLE = "HULLDOWN_READ"  # more folders to read and to run programs 
 
 @cache
 def landlock_version() -> int:
-    """Return the kernel's version of Landlock; 0: none."""
+    """Return the kernel's version of Landlock; 0 without Landlock."""
     if not sys.platform.startswith("linux"):
         return 0
     return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(GET_ABI)))
@@ -64,14 +64,14 @@ def unconfined_reason() -> str:
 
 
 def describe_confinement() -> str:
-    """Return the confinement on this machine, for records: "Landlock 4", or the reason why there is none."""
+    """Describe the confinement on this machine for records: "Landlock 4", or why there is none."""
     return f"none: {why}" if (why := unconfined_reason()) else f"Landlock {landlock_version()}"
 
 
 def confine_command(
     command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
 ) -> list[str]:
-    """Return a command that runs `command` confined; `command` itself if that's impossible or switched off."""
+    """Return a command that runs `command` confined, or `command` itself if that's impossible or switched off."""
     if unconfined_reason():
         return list(command)
     more = [path for path in os.environ.get(READABLE_VARIABLE, "").split(os.pathsep) if path]
@@ -86,7 +86,7 @@ def confine_command(
 
 
 def _python_folders() -> list[str]:
-    """Return where this Python, hulldown, and packages are; other files in the folders of `sys.path` aren't open."""
+    """Return the places of this Python, hulldown, and packages; other files in `sys.path`'s folders stay closed."""
     own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON_FOLDERS]
     return [
         *own,
@@ -110,7 +110,7 @@ def _installed_files(entry: str) -> tuple[Path, ...]:
 
 
 def asset_folders(path: Path) -> list[Path]:
-    """Folders that an asset may read: its own, and the one around it unless that is the home or near the root."""
+    """Return the folders that an asset may read: its own, and the one around it unless that's home or near the root."""
     folders = [path.absolute().parent, Path(os.path.realpath(path)).parent]
     around = [folder.parent for folder in folders if len(folder.parts) > 3 and folder.parent != Path.home()]
     return list(dict.fromkeys([*folders, *around]))

@@ -33,7 +33,7 @@ MAX_JSON_BYTES = 2**28  # once read, a glTF's JSON takes some twenty times as ma
 
 
 def refuse_odd_references(path: Path, kind: str) -> None:
-    """Raise if a file of the format `kind` refers to something other than a file, or to a missing part of itself."""
+    """Refuse a file of the format `kind` that refers to something other than a file, or to a missing part of itself."""
     if kind == "obj":
         for material in material_libraries(path):
             for _, picture in file_directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
@@ -58,7 +58,7 @@ def material_libraries(path: Path) -> Iterator[Path]:
 
 
 def file_directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
-    """First word in lower case, and the rest, of the lines of an OBJ or .mtl file that begin like this."""
+    """Yield lines of an OBJ or .mtl file that begin with these words: the first word in lower case, and the rest."""
     with open_regular(path) as file:
         while line := file.readline(1 << 16):
             words = line.strip().split(maxsplit=1)

@@ -57,11 +57,11 @@ class ReadLimits:
 
     @property
     def memory(self) -> float:
-        """Bytes that one process may hold."""
+        """Bytes of memory that one process may use."""
         return memory_limit(self.memory_bytes, self.share)
 
     def check_confinement(self) -> None:
-        """Refuse to go on unconfined, or warn, once in a process."""
+        """Refuse to continue unconfined, or warn once per process."""
         if (why := unconfined_reason()) and self.require_confinement:
             remedy = f"use Linux 5.13 or later without {CONFINEMENT_VARIABLE}=off, or leave out --require-confinement"
             raise HulldownError(f"Blender would not be confined: {why}", remedy=remedy)
@@ -80,7 +80,7 @@ DEFAULT_LIMITS = ReadLimits()
 def run_limited(
     command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS
 ) -> tuple[int, str, str]:
-    """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life."""
+    """Run `command` to its end, or until it exceeds a limit; every line that it writes counts as progress."""
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()
 

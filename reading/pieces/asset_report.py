@@ -47,7 +47,7 @@ class ObjectRow:
 
 
 def gather_copies(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
-    """Return the rows, with copies of the same kind and use (Tree.001, Tree.002, ...) in one row where they're many."""
+    """Return the rows; many copies of the same kind and use (Tree.001, Tree.002, ...) share a row."""
     families: dict[tuple[str, str, str], list[ObjectRow]] = {}
     for row in rows:
         families.setdefault((_unnumbered_name(row.name), row.kind, row.use), []).append(row)
@@ -83,7 +83,7 @@ def _shared_row(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
 
 
 def format_xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """Return a vector for reports."""
+    """Format a vector for reports."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
@@ -111,7 +111,7 @@ class MaterialRow:
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """A file, or a material's picture, that is "missing" or "unreadable"."""
+    """A file, or a material's picture, that is missing or unreadable."""
 
     path: str
     wanted_by: tuple[str, ...]
@@ -120,7 +120,7 @@ class Missing:
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """A vehicle among several things in a file, as an entry of a config."""
+    """A vehicle, one of several things in a file, as an entry of a config."""
 
     name: str  # name of the entry; "" for the file's own
     size: tuple[float, float, float]  # extents in meters
@@ -140,7 +140,7 @@ class TopView:
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """The report about a file."""
+    """The report about a file with a vehicle or scenery."""
 
     kind: str
     path: str
@@ -221,14 +221,14 @@ class SkyReport:
 
 
 def refuse_lost(reports: Sequence[FileReport]) -> None:
-    """Raise if Blender draws something of any of the files that wasn't read."""
+    """Refuse files of which Blender draws something that wasn't read."""
     lost = ((report, doubt) for report in reports for doubt in report.doubts if doubt.kind == DoubtKind.LOST)
     for report, doubt in lost:
         raise AssetError(str(doubt), path=report.path, remedy="hulldown inspect -o shows both pictures")
 
 
 def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:
-    """Raise if any of the files lacks a texture or a library."""
+    """Refuse files that lack a texture or a library."""
     for report in reports:
         if report.missing:
             first, more = report.missing[0], len(report.missing) - 1

@@ -53,7 +53,7 @@ _DOUBT_RANKS = {kind: rank for rank, kind in enumerate(DoubtKind)}
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Something in a file that looks unintended."""
+    """Something about a file that looks unintended."""
 
     kind: DoubtKind
     text: str  # a sentence for the user, with the config's key to set if there is one

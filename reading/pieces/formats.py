@@ -52,7 +52,7 @@ def first_bytes(path: Path) -> bytes:
 
 
 def kind_of_file(path: Path) -> str:
-    """Return kind of a path: "a file", "a folder", "a FIFO", "a socket", "a device", or "" if it doesn't exist."""
+    """Return "a file", "a folder", "a FIFO", "a socket", "a device", or "" for a path where nothing exists."""
     try:
         return _file_kind(path.stat().st_mode)
     except (OSError, ValueError):

@@ -148,7 +148,7 @@ def first_match(name: str, patterns: Iterable[str]) -> str | None:
 
 
 def is_named(name: str, pattern: str) -> bool:
-    """Return whether `pattern` is a name as a whole, or matches it as `first_match` does."""
+    """Return whether `pattern` is the whole name, or matches it as in `first_match`."""
     return name.lower() == pattern.lower() or first_match(name, [pattern]) is not None
 
 

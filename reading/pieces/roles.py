@@ -32,7 +32,7 @@ MIN_STAGE_AREA_RATIO = 4.0  # to the area of the rest's footprint
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Link:
-    """An object on the way from a piece up to the root: itself, its parents, then its instancers."""
+    """An object in the chain from a piece up to the root: itself, its parents, then its instancers."""
 
     name: str
     collections: tuple[str, ...]  # names of the collections it is in, nearest first, then the collections around those
@@ -120,7 +120,7 @@ class PieceRole:
 
 
 def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Sequence[str] = ()) -> list[PieceRole]:
-    """For each piece of a vehicle file, whether it is "vehicle" or "dropped", and why."""
+    """Return for each piece of a vehicle file whether it's "vehicle" or "dropped", and why."""
     around = [{n for link in piece.chain for n in (link.name, *link.collections)} - {piece.name} for piece in pieces]
     shared = set.intersection(*around) if around else set()  # a parent of all is no helper
     roles: list[PieceRole | None] = [_vehicle_by_name(piece, keep, drop, shared) for piece in pieces]
@@ -166,7 +166,7 @@ def _piece_names(piece: Piece) -> list[str]:
 
 
 def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
-    """Return whether the config keeps it by name."""
+    """Return whether the config keeps a piece by name."""
     return any(first_match(name, keep) for name in _piece_names(piece))
 
 

@@ -9,7 +9,7 @@ MAX_SENTENCE_NAMES = 12
 
 
 def quote_names(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
-    """Quote names, each once, and count the rest.
+    """Quote names, without repeats, and count the rest.
 
     >>> quote_names(["Hull", "Gun", "Hull", "Cab"], most=2)
     "'Hull', 'Gun' and 1 more"
@@ -20,5 +20,5 @@ def quote_names(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
 
 
 def as_key(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
-    """Format names as a config value, each once."""
+    """Format names as a config value, without repeats."""
     return json.dumps(list(dict.fromkeys(names))[:most], ensure_ascii=False)

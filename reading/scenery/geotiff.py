@@ -76,7 +76,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
 
 
 def _remove_nodata(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
-    """Remove undeclared values for missing data, far below all others (coasts have many zeros); a doubt about them."""
+    """Remove undeclared nodata values, far below all others (coasts have many zeros); return a doubt about them."""
     known = z[np.isfinite(z)]
     if not len(known) or (lowest := float(known.min())) > MIN_ELEVATION:
         return []
@@ -138,7 +138,7 @@ def read_orthophoto(
 
 
 def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
-    """Transform points from one map to another, x east and y north on both."""
+    """Transform points from one map to another; x is east and y is north on both."""
     try:
         import pyproj
     except ModuleNotFoundError:
@@ -152,7 +152,7 @@ def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.n
 
 @contextmanager
 def _open_raster(path: Path) -> Iterator[Any]:
-    """Open a GeoTIFF, whatever else GDAL could read."""
+    """Open a GeoTIFF, and none of the other formats that GDAL reads."""
     try:
         import rasterio
         from rasterio._err import CPLE_BaseError  # GDAL's own, which some functions pass on
@@ -172,7 +172,7 @@ def _open_raster(path: Path) -> Iterator[Any]:
 
 
 def _area_window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First row and column whose centers are in the area, and those after the last."""
+    """Return the first row and column with centers in the area, and those after the last."""
     if area is None:
         return (0, raster.height), (0, raster.width)
     west, south, east, north = area
@@ -193,7 +193,7 @@ def _area_window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple
 def _in_meters(
     x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], wkt: str, path: Path, doubts: list[Doubt]
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], str]:
-    """Coordinates on a map in meters, and that map: the raster's own if it's true to scale, or UTM."""
+    """Return coordinates on a map in meters, and that map: the raster's own if it's true to scale, or UTM."""
     import pyproj
     from pyproj.aoi import AreaOfInterest
     from pyproj.database import query_utm_crs_info

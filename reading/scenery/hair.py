@@ -41,7 +41,7 @@ def hair_mesh(
     straight: Bool[np.ndarray, " c"],
     name: str,
 ) -> Mesh | None:
-    """Make prisms along every curve; of too much fur, one stretch in k, k times as thick (Cook et al., 2007)."""
+    """Make prisms along every curve; of too much fur, one in k stretches, k times as thick (Cook et al., 2007)."""
     is_first, is_last = np.zeros((2, len(points)), dtype=bool)
     is_first[first], is_last[first - 1] = True, True
     b = np.flatnonzero(~is_last)
@@ -60,7 +60,7 @@ def hair_mesh(
 
 
 def _piece_count(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
-    """Return how many: a chord over a t of 1 / n is off by at most an eighth of the greatest second derivative / n^2.
+    """Return the number of pieces: a chord over t of 1 / n errs by up to 1/8 of the greatest second derivative / n^2.
 
     The part of the derivative along the stretch doesn't bend it.
     """

@@ -22,7 +22,7 @@ MIN_UPRIGHT_COSINE = 0.9
 def parked_vehicles(
     drawn: Evaluated, roles: Sequence[PieceRole], meters: Float[np.ndarray, "4 4"]
 ) -> dict[str, list[str]]:
-    """Obstacles that are vehicles, by a name or by wheels: the name of each, and of its objects."""
+    """Find obstacles that are vehicles, by a name or by wheels: the name of each, and of its objects."""
     pieces = drawn.pieces
     among = [i for i, role in enumerate(roles) if role.use == "obstacle" and not pieces[i].hair]
     found: dict[str, list[str]] = {}
@@ -44,7 +44,7 @@ def parked_vehicles(
 
 
 def _vehicle_groups(drawn: Evaluated, among: Sequence[int]) -> list[tuple[str, list[int]]]:
-    """Things as large as a vehicle: pieces by their topmost parent that isn't larger, and its name."""
+    """Group things as large as a vehicle: pieces by their topmost parent that isn't larger, with its name."""
     carried: dict[tuple[str, bytes], list[int]] = {}
     for i in among:
         for link in drawn.pieces[i].chain:

@@ -79,7 +79,7 @@ def _may_be_ground(piece: Piece, least: float, *, level: float = GROUND_LEVEL) -
 
 
 def _carries_most(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Tell whether most pieces with their middle above or below a piece don't reach below it; true if it's alone."""
+    """Return whether most pieces centered above or below a piece don't reach below it; true if it's alone."""
     low, high = piece.bounds
     middle = rest.mean(axis=1)[:, :2]
     there = ((middle >= low[:2]) & (middle <= high[:2])).all(axis=1) & (rest != piece.bounds).any(axis=(1, 2))

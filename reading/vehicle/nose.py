@@ -46,7 +46,7 @@ NOT_FOUND = "which end is its nose was not found"
 
 @dataclass(frozen=True, slots=True)
 class Direction(Generic[Value]):
-    """The file's up axis, or the nose's angle in radians counterclockwise from +x; the reason; a doubt unless sure."""
+    """The file's up axis, or the nose's angle in radians counterclockwise from +x; the reason; a doubt if unsure."""
 
     value: Value
     why: str
@@ -61,7 +61,7 @@ def find_forward(
     gun: Sequence[bool],
     corners: Float[np.ndarray, "f 3 3"],
 ) -> Direction[float]:
-    """Find the direction of the nose, in the frame of `wheels`, z up; without any sign, along the longer of x and y."""
+    """Find the direction of the nose, z up, in the frame of `wheels`; without any sign, along the longer of x and y."""
     line, why = _long_axis(solids, wheels, gun, corners)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
@@ -116,7 +116,7 @@ def find_forward(
 
 
 def forward_key(angle: float) -> str | float:
-    """Return an angle as the key `forward` has it."""
+    """Return an angle in the form of the key `forward`."""
     quarter = round(angle / (np.pi / 2))
     if abs(angle - quarter * np.pi / 2) < 1e-9:
         return ("+x", "+y", "-x", "-y")[quarter % 4]
@@ -124,7 +124,7 @@ def forward_key(angle: float) -> str | float:
 
 
 def forward_text(angle: float) -> str:
-    """Return an angle as a config's line has it after `forward =`."""
+    """Return an angle as it follows `forward =` in a config."""
     return json.dumps(forward_key(angle))
 
 
@@ -163,7 +163,7 @@ def _long_axis(
 
 
 def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
-    """Return the axis x or y: the one whose mirror plane the vertices have, or the longer one."""
+    """Return the axis, x or y, whose mirror plane the vertices have, or the longer one."""
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = np.ptp(points, axis=0)
     tree, some = cKDTree(points), points[:: max(1, len(points) // MAX_MIRRORED_VERTICES)]
@@ -251,7 +251,7 @@ def gun_barrel(
 
 
 def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
-    """Return the end at which the longest piece named gun protrudes, and that piece; (0, -1) if none does."""
+    """Return the end at which the longest piece that is named gun protrudes, and that piece; (0, -1) if none does."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     corners = solids.bounds[:, [[0, 0], [0, 1], [1, 0], [1, 1]], [0, 1]]  # (n, 4, 2) seen from above
     along, aside = corners @ ahead[:2], corners @ across[:2]
@@ -316,7 +316,7 @@ def _shape_votes(
 def rising_end(
     solids: Solids, ahead: Float[np.ndarray, "3"], length: float, *, named: Bool[np.ndarray, " n"] | bool = False
 ) -> float:
-    """Return the end to which named tubes, or two alike, rise, which isn't the tail; 0 if there are none."""
+    """Return the end that named tubes, or two alike, rise to, which isn't the tail; 0 without such tubes."""
     axis = solids.axes[:, 0] * np.sign(solids.axes[:, :1, 2])
     along = axis @ ahead
     low, high = solids.bounds[:, 0, 2].min(initial=0.0), solids.bounds[:, 1, 2].max(initial=0.0)
@@ -337,7 +337,7 @@ def rising_end(
 
 
 def _mirror_end(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
-    """Return the end at which a pair of small solids protrudes farthest to the sides, high up, like mirrors; or 0."""
+    """Return the end at which a pair of small solids, high up, protrudes farthest sideways, like mirrors; or 0."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
     reach = np.einsum("nk,nk->n", solids.size / 2, np.abs(solids.axes @ across))

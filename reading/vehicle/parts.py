@@ -64,7 +64,7 @@ class Parts:
 
 
 def find_parts(whole: PlacedPieces, options: Options = DEFAULT_OPTIONS) -> Parts:
-    """Return the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
+    """Find the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
     naming, doubts = _named_parts(whole, options)
     decided = [naming.deciding_name(piece.chain) for piece in whole.pieces]
     part_of = [part for part, _, _ in decided]
@@ -136,7 +136,7 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
 
 
 def names_without_drums(whole: PlacedPieces, options: Options) -> Naming:
-    """Return what names parts, without calling drum-shaped ones guns."""
+    """Return what names parts, but call no drum-shaped part a gun."""
     chains = [piece.chain for piece in whole.pieces]
     no_guns: set[str] = set()
     while True:
@@ -175,7 +175,7 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
 
 
 def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[MarkedParts, list[Doubt]]:
-    """Return the gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
+    """Find the gun, and the turret if none is named, by a barrel's shape and its parents; return doubts too."""
     if options.gun is not None or GUN_PART in part_of:
         return {}, []
     pieces, solids, bounds = whole.pieces, whole.solids, whole.bounds
@@ -229,7 +229,7 @@ def _carried_pieces(pieces: Sequence[Piece]) -> dict[ObjectKey, list[int]]:
 def pieces_on_turret(
     whole: PlacedPieces, part_of: Sequence[str | None], options: Options
 ) -> tuple[MarkedParts, list[Doubt]]:
-    """Return pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
+    """Find pieces on a turret without children, for files without a hierarchy; return a doubt about them too."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
     if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):

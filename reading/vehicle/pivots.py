@@ -37,7 +37,7 @@ _KEYPOINT_NAME = re.compile(r"(?:kp_|keypoint[_.\- ]*)(.*)", re.IGNORECASE | re.
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Node:
-    """An object of a part, as a candidate for the pivot."""
+    """An object of a part, as a candidate for its pivot."""
 
     link: Link
     topmost: bool  # its parent is another part
@@ -274,7 +274,7 @@ def gun_guess(
 def gun_ends(
     own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
+    """Return the middle of a gun's rear and of its front end; the front is away from `behind`."""
     low, high = own.min(axis=0), own.max(axis=0)
     # Tubes side by side are often wider than long.
     axis = int((high - low)[1] > MIN_SIDEWAYS_RATIO * (high - low)[0])
@@ -293,7 +293,7 @@ def read_keypoint(name: str) -> str | None:
 def marked_points(
     markers: Sequence[tuple[Link, ...]], chains: Sequence[tuple[Link, ...]], piece_part: Sequence[int]
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int | None]]:
-    """Keypoints of empties: positions in the file, and the part that each belongs to, if any."""
+    """Return the keypoints of empties: positions in the file, and the part that each belongs to, if any."""
     parts_below: dict[tuple[str, bytes], set[int]] = {}
     for chain, part in zip(chains, piece_part, strict=True):
         for link in chain:

@@ -41,17 +41,17 @@ class Solids:
 
     @property
     def axle(self) -> Float[np.ndarray, "n 3"]:
-        """The axis that each is round about; the longest if it isn't round."""
+        """The axis that each solid is round about; the longest if it isn't round."""
         return self.axes[np.arange(len(self)), np.maximum(self.round_about, 0)]
 
     @property
     def radius(self) -> Float[np.ndarray, " n"]:
-        """Radius across that axis."""
+        """Radius of each solid across its axle."""
         across = np.where(self.round_about == 0, 1, 0)
         return self.size[np.arange(len(self)), across] / 2
 
     def rotate_solids(self, rotation: Float[np.ndarray, "3 3"]) -> Solids:
-        """Rotate; boxes enclose the rotated solids' own boxes."""
+        """Rotate the solids; boxes enclose the rotated solids' own boxes."""
         center, axes = self.center @ rotation.T, self.axes @ rotation.T
         reach = np.einsum("nk,nkj->nj", self.size / 2, np.abs(axes))
         bounds = np.stack([center - reach, center + reach], axis=1)
@@ -91,7 +91,7 @@ class PlacedPieces:
 
     @cached_property
     def all_vertices(self) -> Float[np.ndarray, "n 3"]:
-        """All vertices."""
+        """All vertices of all pieces."""
         return np.concatenate([np.zeros((0, 3)), *self.points])
 
     @cached_property
@@ -100,7 +100,7 @@ class PlacedPieces:
         return np.array([[own.min(axis=0), own.max(axis=0)] for own in self.points])
 
     def origin(self, link: Link) -> Float[np.ndarray, "3"]:
-        """Origin of an object."""
+        """Return the origin of an object."""
         return transform_points(self.vehicle_from_file, link.pose[:3, 3][None])[0]
 
     def where(self, mask: ArrayLike) -> PlacedPieces:
@@ -143,7 +143,7 @@ def _loose_pieces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 
 
 
 def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Return its own axes, extents, middle, and the axis that it's round about, or -1."""
+    """Return a solid's own axes, extents, middle, and the axis that it's round about, or -1."""
     off = cloud - cloud.mean(axis=0)
     moments, vectors = np.linalg.eigh(off.T @ off)
     found = -1
@@ -169,7 +169,7 @@ def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, 
 def touching_clusters(
     bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float
 ) -> Int[np.ndarray, " k"]:
-    """Return each box's cluster; boxes of a cluster come closer to each other than the slack of two."""
+    """Return the cluster of each box; two boxes with a gap below their slack are in one cluster."""
     near = np.ones((len(bounds), len(bounds)), bool)
     for low, high in zip(bounds[:, 0].T, bounds[:, 1].T, strict=True):
         near &= low[:, None] < high + slack
@@ -219,7 +219,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
 def _standing_wheels(
     center: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
 ) -> tuple[float, np.ndarray, np.ndarray, Bool[np.ndarray, " n"]] | None:
-    """Score, up (either way) and axle of discs if they are wheels, and which of them are."""
+    """Return score, up (either way), and axle of the discs, and which of them are wheels; None if too few are."""
     keep = np.ones(len(center), bool)
     for _ in range(3):
         if keep.sum() < MIN_WHEELS:

@@ -25,7 +25,7 @@ NOSE_YAWS = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Upright:
-    """What a file draws, in meters with z up."""
+    """The drawn pieces of a file, in meters with z up."""
 
     drawn: Evaluated  # all of it, with bounds of pieces in that frame
     meters: Float[np.ndarray, "4 4"]  # from the file to it
@@ -34,7 +34,7 @@ class Upright:
 
 
 def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
-    """Turn drawn pieces upright by the config's up axis, or by their wheels; `unit` is meters to one of the file's."""
+    """Turn drawn pieces upright by the config's up axis, or by their wheels; `unit` is the file's unit in meters."""
     meters = meters_from_file(unit, stated_up)
     points = [transform_points(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
@@ -73,7 +73,7 @@ def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
 
 
 def find_solids_again(upright: Upright, kept: Sequence[int]) -> Upright:
-    """Look for solids in these pieces alone, so that larger ones of others don't replace theirs."""
+    """Find solids in these pieces alone, since larger ones of others may have replaced theirs."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     points = [transform_points(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
     solids = find_solids(points, [meshes[piece.mesh].faces for piece in pieces])

@@ -38,7 +38,7 @@ class Stray:
     small: bool  # whether they're a small share of its surface, or sheets
 
     def doubt(self, *, helps: bool) -> Doubt:
-        """Return a doubt that proposes to drop them if that `helps`, and else to look first."""
+        """Return a doubt that proposes to drop the pieces if that `helps`, or else to look at them first."""
         advice = f"set drop = {as_key(self.drop)} if that" if helps else "look at it, and name it in drop if it"
         return Doubt(DoubtKind.STRAY, f"{self.text}; {advice} isn't part of it")
 
@@ -141,7 +141,7 @@ def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
 
 
 def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Return whether it's a studio backdrop: level below the sure parts, wider on all sides, and nothing above them."""
+    """Return whether a piece is a studio backdrop: level below the sure parts, wider, and nothing above them."""
     if not len(sure):
         return False
     low, high = _joint_bounds(sure)

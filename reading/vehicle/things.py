@@ -38,7 +38,7 @@ MAX_LISTED_NAMES = 6  # in a sentence
 def find_things(
     whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]
 ) -> tuple[tuple[Thing, ...], list[Doubt]]:
-    """Find what should be read by itself, as entries of a config, and doubts that propose their keys."""
+    """Find things to be read by themselves, as entries of a config, and doubts that propose their keys."""
     pieces = [*whole.pieces, *rest]
     groups = side_by_side(whole.bounds) if len(whole.pieces) <= MAX_PIECES else []
     if groups := groups or _vehicle_library(whole):
@@ -88,7 +88,7 @@ def _thing_words(thing: Thing) -> str:
 
 
 def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
-    """Return groups of pieces that are things of comparable size apart from each other; empty if it's one thing."""
+    """Return groups of pieces that are separate things of comparable size; empty if they're one thing."""
     if len(bounds) < 2:
         return []
     label = touching_clusters(bounds, MAX_PIECE_GAP_SHARE * float(np.ptp(bounds, axis=1).max()))
@@ -117,7 +117,7 @@ def _vehicle_library(whole: PlacedPieces) -> list[list[int]]:
 
 
 def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
-    """Return whether one follows the other in line and close, like a trailer, or is above it."""
+    """Return whether one thing follows the other in line and close, like a trailer, or is above it."""
     gap = np.maximum(a[0] - b[1], b[0] - a[1])
     shared = (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])) / np.minimum(a[1] - a[0], b[1] - b[0])
     length = max(float(np.ptp(a, axis=0)[:2].max()), float(np.ptp(b, axis=0)[:2].max()))
@@ -133,7 +133,7 @@ def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bo
 
 
 def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
-    """Return pieces that repeat the surface of others in place, the coarser ones; empty if most of it is drawn once."""
+    """Return pieces that repeat the surface of others in place, more coarsely; empty if most is drawn once."""
     if spare := _coarse_levels(whole):
         return spare
     pieces, bounds = whole.pieces, whole.bounds
@@ -167,7 +167,7 @@ def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
 
 
 def _coarse_levels(whole: PlacedPieces) -> list[int]:
-    """Return pieces whose names, or their parents', give a level of detail beside a finer one of like extent."""
+    """Return pieces that are a level of detail, by their own or a parent's name, beside a finer one of like extent."""
     level = np.array([_detail_level(piece) for piece in whole.pieces])
     found = np.unique(level[level >= 0])
     boxes = [whole.bounds[level == k] for k in found]
@@ -197,12 +197,12 @@ def _bounds_agree(
 
 
 def triangle_areas(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, " f"]:
-    """Area of each triangle."""
+    """Return the area of each triangle."""
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
 
 
 def _surface_samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return points all over triangles, always the same."""
+    """Return points spread over triangles, the same in every call."""
     area = triangle_areas(corners)
     if not area.sum() > 0:
         return corners[0, :1]
@@ -230,7 +230,7 @@ def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[
 
 
 def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
-    """Return patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
+    """Return a few patterns for `keep` or `drop` that match these pieces and no others; empty if that's impossible.
 
     >>> from types import SimpleNamespace
     >>> def piece(name):

@@ -33,7 +33,7 @@ TEXTURE_NODES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Mag
 
 
 def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
-    """Return the opacity of materials by pointer, without those that aren't a monotone function of one lookup."""
+    """Return the opacity of materials by pointer, if it's a monotone function of one lookup."""
     found: dict[int, Lookup | float] = {}
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
