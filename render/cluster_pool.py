@@ -63,7 +63,7 @@ class ClusterPool(Cluster):
 
 
 def shared_files(library: Library) -> dict[str, tuple[int, int]]:
-    """Size and time of each file within `render.jobs.readable_paths` that a plan's renders read, by absolute path."""
+    """Return size and time of each file in `render.jobs.readable_paths` that renders read, by absolute path."""
     read = (*library.models.values(), *library.sceneries.values())
     named = [hdri.path for hdri in library.hdris.values()]
     for exported in read:
@@ -77,7 +77,7 @@ def shared_files(library: Library) -> dict[str, tuple[int, int]]:
 
 
 def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
-    """Return the reason why this process can't render for a client with these `shared_files`; empty if it can."""
+    """Return why this process can't render for a client with these `shared_files`; empty if it can."""
     if package_versions("bpy")["bpy"] == NOT_INSTALLED:
         return "has no bpy"
     if wrong := version_difference({name: version for name, version in client.items() if version != NOT_INSTALLED}):
@@ -97,7 +97,7 @@ def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The parameters of a plan's Blenders."""
+    """What a plan's Blenders start with."""
 
     readable: tuple[Path, ...]  # paths that they may read, by `render.jobs.readable_paths`
     device: str
@@ -143,7 +143,7 @@ class OpenBlender:
 
     @contextmanager
     def use_blender(self, setting: Setting) -> Iterator[None]:
-        """Have a Blender for a setting during the block; Blender stays open for `MAX_IDLE_S` after it."""
+        """Yield a Blender for a setting; it stays open for `MAX_IDLE_S` after the block."""
         self._idle.cancel()
         try:
             with self._busy:

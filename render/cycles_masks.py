@@ -123,7 +123,7 @@ def compare_masks(
     alone: Bool[np.ndarray, "h w"],
     visible: Bool[np.ndarray, "h w"],
 ) -> MaskRow:
-    """Compare a label with masks of its vehicle, alone and with its occluders."""
+    """Compare a label with masks of its vehicle alone and with its occluders."""
     box_error, outside, rendered = math.inf, 0.0, mask_box(alone)
     if rendered is not None:
         box = label.bbox
@@ -155,7 +155,7 @@ def _mask_finding(row: MaskRow, annotated: float) -> Finding | None:
 
 
 def cycles_masks(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt8[np.ndarray, "_ h w"]]:
-    """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.index_maps` for each row."""
+    """Render the masks of all vehicles in some rows of a plan, for each row as by `IndexPictures.index_maps`."""
     maps: dict[int, UInt8[np.ndarray, "_ h w"]] = {}
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)

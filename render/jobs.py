@@ -23,7 +23,7 @@ from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightI
 
 
 def readable_paths(library: Library) -> tuple[Path, ...]:
-    """Return the paths that Blender may read, by the config alone: folders of its files, of their twins, and HDRIs."""
+    """Return the paths that Blender may read, by the config alone: folders of its files and their twins, and HDRIs."""
     read = (*library.models.values(), *library.sceneries.values())
     files = [file for exported in read for file in (exported.tidy, exported.report.path)]
     folders = [folder for file in files for folder in asset_folders(Path(os.path.normpath(file)))]

@@ -68,7 +68,7 @@ DEFAULT_ENGINE = Engine()
 
 
 class Pool:
-    """Several Blenders, each with its own thread, until the context ends; `confinement` None: unconfined."""
+    """Several Blenders, each with its own thread, until the context ends; without `confinement` they're unconfined."""
 
     def __init__(
         self,
@@ -116,7 +116,7 @@ class Pool:
     def results(
         self, jobs: Sequence[int], job_of: Callable[[int], RenderJob | MaskJob]
     ) -> Iterator[tuple[int, Outcome]]:
-        """Do all jobs, neighbors, which should share assets, in one Blender; yields each with its outcome."""
+        """Do all jobs, neighbors in one Blender, since they should share assets; yield each with its outcome."""
         n = self.working
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]
         running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each, ended ones included
@@ -154,7 +154,7 @@ class Pool:
 
 
 def _next_job(queues: Sequence[deque[int]], i: int) -> int | None:
-    """Return the next job of a queue; an empty queue takes half of the longest one's."""
+    """Take the next job of a queue; an empty queue takes half of the longest one's jobs."""
     if not queues[i]:
         longest = max(queues, key=len)
         half = [longest.pop() for _ in range((len(longest) + 1) // 2)]

@@ -72,7 +72,7 @@ class Limits:
 
 
 class Allowance:
-    """The resources of each of several Blenders on a machine."""
+    """The share of a machine's resources that each of several Blenders gets."""
 
     def __init__(self, limits: Limits, blenders: int = 1) -> None:
         self.limits, self.blenders = limits, blenders
@@ -80,7 +80,7 @@ class Allowance:
 
     @property
     def job_s(self) -> float:
-        """Seconds that the next job gets."""
+        """Time limit of the next job in seconds."""
         if self.limits.job_s is not None:
             return self.limits.job_s
         first = self.took[:FIRST_JOBS]
@@ -88,26 +88,26 @@ class Allowance:
 
     @property
     def memory(self) -> float:
-        """Bytes."""
+        """Bytes of memory for each Blender."""
         return memory_limit(self.limits.memory_bytes, self.blenders)
 
     @property
     def threads(self) -> int:
-        """Of the processor; 0 for all."""
+        """CPU threads for each Blender; 0: all."""
         return 0 if self.blenders == 1 else max(1, (psutil.cpu_count() or 1) // self.blenders)
 
 
 class AttemptFailed(Exception):
-    """A failed attempt at a job, with a reason for the user."""
+    """Raised when an attempt at a job fails, with a reason for the user."""
 
 
 class Lost(AttemptFailed):
-    """Blender has failed and must be restarted."""
+    """Raised when Blender has failed and must be restarted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a job."""
+    """What a job gave: its output, or why it failed, and what did it."""
 
     seconds: Mapping[str, float] = field(default_factory=dict)  # duration of each part of a picture, as in `Reply`
     content: bytes = b""  # contents of the job's output file
@@ -119,7 +119,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Confinement:
-    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`."""
+    """The paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`."""
 
     write: Path  # folder for output, which must exist at the start
     read: tuple[Path, ...]  # files and folders of its jobs
@@ -135,7 +135,7 @@ class Confinement:
 
 
 class Blender:
-    """A Blender that starts with its first job and stays open, perhaps confined. Leaving it as a context ends it."""
+    """A Blender that starts with its first job and stays open; confined or not. Leaving it as a context ends it."""
 
     def __init__(
         self,
@@ -161,11 +161,11 @@ class Blender:
 
     @property
     def process_id(self) -> int | None:
-        """Its process id; None if it isn't open."""
+        """Blender's process id; None if it isn't open."""
         return self._child.pid if self._child else None
 
     def do(self, job: OutputJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
-        """Do a job, with several attempts; returns when it's done or has finally failed."""
+        """Do a job, with several attempts; return when it's done or has finally failed."""
         self._stopping, self._restarts = stopping, 0
         reasons: list[str] = []
         try:
@@ -201,7 +201,7 @@ class Blender:
         return reply, content
 
     def start_process(self) -> None:
-        """Start it if necessary, and choose the device."""
+        """Start Blender if necessary, and choose the device."""
         if self._child is not None:
             return
         for attempt in range(1, MAX_ATTEMPTS + 1):
@@ -287,7 +287,7 @@ class Blender:
         self._say(f"{lost}; it is started again")
 
     def close(self) -> None:
-        """End it now; the next job starts another."""
+        """Kill Blender; the next job starts another."""
         if self._child is not None:
             self._child.kill()
         self._child = None
@@ -335,7 +335,7 @@ def without_notes(data: bytes) -> bytes:
 
 
 def picture_damage(picture: Path, width: int, height: int) -> str | None:
-    """Find damage in a picture by Blender; None if there is none."""
+    """Describe the damage in a picture by Blender; None if there is none."""
     try:
         # Not by `Image.open`, which refuses pictures above a size.
         with PngImageFile(picture) as image:

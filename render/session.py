@@ -41,7 +41,7 @@ MAX_FAILURES_IN_A_ROW = 30  # over all images; more aren't the images' fault
 
 @dataclass(frozen=True, slots=True)
 class RenderProgress:
-    """Progress of a run: finished, failed, and wanted pictures; a message, possibly empty; the workers."""
+    """A run's numbers of finished, failed, and wanted pictures, its workers, and a message, possibly empty."""
 
     finished: int
     failed: int
@@ -51,7 +51,7 @@ class RenderProgress:
 
 
 class Session:
-    """Sends rows to a pool and stores its results."""
+    """Sends rows to a pool, and stores its results."""
 
     def __init__(
         self,

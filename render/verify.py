@@ -34,7 +34,7 @@ from hulldown.render.cycles_masks import MaskReport, verify_masks
 
 
 class Findings(list[Finding]):
-    """What is wrong with a dataset, and the comparison with masks if there is one."""
+    """The problems of a dataset, and its comparison with rendered masks, if there is one."""
 
     masks: MaskReport | None = None
 
@@ -112,7 +112,7 @@ def find_problems(
     assets: Callable[[], Library],
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Finding]:
-    """Find what is wrong with a dataset; parameters as of `verify_dataset`."""
+    """Find a dataset's problems; parameters are as for `verify_dataset`."""
     folder = Path(dataset)
     coco = read_coco(folder)
     if folder.is_file():

@@ -174,7 +174,7 @@ class CameraPencils(RayBatch):
 
 
 class PixelRays:
-    """Rays through all pixel centers of a camera, row by row, from its position; they hit from the near plane on."""
+    """Rays through all pixel centers of a camera, row by row, from its position; hits begin at the near plane."""
 
     def __init__(self, camera: Cameras) -> None:
         self.camera = camera

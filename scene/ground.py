@@ -14,7 +14,7 @@ from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, ray_reaches
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """An infinite level ground of one face, for sceneries without ground; a caster as `RayCaster` is."""
+    """Infinite level ground of one face, for sceneries without ground; it has `RayCaster`'s methods."""
 
     z: float
 

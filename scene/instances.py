@@ -114,7 +114,7 @@ class InstancedScene:
     def _mesh_rays(
         self, rays: RayBatch, ray: Int[np.ndarray, " p"], instance: Int[np.ndarray, " p"]
     ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
+        """For each mesh met: its caster, the pairs that meet it, and their rays and stretch in the mesh's frame."""
         which = self.instance_mesh[instance]
         order = np.argsort(which, kind="stable")
         for rows in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):

@@ -35,7 +35,7 @@ _MAX_COORDINATE = 1e30  # squares stay inside float64, and centered coordinates 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RayHits:
-    """What n rays met first."""
+    """The first hits of n rays."""
 
     distance: Float[np.ndarray, " n"]  # meters from the origin; inf on a miss
     face: Int[np.ndarray, " n"]  # index of the face; -1 on a miss
@@ -106,7 +106,7 @@ class RayCaster:
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
-        """0 where anything lies along a ray, else 1; arguments as for `cast`."""
+        """Return 0 where anything is on a ray, else 1; arguments are as for `cast`."""
         return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -114,7 +114,7 @@ class RayCaster:
         return self.mesh.normals(face)
 
     def top_face(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-        """Return the topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
+        """Return the topmost face under each point, or -1, in float32; without checks, sorting, and threads."""
         return self._embree_scene.run(self._start_above(x, y), _DOWN_DIRECTION)
 
     def first_face_below(
@@ -156,7 +156,7 @@ class RayCaster:
 
 @functools.cache
 def _process_device(process: int) -> EmbreeDevice:
-    """Return the only Embree device of a process; a forked child opens its own, as threads don't survive a fork."""
+    """Return a process's only Embree device; a forked child opens its own, since threads don't survive a fork."""
     return EmbreeDevice()
 
 
@@ -178,7 +178,7 @@ def checked_rays(
 
 
 def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
-    """Return the mesh's bounds; a ValueError if its coordinates are too large to compute with."""
+    """Return the mesh's bounds; raise ValueError if its coordinates are too large to compute with."""
     bounds = mesh.bounds
     if np.abs(bounds).max() > _MAX_COORDINATE:
         raise ValueError(f"mesh {mesh.name!r}: expected coordinates within 1e30 m, got bounds {bounds.tolist()}")

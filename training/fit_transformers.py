@@ -47,7 +47,7 @@ class TransformersModule(pl.LightningModule):
         return loss
 
     def configure_optimizers(self) -> dict[str, object]:
-        """AdamW with the run's schedule."""
+        """Return AdamW with the run's schedule."""
         settings = self._settings
         trained = [one for one in self.model.parameters() if one.requires_grad]
         optimizer = torch.optim.AdamW(trained, lr=settings.learning_rate, weight_decay=settings.weight_decay)

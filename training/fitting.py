@@ -41,7 +41,7 @@ CURVE_POINTS = 10  # the last one is the result
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trainee:
-    """A network with what fits, uses, and saves it."""
+    """A network, and the objects that fit, use, and save it."""
 
     module: pl.LightningModule  # its `model` is the network
     average: RFDETREMACallback
@@ -53,7 +53,7 @@ class Trainee:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Training:
-    """The parameters of a training."""
+    """The inputs of a training besides the network."""
 
     settings: Settings
     examples: DrawnExamples
@@ -186,7 +186,7 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 class _ErrorRaisingLoader(DataLoader[Any]):
-    """A loader that raises the errors among its batches."""
+    """A loader that raises errors that are in its batches."""
 
     def __iter__(self) -> Iterator[Any]:
         for batch in super().__iter__():
@@ -202,7 +202,7 @@ def _collate_or_error(collate: Callable[[Sequence[Example]], Any], batch: Sequen
 
 
 def _run_loggers(kind: str | None, folder: Path) -> list[pl_loggers.Logger]:
-    """Return the loggers of a run: tables, with a new one after a stop, and another kind, which continues."""
+    """Return a run's loggers: tables, of which a stop starts a new one, and a kind that continues."""
     key = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
     made: dict[str, Callable[[], pl_loggers.Logger]] = {
         "tensorboard": partial(pl_loggers.TensorBoardLogger, save_dir=folder, name="tensorboard", version=""),

@@ -135,7 +135,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 class Video(NamedTuple):
-    """Width and height in pixels, frames that can be decoded, and frames per second."""
+    """A video's width and height in pixels, frames that can be decoded, and frames per second."""
 
     width: int
     height: int

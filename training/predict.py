@@ -48,7 +48,7 @@ DEFAULT_SCORE_THRESHOLD = 0.5  # for counted and drawn detections
 
 
 def tile_size(text: str) -> tuple[int, int]:
-    """Return width and height of "WxH"."""
+    """Parse "WxH" as width and height."""
     width, height = map(int, text.lower().split("x"))
     if min(width, height) < 32:
         raise ValueError(text)
@@ -72,7 +72,7 @@ ImageResults = list[Result]  # of an image
 
 @dataclass(frozen=True, slots=True)
 class Predicted:
-    """The result of `predict_detections`."""
+    """What `predict_detections` wrote."""
 
     images: int  # images, detections: number of images and detections in the results
     detections: int
@@ -213,7 +213,7 @@ def predict_detections(
 
 
 def validation_figures(detector: Detector, labels: Labels) -> dict[str, float]:
-    """AP, AP50, and AP75 of a detector over all classes, as by `evaluate`; 0 if undefined."""
+    """Return a detector's AP, AP50, and AP75 over all classes, as by `evaluate`; 0 if undefined."""
     summary = average_precision(labels, predict_labeled(detector, labels))
     return {key: float(np.nan_to_num(summary[key])) for key in AP_NAMES}
 
@@ -244,7 +244,7 @@ def _detect_batches(
 
 
 def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
-    """Return the dataset's id of each of the detector's classes, by name; new, higher ids for missing ones."""
+    """Return by name the dataset's id of each of the detector's classes, and new, higher ids for missing ones."""
     by_name = pictures.category_ids
     if not by_name:
         return list(range(1, len(classes) + 1)), ()
@@ -298,7 +298,7 @@ def _results_key(
 
 
 def _content_hashes(pictures: Pictures) -> Callable[[int], str | None]:
-    """Return a function that hashes the file of an image, by its id; None if it can't be read."""
+    """Return a function from an image's id to the hash of its file; None if it can't be read."""
     files = {image.id: pictures.folder / image.file_name for image in pictures.images}
 
     @cache

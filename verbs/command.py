@@ -54,7 +54,7 @@ class Verb:
         return " ".join(found[1].split())
 
     def command(self) -> Callable[..., int]:
-        """Return the function with --json and -o, which shows its result and returns the exit code."""
+        """Return the function with --json and -o; it shows its result and returns the exit code."""
         function = pkgutil.resolve_name(f"hulldown.{self.function}")
         signature = inspect.signature(function, eval_str=True)
         asked = list(inspect.signature(self.answer).parameters)[1:]
@@ -100,12 +100,12 @@ def _shown_default(value: object) -> str | None:
 
 
 def named_verb(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
-    """Return the verb that the words begin with; None if they have none."""
+    """Return the verb that the words begin with; None if there is none."""
     return next((name for name in verbs if list(words[: len(name.split())]) == name.split()), None)
 
 
 def parser_problem(error: CycloptsError) -> str:
-    """Return what is wrong with the words of a command, in one line."""
+    """Describe in one line what is wrong with a command's words."""
     if isinstance(error, MissingArgumentError) and (argument := error.argument) and not error.tokens_so_far:
         name = argument.names[0].lstrip("-").upper()
         if error.keyword is not None:
@@ -124,7 +124,7 @@ def run_command(words: Sequence[str], verbs: Mapping[str, Verb]) -> int:
 
 
 def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
-    """Return the command; only the verb in `words` is imported, the others are for the list of verbs."""
+    """Return the command; only the verb in `words` is imported, and the list of verbs has the others."""
     app = App(
         name="hulldown",
         help="Plan, render and annotate synthetic detection datasets of vehicles on terrain.",

@@ -41,7 +41,7 @@ def warnings_in_one_line() -> Iterator[None]:
 
 
 def silence_stdout() -> None:
-    """Discard buffered output, which must not fail again when Python ends."""
+    """Discard buffered output, which would fail again when Python ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -56,7 +56,7 @@ def _naming_stdout() -> Iterator[None]:
 
 @_naming_stdout()
 def print_report(*results: str | Table) -> None:
-    """Print lines and tables on stdout: lines unbroken in a narrow terminal, tables whole in a file or a pipe."""
+    """Print lines and tables on stdout: lines aren't broken in a narrow terminal, nor tables in a file or pipe."""
     for result in results:
         if isinstance(result, str):
             STDOUT_TERMINAL.print(escape(result), soft_wrap=True)

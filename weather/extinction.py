@@ -34,12 +34,12 @@ def rain_extinction(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def rain_visibility_m(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Meteorological visibility in rain of these rates, in mm/h."""
+    """Return the meteorological visibility in rain of these rates in mm/h."""
     return np.asarray(-np.log(CONTRAST_THRESHOLD) / rain_extinction(rate_mm_h))
 
 
 def surface_wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Wetness of surfaces, 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice without a source."""
+    """Return the wetness of surfaces, 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice without a source."""
     return np.asarray(1.0 - exp(-np.asarray(rate_mm_h, dtype=np.float64) / WETTING_RAIN_MM_H))
 
 

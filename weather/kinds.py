@@ -46,7 +46,7 @@ def air_extinction(visibility_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """Weather of an image: visibility, precipitation, wind, and covers."""
+    """An image's weather: visibility, precipitation, wind, and covers."""
 
     visibility_m: float  # meteorological visibility in meters
     kind: str
@@ -67,7 +67,7 @@ class Weather:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WeatherKind:
-    """A kind of weather: its keys in the config's `[weather]`, that of its share being its name, and its effects."""
+    """A kind of weather: its keys in the config's `[weather]`, of which its share's is its name, and its effects."""
 
     # visibility, rate: keys of the range of visibilities, or of the rates of rain that visibility and wetness follow
     # from
@@ -135,7 +135,7 @@ class AirLayer(NamedTuple):
 
 
 def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
-    """Nested layers of air with equal extinction, lowest first.
+    """Return nested layers of air with equal extinction, lowest first.
 
     Most kinds are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a layer of
     fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the camera
@@ -169,7 +169,7 @@ def airlight_radiance(kind: str, sky: np.ndarray) -> np.ndarray:
 
 
 def even_sky(sky: np.ndarray) -> np.ndarray:
-    """Radiance (3,) of an even sky that lights level ground as a map of radiance does, the zenith in its first row."""
+    """Return the radiance (3,) of an even sky that lights level ground as `sky` does, whose first row is the zenith."""
     elevation = math.pi / 2 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)
     return np.asarray((sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum())

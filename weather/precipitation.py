@@ -37,7 +37,7 @@ DROPS_STREAM = 0x57EA  # sets their draw apart from others by an image's seed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sizes:
-    """Size classes of drops or flakes: number density and motion."""
+    """Size classes of drops or flakes, with number density and motion."""
 
     edges: np.ndarray  # the classes' bounds: diameters in meters
     number: np.ndarray  # in a cubic meter of air
@@ -76,7 +76,7 @@ class Streaks:
 
 
 def symmetric_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> PrecipitationView:
-    """Return the symmetric view around a camera's image, whose principal point may be off-center."""
+    """Return a symmetric view that contains a camera's image, whose principal point may be off-center."""
     half = intrinsics.half_tangents
     pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
     return PrecipitationView(world_from_camera[:3, :3], half, pixel, exposure_s)
@@ -92,7 +92,7 @@ def rain_sizes(rate_mm_h: float) -> Sizes:
 
 
 def snow_sizes(extinction: float) -> Sizes:
-    """Flakes of snow: as many as give the extinction, falling as Locatelli and Hobbs' aggregates."""
+    """Return flakes: as many as give the extinction, falling as Locatelli and Hobbs measured for aggregates."""
     edges = np.linspace(*SNOW_DIAMETERS_MM, DIAMETER_CLASSES + 1)
     middle = (edges[1:] + edges[:-1]) / 2.0
     share = -np.diff(np.exp(-edges / MEAN_FLAKE_MM))
@@ -120,7 +120,7 @@ def drops_in_view(sizes: Sizes, view: PrecipitationView, wind_m_s: tuple[float, 
 
 
 def _pyramid_volume(view: PrecipitationView, reach: np.ndarray, behind: float) -> np.ndarray:
-    """Volume of the view pyramid between the nearest and the farthest drop; its apex is `behind` the eye."""
+    """Return the volume of the view pyramid between the nearest and farthest drop; its apex is `behind` the eye."""
     return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST_M + behind) ** 3, 0.0)
 
 

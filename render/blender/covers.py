@@ -35,7 +35,7 @@ SKY_HIDDEN, SKY_OPEN = 0.0, 0.6  # shares of the rays that reach the sky, for no
 
 
 class Group:
-    """A node group being built, with its inputs as given."""
+    """A node group under construction, with its inputs."""
 
     def __init__(self, name: str, inputs: dict[str, str], outputs: dict[str, str]) -> None:
         self.tree = bpy.data.node_groups.new(name, "ShaderNodeTree")
@@ -62,11 +62,11 @@ class Group:
         return self.add("VectorMath", {0: a, 1: b}, operation="DOT_PRODUCT").outputs["Value"]
 
     def add_ramp(self, value: Any, low: float, high: float) -> Any:
-        """0 at `low` to 1 at `high`, smoothly."""
+        """Return 0 at `low` to 1 at `high`, smoothly."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
     def even_noise(self, where: Any, sizes: Sequence[float], weights: Sequence[float] = (1.0,)) -> Any:
-        """Noise in patches of several sizes, uniform in 0 to 1 within 0.02.
+        """Return noise in patches of several sizes, uniform in 0 to 1 within 0.02.
 
         `where`: position in meters.
         `sizes`, `weights`: meters of the patches, and the weight of each size; the squares of the weights add up to 1.
@@ -167,7 +167,7 @@ def _cover_group(name: str) -> Group:
 
 
 def _finish_cover(g: Group, share: Any, weather: str) -> Any:
-    """Finish a kind of weather's cover; holes in the surface stay holes."""
+    """Finish the cover of a kind of weather; holes in the surface stay holes."""
     albedo = WEATHER_KINDS[weather].cover_albedo
     assert albedo is not None
     matt = g.add("BsdfDiffuse", {"Color": (*albedo, 1.0)}).outputs[0]

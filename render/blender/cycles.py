@@ -20,11 +20,11 @@ TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves bl
 
 
 class Unusable(Exception):
-    """Blender or the machine can't render any image as requested; args: the problem and the remedy."""
+    """Raised when Blender or the machine can't render any image as requested; args: the problem and the remedy."""
 
 
 def available_devices() -> list[dict[str, str]]:
-    """`kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
+    """Return `kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
     preferences = _cycles_preferences()
     devices = [
         {"kind": device.type, "name": device.name}
@@ -68,7 +68,7 @@ def _graphics_cards(preferences: Any, kind: str) -> list[Any]:
 
 
 def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
-    """Configure `scene` as planned, on this many CPU threads; 0: all."""
+    """Configure `scene` as planned, on this many CPU threads (0: all)."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     picture = render.image_settings
@@ -96,7 +96,7 @@ def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, thread
 
 
 def set_exposure(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
-    """Set exposure in EV and the offset of white balance in kelvin; Cycles' limits of radiance are scaled too."""
+    """Set exposure in EV and the white balance's offset in kelvin; Cycles' limits of radiance are scaled too."""
     view, scale = scene.view_settings, 2.0**-exposure
     view.exposure = exposure
     view.use_white_balance = white_balance != 0.0

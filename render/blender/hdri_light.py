@@ -24,7 +24,7 @@ FINE_MAP_COLUMNS = 1024  # smaller HDRIs get twice their columns: with as many, 
 
 
 class HdriWorld:
-    """A world with an HDRI that replaces the scenery's."""
+    """A world with an HDRI, in place of the scenery's world."""
 
     def __init__(self, scene: Any) -> None:
         world = bpy.data.worlds.new("hulldown")
@@ -49,7 +49,7 @@ class HdriWorld:
         self._path = ""
 
     def set(self, light: LightInput) -> None:
-        """Light with an HDRI. With a high horizon, the camera sees one color below it (`camera.backdrop`)."""
+        """Light the scene with an HDRI; the camera sees one color below a high horizon (`camera.backdrop`)."""
         path, horizon = light.hdri, light.horizon
         if path != self._path:
             if not os.path.isfile(path):
@@ -95,7 +95,7 @@ class HdriWorld:
             self._world.update_tag()  # or the first map's width stays, and a picture depends on those before it
 
     def airlight_radiance(self) -> np.ndarray:
-        """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
+        """Return the radiance (3,) of air in this sky's light: an even sky that lights the ground as brightly."""
         return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
 
     def dim_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
@@ -162,7 +162,7 @@ class _Lifted:
 
 
 class _Dimmed:
-    """Nodes, few as every light ray evaluates them, that show a sky through air, by a ray's length in it."""
+    """Nodes that show a sky through air, by a ray's length in it; few, since every light ray evaluates them."""
 
     def __init__(self, tree: Any, direction: Any, light: Any) -> None:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]

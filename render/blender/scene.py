@@ -30,7 +30,7 @@ CLIP_END_M = 1e7  # Cycles traces rays, so a far clip plane costs no depth resol
 
 
 class BlenderScene:
-    """The tidy twin of a scenery with our own camera and light, to be set up for one row after the other."""
+    """The tidy twin of a scenery with our own camera and light, which is set up for one row after the other."""
 
     def __init__(self, tidy: str) -> None:
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # an open file isn't read again
@@ -137,7 +137,7 @@ class BlenderScene:
 
 
 class _LoadedVehicle:
-    """Copies of a vehicle's tidy twin, hidden where unused: to unlink them would build Blender's graph anew."""
+    """Copies of a vehicle's tidy twin; unused ones are hidden, since unlinking would rebuild Blender's graph."""
 
     def __init__(self, tidy: str, scene: Any, root: Any) -> None:
         collection, materials = append_twin(tidy)
@@ -175,7 +175,7 @@ class _LoadedVehicle:
 
 
 def refuse_newer(source: Any, tidy: str) -> None:
-    """Raise Unusable if a later Blender wrote a tidy twin; `source`: as `libraries.load` yields it."""
+    """Raise Unusable for a tidy twin by a later Blender; `source` is what `libraries.load` yields."""
     if source.version[:2] > bpy.app.version[:2]:
         wrote = ".".join(map(str, source.version[:2]))
         problem = f"{tidy} was written by Blender {wrote}, newer than the {bpy.app.version_string} that renders"
@@ -184,7 +184,7 @@ def refuse_newer(source: Any, tidy: str) -> None:
 
 
 def append_twin(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
-    """Append the collection of a tidy twin, and its materials, by their names in it."""
+    """Append the collection of a tidy twin and its materials, by the twin's names."""
     with bpy.data.libraries.load(tidy, link=False) as (source, target):
         refuse_newer(source, tidy)
         target.collections = source.collections[:1]

@@ -30,7 +30,7 @@ NodeTreeShape = tuple[tuple[str, int], ...]  # names of a material's node tree a
 
 
 class Surfaces:
-    """Water, snow, or dust on the surfaces of a stage."""
+    """Water, snow, or dust on a stage's surfaces."""
 
     def __init__(self) -> None:
         self._kind = ""

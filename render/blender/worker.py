@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def _find_hulldown() -> None:
-    """Make `hulldown` importable in any Python, and this folder not, whose cycles.py would hide Blender's."""
+    """Make `hulldown` importable in any Python, but not this folder, whose cycles.py would hide Blender's."""
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != here]
     root = here.parents[1]

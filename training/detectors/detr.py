@@ -89,7 +89,7 @@ def starting_module(
 
 
 def own_weights(model: str) -> Path:
-    """Return the file of RF-DETR's weights pretrained on COCO, which trainings download."""
+    """Return the file of RF-DETR's COCO weights, which trainings download."""
     return Path(get_model_cache_dir()) / str(DETR_CONFIGS[model].model_fields["pretrain_weights"].default)
 
 
@@ -102,7 +102,7 @@ def _check_kind(path: Path, found: Mapping[str, object]) -> None:
 def detr_configs(
     settings: Settings, classes: Sequence[str], *, weights: Path | None, device: torch.device, folder: Path
 ) -> tuple[Any, Any]:
-    """RF-DETR's own two configs for a run."""
+    """Return RF-DETR's own two configs for a run."""
     model = DETR_CONFIGS[settings.model](
         num_classes=len(classes),
         resolution=settings.resolution,

@@ -16,7 +16,7 @@ MIN_SAME_OBJECT_SHARE = 0.6  # of the smaller of two boxes of one object, which 
 
 
 class TiledDetector:
-    """A `Detector` that sees pictures as tiles of this width and height in pixels, those of its training pictures."""
+    """A `Detector` that sees pictures as tiles with this width and height in pixels, as in its training."""
 
     def __init__(self, detector: Detector, size: tuple[int, int], *, batch: int) -> None:
         self.classes = detector.classes
@@ -45,7 +45,7 @@ class TiledDetector:
 
 
 def _detect_tiles(detector: Detector, tiles: list[UInt8[np.ndarray, "_ _ 3"]]) -> list[sv.Detections]:
-    """Return the detections in some tiles, in their pixels."""
+    """Return the detections in some tiles, in the tiles' pixels."""
     return [
         sv.Detections(
             np.concatenate((one.xywh[:, :2], one.xywh[:, :2] + one.xywh[:, 2:]), axis=1),

@@ -106,7 +106,7 @@ def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
 
 
 def _config_with_queries(config: Any, settings: Settings) -> Any:
-    """Return a config with as many queries as the settings ask for, and no more than the input has cells."""
+    """Return a config with as many queries as the settings ask for, but no more than the input has cells."""
     if settings.queries is not None:
         config.num_queries = settings.queries
     if (strides := getattr(config, "feat_strides", None)) is not None:
@@ -115,7 +115,7 @@ def _config_with_queries(config: Any, settings: Settings) -> Any:
 
 
 def _read_pretrained(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any, list[str]]:
-    """Load network and image processor from a folder or the hub, without its code; lastly, names of lost weights."""
+    """Read network and image processor from a folder or the hub, without its code; also return lost weights' names."""
     try:
         for name in TRANSFORMERS_FILES if Path(source).exists() else ():
             open_regular(Path(source, name)).close()
@@ -137,7 +137,7 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
 
 
 def normalized_pictures(pictures: UInt8[Tensor, "n 3 h w"], processor: Any) -> Float[Tensor, "n 3 h w"]:
-    """Return pictures as a network takes them."""
+    """Return pictures in the form that a network takes."""
     scaled = pictures.float() * processor.rescale_factor
     return normalize(scaled, processor.image_mean, processor.image_std) if processor.do_normalize else scaled
 

@@ -45,7 +45,7 @@ def draw_resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Floa
 def resampled_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLE_COUNT
 ) -> Float[np.ndarray, "r *columns"]:
-    """Sum over the groups of each resample; the resamples depend on the number of groups alone."""
+    """Return sums over the groups of each resample; resamples depend on the number of groups alone."""
     return np.concatenate([np.tensordot(weights, sums, 1) for weights in draw_resamples(len(sums), times=times)])
 
 

@@ -104,7 +104,7 @@ def comparison_page(
 
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
-    """Precision over recall, with the operating points: of each class for one detector, of each of several."""
+    """Draw precision over recall with operating points: of each class for one detector, or of several detectors."""
     figure, axes = make_axes("precision over recall", 5.4, 3.6)
     colors = cycle(SERIES_COLORS)
     for one in evaluations:
@@ -125,12 +125,12 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
 
 
 def find_marker(values: np.ndarray) -> str:
-    """Return the marker of a curve: a dot if it has one point."""
+    """Return the marker of a curve: a dot if the curve has one point."""
     return "-" if len(values) > 1 else "."
 
 
 def over_thresholds(one: Evaluation) -> Figure:
-    """Precision, recall and F1 over the confidence from which detections count."""
+    """Draw precision, recall, and F1 over the confidence from which detections count."""
     figure, axes = make_axes("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
     curve = threshold_curves(one.matching)
     for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
@@ -142,7 +142,7 @@ def over_thresholds(one: Evaluation) -> Figure:
 
 
 def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
-    """Write and return sheets of the largest misses and of the most confident false positives; old ones are removed."""
+    """Write and return sheets of the largest misses and the most confident false positives; remove old ones."""
     sizes = np.sqrt(one.labels.xywh[:, 2] * one.labels.xywh[:, 3])
     chosen = {
         "misses.png": _ranked_tiles(one, one.labels, one.seen.missed, sizes, "size {:.0f} px"),
@@ -170,7 +170,7 @@ def _ranked_tiles(
     rank: Float[np.ndarray, " n"],
     word: str,
 ) -> dict[str, Image.Image]:
-    """Return pictures of the boxes of highest rank by their captions, in which a word has the rank."""
+    """Return pictures of the boxes of highest rank by caption; `word` formats the rank there."""
     rows = np.flatnonzero(among)
     tiles = {}
     for number, k in enumerate(rows[np.argsort(-rank[rows], kind="stable")][:MAX_SHEET_TILES].tolist(), start=1):
@@ -181,7 +181,7 @@ def _ranked_tiles(
 
 
 def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[Image.Image, tuple[str, ...]]:
-    """Return a box's surroundings with the boxes of all labels and counted detections, and why it can't be read."""
+    """Return a box's surroundings with all labels' and counted detections' boxes, and why it can't be read."""
     tile, name = Image.new("RGB", TILE_SIZE, BACKGROUND_COLOR), one.labels.images[image].file_name
     try:
         whole = Image.fromarray(read_pixels(one.labels.folder / name))

@@ -24,14 +24,14 @@ INFO_SUFFIX = ".info.json"  # a file next to the results, a `PredictionInfo`
 
 
 class NewCategory(TypedDict):
-    """A class of the detector that the dataset lacks, or any of its classes if there is no dataset."""
+    """A detector's class that the dataset lacks, or any of its classes without a dataset."""
 
     id: int
     name: str
 
 
 class PredictionInfo(TypedDict):
-    """What `predict` writes beside its results: ids of all images, and their records if there is no dataset."""
+    """What `predict` writes beside results: ids of all images, and without a dataset their records."""
 
     detector: str
     images: list[int]
@@ -51,7 +51,7 @@ class _Detection(Struct, kw_only=True):
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Predictions(BoxTable):
-    """d detections by image, class, falling score, and box; classes are the dataset's, then those of detections."""
+    """d detections by image, class, falling score, and box; classes are the dataset's, then detections' other ones."""
 
     name: str  # their name, unique in a comparison
     score: Float[np.ndarray, " d"]
@@ -65,7 +65,7 @@ class Predictions(BoxTable):
 
 
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
-    """Read COCO results, a list or the ``annotations`` of an object; `name`: None: the file's without extension."""
+    """Read COCO results, a list or an object's ``annotations``; `name` None: the file's without extension."""
     path = Path(path)
     found, names = _read_file(path), {}
     if isinstance(found, dict):

@@ -23,7 +23,7 @@ MIN_BOX_SIDE_PX = 1.0
 
 
 class Augmenter:
-    """Applies the contents of an Albumentations file to samples, as a function of a seed."""
+    """Augments samples by an Albumentations file and a seed."""
 
     def __init__(self, augmentation: Mapping[str, object]) -> None:
         with warnings.catch_warnings():
@@ -46,7 +46,7 @@ class Augmenter:
             )  # fmt: skip
 
     def __call__(self, sample: Sample, seed: int) -> Sample:
-        """Augment a sample with boxes inside its picture, which follow masks; boxes mostly outside afterwards go."""
+        """Augment a sample with boxes inside its picture, which follow masks; drop boxes that end up mostly outside."""
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.
         self._compose.set_random_state(np.random.default_rng(seed), random.Random(seed))

@@ -28,7 +28,7 @@ Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 class NamedArm(BaseModel):
-    """An arm with another arm's draws and other settings."""
+    """An arm with the draws of another arm and other settings."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -119,7 +119,7 @@ def load_study(path: Path | str) -> StudyConfig:
 
 
 def _resolve_weights(folder: Path, weights: str | None) -> str | None:
-    """`Settings.weights`, of which files and folders are relative to a folder."""
+    """Return `Settings.weights`; files and folders in it are relative to a folder."""
     return str(folder / weights) if weights is not None and (folder / weights).exists() else weights
 
 
