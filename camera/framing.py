@@ -20,7 +20,7 @@ from hulldown.geometry.transforms import rotate_vectors, rotation_z, tilt_rotati
 MAX_FRAMING_ROUNDS = 20
 PLACED_PX = 1e-3
 MAX_LEVEL_FRAMING_ROUNDS = 12  # Broyden's method takes 3 to 8
-MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_Search.by_secants`
+MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_FramingSearch.by_secants`
 
 
 def pan_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:

@@ -105,8 +105,8 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
 class Samples:
     """Points of a footprint, or of several, at which the ground is compared with the underside."""
 
-    xy: Float[np.ndarray, "... m 2"]  # where, vehicle frame
-    height: Float[np.ndarray, "... m"]  # of the underside there above z = 0; inf where there is none
+    xy: Float[np.ndarray, "... m 2"]  # places in the vehicle frame
+    height: Float[np.ndarray, "... m"]  # height of the underside above z = 0; inf where there is none
     foot: Bool[np.ndarray, "... m"]  # whether it's a foot: the underside there is near its lowest point
     # where the center of gravity is taken to be: the middle of the footprint, or the centroid of what can touch the
     # ground if the middle is not above that

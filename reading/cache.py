@@ -45,7 +45,7 @@ class _Note:
 
     path: str
     report: FileReport
-    files: dict[str, FilePrint | None]  # that it refers to; None: such a file can't be read
+    files: dict[str, FilePrint | None]  # files that the asset refers to; None for a file that can't be read
     namesakes: list[str]  # see `_namesakes`
 
 

@@ -45,7 +45,7 @@ SHEET_VIEWS = (
 class Inspected:
     """The report and picture of an inspected file."""
 
-    name: str  # of the vehicle, scenery, or HDRI
+    name: str  # name of the vehicle, scenery, or HDRI
     report: FileReport | SkyReport  # the report about its file
     picture: Image.Image | None = None  # a picture of it (see `draw_asset`); None if not requested, and of an HDRI
 

@@ -36,7 +36,7 @@ class Job:
     # exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer
     folder: str
     format: str  # "blend", "gltf", "fbx", "obj", "geotiff", or "hdri"
-    kind: str | None = None  # kind, options: of an asset; as of `export_asset`
+    kind: str | None = None  # kind, options: as for `export_asset`
     options: Options = field(default_factory=Options)
 
     def file(self, name: str) -> Path:

@@ -126,7 +126,7 @@ def _open_blender() -> OpenBlender:
 class OpenBlender:
     """A Dask worker's Blender, from the first image to the process's end, and unsent `lines`; writes to `scratch`."""
 
-    blender: Blender  # for the setting of the last `busy`
+    blender: Blender  # for the setting of the last `use_blender`
 
     def __init__(self, scratch: Path) -> None:
         self._scratch, self.pictures = scratch, scratch / "pictures"

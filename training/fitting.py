@@ -60,7 +60,7 @@ class Training:
     folder: RunFolder
     device: torch.device
     workers: int  # processes that read and augment pictures
-    checkpoint_every_s: float  # between checkpoints
+    checkpoint_every_s: float
     valid: Labels | None  # the labels of the validation set, if there is one
     progress: Callable[[str, int, int], None]  # called with (title, steps done, all)
 

@@ -28,7 +28,7 @@ class RunData(Struct, frozen=True):
 class RunConfig(Struct, frozen=True, kw_only=True):
     """The contents of config.json, which determine a run's weights."""
 
-    settings: dict[str, object]  # of `training.inputs.settings.Settings`
+    settings: dict[str, object]  # fields of `training.inputs.settings.Settings`
     classes: list[str]
     data: dict[str, RunData]
     valid: RunData | None

@@ -29,18 +29,18 @@ class VerbOutput:
     """What a verb prints, and its exit code."""
 
     result: object  # on stdout with --json
-    shown: Sequence[str | Table] = ()  # on stdout without
+    shown: Sequence[str | Table] = ()  # on stdout without --json
     said: Sequence[str] = ()  # on stderr
-    warnings: Sequence[str] = ()  # on stderr, after these
+    warnings: Sequence[str] = ()  # on stderr, after `said`
     code: int = DONE
 
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb of the command."""
+    """A verb of the command line: its function, and how its result is printed."""
 
     function: str  # of the API: "planning.check:check_plan"
-    answer: Callable[..., VerbOutput]  # of the function's result, and those of its arguments that it has names of
+    answer: Callable[..., VerbOutput]  # from the function's result, and arguments that it has names of
     resumes: bool = False  # whether the same command continues after a stop
 
     @property

@@ -124,7 +124,7 @@ class SurfacePixels:
     # axis, ray: meters along the optical axis, and along the ray from the pinhole; inf for the sky
     axis: Float32[np.ndarray, "h w"]
     ray: Float32[np.ndarray, "h w"]
-    normal: Float32[np.ndarray, "h w 3"]  # of the face, in the world, toward the camera; nan for the sky
+    normal: Float32[np.ndarray, "h w 3"]  # the face's normal in the world, toward the camera; nan for the sky
     # 0 for the sky; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
     instance: UInt16[np.ndarray, "h w"]
     part: UInt16[np.ndarray, "h w"]  # number in `part_table`; 0 for other surfaces than vehicles

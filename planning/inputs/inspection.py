@@ -33,7 +33,7 @@ class Inspection:
     """The reports about files, and a picture of what was read."""
 
     reports: list[FileReport | SkyReport]
-    picture: Path | None  # the written one
+    picture: Path | None  # the file that was written
     refused: int  # number of unusable files, each of which gave a warning
 
 

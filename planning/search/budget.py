@@ -136,7 +136,7 @@ class Given:
     camera: Float[np.ndarray, "n 3"]  # camera, look_at: meters
     look_at: Float[np.ndarray, "n 3"]
     first: Int[np.ndarray, " n"]  # index of the first image of each image's sequence
-    name: np.ndarray  # the sequence's; None without one
+    name: np.ndarray  # name of the sequence; None without one
     has_position: Bool[np.ndarray, " n"]  # whether x and y of the vehicle are given
     has_height: Bool[np.ndarray, " n"]  # whether z of the vehicle is given
     has_heading: Bool[np.ndarray, " n"]

@@ -178,7 +178,7 @@ class CameraDraws:
     elevation: Float[np.ndarray, " n"]
     roll: Float[np.ndarray, " n"]  # about the optical axis, radians
     fraction: Float[np.ndarray, " n"]  # share of the image that the target should fill
-    factor: Float[np.ndarray, " n"]  # of the paper's distance
+    factor: Float[np.ndarray, " n"]  # factor on the paper's distance
     boxes: TargetBoxes | None  # the boxes of photographs; None without photographs
 
 

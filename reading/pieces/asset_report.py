@@ -26,7 +26,7 @@ class By(StrEnum):
 
     CONFIG = "config"
     FILE = "file"
-    HIDDEN = "hidden"  # from render, by the file
+    HIDDEN = "hidden"  # the file hides it from renders
     NAME = "name"
     SHAPE = "shape"
     DEFAULT = "default"

@@ -13,7 +13,7 @@ from hulldown.reading.pieces.roles import Evaluated, PieceRole
 from hulldown.reading.vehicle.solids import find_solids, find_wheels
 
 MIN_LENGTH_M, MAX_LENGTH_M, MIN_HEIGHT_M, MAX_HEIGHT_M = 1.8, 25.0, 0.6, 5.0
-MAX_RATIO = 12.0  # to the width: longer ones are walls
+MAX_ASPECT = 12.0  # length over width; longer things are walls
 MAX_THING_FACES = 50_000  # of one thing whose shape is examined
 MAX_ALL_FACES = 1_000_000  # of all such things
 MIN_UPRIGHT_COSINE = 0.9
@@ -54,7 +54,7 @@ def _vehicle_groups(drawn: Evaluated, among: Sequence[int]) -> list[tuple[str, l
         box = np.array([drawn.pieces[i].bounds for i in members])
         *sides, height = box[:, 1].max(axis=0) - box[:, 0].min(axis=0)
         narrow, wide = sorted(sides)
-        fits[key] = MIN_LENGTH_M <= wide <= min(MAX_LENGTH_M, MAX_RATIO * narrow) and MIN_HEIGHT_M <= height <= min(
+        fits[key] = MIN_LENGTH_M <= wide <= min(MAX_LENGTH_M, MAX_ASPECT * narrow) and MIN_HEIGHT_M <= height <= min(
             MAX_HEIGHT_M, 2 * wide
         )
     groups: dict[tuple[str, bytes], list[int]] = {}

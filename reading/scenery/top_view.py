@@ -13,8 +13,8 @@ from hulldown.reading.scenery.shape import MIN_PIT_DEPTH_M
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList, SurfaceKind
 
-VIEW_SIDE_RAYS = 128  # rays along each side of the view
-MAX_FLOOR_HEIGHT_M = 1.0  # meters that the floor far below, which is a level sheet, is high
+VIEW_SIDE_RAYS = 128
+MAX_FLOOR_HEIGHT_M = 1.0  # of the floor far below, which is a level sheet
 
 
 def see_top_view(scenery: Scenery) -> tuple[TopView, list[Doubt]]:

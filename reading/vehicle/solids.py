@@ -75,7 +75,7 @@ class Wheels:
     up: Float[np.ndarray, "3"]  # up, across: unit vectors: up from the ground, and along the axles
     across: Float[np.ndarray, "3"]
     level: float  # height along `up` of the ground under them
-    places: int  # their number, where a tire and its rim are one
+    places: int  # number of wheels; a tire and its rim are one
     sunk: float  # how far the rest reaches below that ground, in radii
 
 

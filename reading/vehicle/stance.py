@@ -27,8 +27,8 @@ NOSE_YAWS = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 class Upright:
     """The drawn pieces of a file, in meters with z up."""
 
-    drawn: Evaluated  # all of it, with bounds of pieces in that frame
-    meters: Float[np.ndarray, "4 4"]  # from the file to it
+    drawn: Evaluated  # all pieces, with bounds in that frame
+    meters: Float[np.ndarray, "4 4"]  # from the file to that frame
     up: Direction[str]
     solids: Solids  # solids of all pieces, in that frame
 

@@ -35,7 +35,7 @@ class Stray:
 
     text: str  # their names, and what is odd about them
     drop: tuple[str, ...]  # patterns that match them and nothing else
-    small: bool  # whether they're a small share of its surface, or sheets
+    small: bool  # whether the pieces are a small share of the vehicle's surface, or sheets
 
     def doubt(self, *, helps: bool) -> Doubt:
         """Return a doubt that proposes to drop the pieces if that `helps`, or else to look at them first."""

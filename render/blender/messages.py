@@ -79,7 +79,7 @@ class RenderJob:
 class BlendJob:
     """Save the scene of a picture to `output`, a .blend file; see `render.blender.saved_scene`."""
 
-    picture: RenderJob  # whose own output isn't written
+    picture: RenderJob  # its own output isn't written
     output: str
 
 

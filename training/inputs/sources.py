@@ -62,7 +62,7 @@ class LabeledPictures(BoxTable):
 
     name: str  # the user's name for it
     folder: Path
-    file_names: tuple[str, ...]  # of each picture, relative to the folder
+    file_names: tuple[str, ...]  # relative to the folder
     sizes: tuple[tuple[int, int], ...]  # width and height of each, pixels
     segmentations: tuple[object, ...]  # COCO's segmentation of each box; None if it has none
     digest: str

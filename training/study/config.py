@@ -18,12 +18,7 @@ from hulldown.training.inputs.settings import Settings, resolved_augmentation
 from hulldown.training.study.arms import ARM_KINDS, Arm
 from hulldown.training.subset import DEFAULT_FRACTIONS
 
-BUILT_IN_ARMS: tuple[Arm, ...] = (
-    "real",
-    "mixed",
-    "balanced",
-    "synthetic",
-)  # the paper's, and one that renders can't drown
+BUILT_IN_ARMS: tuple[Arm, ...] = ("real", "mixed", "balanced", "synthetic")  # the paper's, but for "balanced"
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 

@@ -40,7 +40,7 @@ class StudyFacts(Struct, frozen=True, kw_only=True):
     fractions: list[float]
     seeds: list[int]
     iou: float
-    threshold: float | str  # or how each run's is chosen
+    threshold: float | str  # a score, or how each run's is chosen
     train: dict[str, object]
     runs: int
 

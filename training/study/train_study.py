@@ -43,7 +43,7 @@ class StudyOutcome:
 
     finished: tuple[str, ...]  # finished now
     already: tuple[str, ...]  # finished before
-    elsewhere: tuple[str, ...]  # on which other processes are at work
+    elsewhere: tuple[str, ...]  # other processes are at work on these
     failed: Mapping[str, str]  # reasons; the next call tries them again
 
 

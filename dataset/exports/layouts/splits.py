@@ -28,7 +28,7 @@ class ExportedImage:
     image: Image  # the image in the dataset, with the labels that are kept
     name: str  # name of its picture in the export: without folders, with a unique stem
     picture: Path  # the picture's file, links resolved
-    sha256: str  # of the picture's file
+    sha256: str  # hash of the picture's file
 
     @property
     def stem(self) -> str:
