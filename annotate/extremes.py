@@ -251,7 +251,7 @@ def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray
 
 
 def _covers_ray(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
-    """Return whether a triangle in front of the near plane lies on the ray through a point at unit depth."""
+    """Return whether a triangle in front of the near plane covers the ray through a point at unit depth."""
     x, y = spot.tolist()
     across, down = triangles[0] - x * triangles[2], triangles[1] - y * triangles[2]
     following = [1, 2, 0]

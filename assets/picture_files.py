@@ -70,7 +70,7 @@ def _read_picture(path: Path, largest: int | None) -> PictureFile:
 
 
 def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture's colors as displayed, (h, w, 3); parameters and errors as of `read_picture`."""
+    """Return a picture's colors as displayed, (h, w, 3); parameters and errors as for `read_picture`."""
     pixels = read_picture(path, size).pixels
     assert pixels is not None
     return pixels

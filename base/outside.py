@@ -146,7 +146,7 @@ def parse_value(value: object, kind: type[T], *, strict: bool = True) -> T:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return a TOML document; ValueError as of `parse_json`."""
+    """Return a TOML document; ValueError as for `parse_json`."""
     if any(line.count(".") > MAX_LINE_DOTS for line in text.splitlines()):
         raise ValueError("a line has hundreds of points")
     try:
@@ -156,7 +156,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 class _PlainYamlLoader(yaml.SafeLoader):
-    """A loader without aliases, which reads unknown tags, such as OpenCV's for a matrix, as tables."""
+    """A loader without aliases that reads unknown tags, such as OpenCV's for a matrix, as tables."""
 
     depth = 0
 
@@ -179,7 +179,7 @@ _PlainYamlLoader.add_multi_constructor("", lambda loader, _, node: loader.constr
 
 
 def parse_yaml(text: str) -> object:
-    """Return a YAML document, of plain values; ValueError as of `parse_json`."""
+    """Return a YAML document, of plain values; ValueError as for `parse_json`."""
     if len(text) > MAX_YAML_CHARACTERS:
         raise ValueError(f"it has more than {MAX_YAML_CHARACTERS >> 10} KiB")
     try:
@@ -219,7 +219,7 @@ def parse_xml(content: bytes) -> Element:
 
 
 def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
-    """Return a JSON value, and how many objects have a key more than once; ValueError as of `parse_json`."""
+    """Return a JSON value, and how many objects have a key more than once; ValueError as for `parse_json`."""
     repeated: Counter[str] = Counter()
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -235,7 +235,7 @@ def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
 
 
 def json_parts(content: bytes) -> dict[str, msgspec.Raw]:
-    """Return the values of a JSON object, not parsed, which takes little memory; ValueError as of `parse_json`."""
+    """Return the values of a JSON object, not parsed, which takes little memory; ValueError as for `parse_json`."""
     return _decode_json(content, dict[str, msgspec.Raw])
 
 

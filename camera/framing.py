@@ -63,7 +63,7 @@ def _pan_cameras(
 def _panned_axes(
     rotation: Float[np.ndarray, "... 3 3"], seen: Float[np.ndarray, "... 3"], possible: Bool[np.ndarray, "..."]
 ) -> Float[np.ndarray, "... 3 3"]:
-    """Axes of the level camera for which the old forward direction has the camera coordinates `seen`."""
+    """Return the level camera's axes, in which the old forward direction has the camera coordinates `seen`."""
     right, forward = rotation[..., :, 0], rotation[..., :, 2]
     seen_x, seen_y, seen_z = np.moveaxis(seen, -1, 0)
     flat, rise = hypot(forward[..., 0], forward[..., 1]), forward[..., 2]

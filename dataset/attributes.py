@@ -100,7 +100,7 @@ def seen_sides(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def value_bins(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
-    """Return the bin of each value, lower edges included; -1 for nan and what lies below all."""
+    """Return the bin of each value, lower edges included; -1 for nan and values below all."""
     return np.where(np.isnan(values), -1, np.searchsorted(np.array(scale.edges), values, side="right") - 1)
 
 

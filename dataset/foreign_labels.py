@@ -80,7 +80,7 @@ def refuse_known_folder(folder: Path) -> None:
 
 
 def _yolo_folders(folder: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield folders of pictures and of their labels, which may be the same one."""
+    """Yield each folder of pictures with that of its labels, which may be the same."""
     labels = Path(*("labels" if part == "images" else part for part in folder.parts))
     beside = folder / "obj_train_data"  # of CVAT's YOLO 1.1
     for pictures, texts in ((folder / "images", folder / "labels"), (folder, labels), (beside, beside)):

@@ -125,7 +125,7 @@ def _build_sky(tree: Any, sky: Sky) -> None:
 
 
 def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
-    """Add earth and sun, scale so that a white sheet lying under this sky has its `light`, store in half floats."""
+    """Add earth and sun; scale so that a white sheet under this sky has its `light`; store in half floats."""
     image = bpy.data.images.load(str(raw))
     width, height = image.size
     pixels = np.empty(width * height * image.channels, np.float32)

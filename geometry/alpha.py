@@ -123,7 +123,7 @@ class TexelCounts:
     def count(
         self, low: Float[np.ndarray, "m 2"], high: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Count marked and all texels that lookups from `low` to `high` may take; coordinates as of `opacity`."""
+        """Count marked and all texels that lookups from `low` to `high` may take; coordinates as for `opacity`."""
         height, width = self._alpha.texels.shape
         size = np.array([width, height], dtype=np.float64)
         room = 0.5 + LOOKUP_ROUNDING_TEXELS if self._alpha.smooth else LOOKUP_ROUNDING_TEXELS

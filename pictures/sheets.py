@@ -62,7 +62,6 @@ def _break_text(text: str, font: ImageFont.FreeTypeFont, width: int) -> str:
 
 
 def _break_word(word: str, font: ImageFont.FreeTypeFont, width: int) -> list[str]:
-    """Return a word in parts that are at most `width` pixels wide."""
     parts = [""]
     for letter in word:
         parts[-1:] = [parts[-1] + letter] if font.getlength(parts[-1] + letter) <= width else [parts[-1], letter]

@@ -77,7 +77,6 @@ class PlanFile(os.PathLike[str]):
         return self.header.images
 
     def __iter__(self) -> Iterator[Row]:
-        """Yield rows one at a time."""
         i, names = -1, _Names()
         with open_regular(self.path) as file:
             file.readline()

@@ -96,7 +96,7 @@ def _in_images(
     roles: Iterable[str],
     labels: Iterable[str],
 ) -> list[PlannedVehicle]:
-    """Return n instances in images; `instances` are the columns of `_instance_columns`."""
+    """Return instances in images from the columns of `_instance_columns`."""
     of_instance = {key: [column[i] for i in instance.tolist()] for key, column in instances.items()}
     return row_objects(PlannedVehicle, {"role": roles, **of_instance, **view_columns(views), "label": labels})
 

@@ -157,7 +157,7 @@ def write_plan(
     photographs: Photographs | None = None,
     progress: ReportProgress | None = None,
 ) -> Plan:
-    """Plan with assets in memory and write the plan, or continue it; parameters as of `plan_dataset` and `Planner`."""
+    """Plan with assets in memory and write the plan, or continue it; parameters as for `plan_dataset` and `Planner`."""
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:

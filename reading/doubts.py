@@ -164,7 +164,7 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
 
 
 def _height_doubts(used: UsedPieces, report: FileReport, options: Options) -> Iterator[Doubt]:
-    """Return a doubt about trees or houses of toys, as the unit of a game's world makes them."""
+    """Yield a doubt if trees or houses have unusual heights, as in a file with a toy's or a game's unit."""
     for words, (low, high) in USUAL_HEIGHTS.items() if options.scale is None else ():
         names = {p.name for p, _ in used if first_match(p.name, words) and not first_match(p.name, PARTS_OF_THINGS)}
         heights = [piece.size[2] for piece, role in used if role.use == "obstacle" and piece.name in names]

@@ -81,7 +81,7 @@ def export_asset(
 
 
 def reader_job(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULT_OPTIONS) -> Job:
-    """Return the reader's job; arguments as of `export_asset`."""
+    """Return the reader's job; arguments as for `export_asset`."""
     kind_of_file = file_format(path)
     refuse_odd_references(path, kind_of_file)
     if kind_of_file == "geotiff":

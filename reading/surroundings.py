@@ -22,7 +22,7 @@ MAX_PLAIN_VARIATION = 0.2  # deviation over mean below the horizon: 0 in painted
 
 
 def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
-    """Return whether an HDRI shows more than one color below its horizon; parameters as of `backdrop_elevation`."""
+    """Return whether an HDRI shows more than one color below its horizon; parameters as for `backdrop_elevation`."""
     elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
     below = (sky @ LUMINANCE_WEIGHTS)[(elevation < -3.0) & (elevation > -30.0)]
     return bool(below.size and below.std() > MAX_PLAIN_VARIATION * below.mean())

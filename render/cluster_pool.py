@@ -50,7 +50,7 @@ class ClusterPool(Cluster):
         super().__init__(scheduler, RENDER_RESOURCE, refused, at_once=TASKS_PER_WORKER, say=say)
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
-        """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
+        """Do all jobs; parameters and errors as for `render.pool.Pool.results`."""
 
         def call(job: int) -> Callable[[], TaskResult[Outcome]]:
             return partial(render_row, self._setting, job_of(job))

@@ -61,7 +61,7 @@ def render_job(row: Row, library: Library, settings: CyclesSettings, output: Pat
 
 
 def mask_job(row: Row, library: Library, output: Path) -> MaskJob:
-    """Return the job of rendering a row's masks; parameters and errors as of `render_job`."""
+    """Return the job of rendering a row's masks; parameters and errors as for `render_job`."""
     vehicles = [_vehicle_input(structs.replace(vehicle, paint=[]), library, row) for vehicle in row.vehicles]
     return MaskJob(
         scenery=_scenery_input(row, library), vehicles=vehicles, camera=_camera_input(row), output=str(output)

@@ -97,7 +97,7 @@ class Session:
         self._progress(RenderProgress(self.already + self.rendered, len(self.failed), self.images, line, workers))
 
     def render(self, pool: Pool | ClusterPool) -> None:
-        """Render the remaining rows, and end the pool; errors as of `render.pool.Pool.results`."""
+        """Render the remaining rows, and end the pool; errors as for `render.pool.Pool.results`."""
         if self.unfinished.is_symlink() or self.unfinished.is_file():
             self.unfinished.unlink()  # not a link's target
         for wait in (0.1, 0.5, 2.0, 0.0):

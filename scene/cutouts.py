@@ -67,7 +67,7 @@ class CutoutCaster(RayCaster):
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether anything that hides lies along each ray; arguments as for `RayCaster.cast`."""
+        """Return whether anything that hides blocks each ray; arguments as for `RayCaster.cast`."""
         return self._transmitted(origins, directions, max_distance, hard=True) == 0.0
 
     def transmittance(

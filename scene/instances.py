@@ -78,7 +78,7 @@ class InstancedScene:
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray."""
+        """Return whether anything blocks each ray."""
         hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
         for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
             for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):

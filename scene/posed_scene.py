@@ -74,7 +74,7 @@ class Scene:
         return hits
 
     def occlusion(self, rays: RaySet, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray."""
+        """Return whether anything blocks each ray."""
         hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
         for ray, batch, lead in (piece() for piece in rays.ray_pieces()):
             left = reach[ray] - lead

@@ -121,7 +121,7 @@ class PosedVehicle:
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether the vehicle lies along each ray."""
+        """Return whether the vehicle blocks each ray."""
         return self.first_hits(rays, max_distance=max_distance).hit
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:

@@ -95,7 +95,7 @@ class RayCaster:
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray; arguments as for `cast`."""
+        """Return whether anything blocks each ray; arguments as for `cast`."""
         start, unit, limit = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
         for i, entry, along, reach, _ in self._ray_blocks(start, unit, limit):
@@ -106,7 +106,7 @@ class RayCaster:
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
-        """Return 0 where anything is on a ray, else 1; arguments are as for `cast`."""
+        """Return 0 where anything blocks a ray, else 1; arguments are as for `cast`."""
         return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:

@@ -247,7 +247,7 @@ class RayTarget(Protocol):
         ...
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray."""
+        """Return whether anything blocks each ray."""
         ...
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:

@@ -186,8 +186,6 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 class _ErrorRaisingLoader(DataLoader[Any]):
-    """A loader that raises errors that are in its batches."""
-
     def __iter__(self) -> Iterator[Any]:
         for batch in super().__iter__():
             if isinstance(batch, HulldownError):

@@ -288,7 +288,6 @@ def _draw_detections(
 def _results_key(
     run: Path, pictures: Pictures, classes: Sequence[str], tile: tuple[int, int] | None, rivals: Path | None
 ) -> str:
-    """Return a key of the results: weights, classes, images, tiles, and rivals."""
     digest = hashlib.sha256(weights_digest(run).encode())
     images = [[image.id, image.file_name, *image.size] for image in pictures.images]
     digest.update(orjson.dumps([list(classes), images, sorted(pictures.category_ids.items()), tile]))

@@ -85,7 +85,7 @@ def label_area(label: Label) -> float:
 
 
 def _find_overhang(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
-    """Find a mask that reaches out of the label's box; `extent` is as of `annotate.masks.area_and_box`."""
+    """Find a mask that reaches out of the label's box; `extent` is from `annotate.masks.area_and_box`."""
     if extent is None:
         return
     x, y, w, h = label.bbox

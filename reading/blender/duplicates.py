@@ -72,7 +72,7 @@ def _mesh_contents(meshes: set[Any]) -> dict[Any, object]:
 
 
 def _mesh_key(mesh: Any) -> object:
-    """Return a key of how a mesh is drawn; the mesh itself if it's damaged or has content that isn't compared."""
+    """Return a key of how a mesh is drawn; the mesh itself if it's damaged or has content that can't be compared."""
     if mesh.library or mesh.override_library or mesh.keys():
         return mesh
     stored = hashlib.sha256()
@@ -95,7 +95,7 @@ def _mesh_key(mesh: Any) -> object:
 
 
 def _is_plain(obj: Any) -> bool:
-    """Return whether it draws its mesh at its own location, rotation, and scale, and nothing else."""
+    """Return whether an object draws its mesh at its own location, rotation, and scale, and nothing else."""
     if obj.type != "MESH" or obj.library or obj.override_library or obj.animation_data or obj.parent:
         return False
     if obj.modifiers or obj.constraints or obj.particle_systems or obj.instance_type != "NONE":

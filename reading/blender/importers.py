@@ -96,7 +96,7 @@ class RestPose:
 
 
 def _sort_objects() -> None:
-    """Link the scene's objects by name: the FBX importer's order differs from process to process, as would meshes."""
+    """Link the scene's objects by name, since the FBX importer orders them (and meshes) differently in each process."""
     linked = bpy.context.scene.collection.objects
     for obj in sorted(linked, key=lambda obj: str(obj.name)):
         linked.unlink(obj)

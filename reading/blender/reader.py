@@ -162,7 +162,7 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
-    """Raise with the reason why everything is hidden, which no pattern in the config can change."""
+    """Refuse a file without anything to draw by the reason why all is hidden, which no pattern can change."""
     hidden = [left for left in drawn.left if left.by is By.HIDDEN]
     if drawn.pieces or not hidden:
         return

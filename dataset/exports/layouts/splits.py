@@ -51,7 +51,6 @@ class Splits:
     progress: Callable[[int, int], None] = lambda done, total: None  # called with (done, all) after each image
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[ExportedImage]]]:
-        """Yield each split with its items."""
         done = count(1)
         for split, items in self.items.items():
             yield split, self._count_items(items, done)

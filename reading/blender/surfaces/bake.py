@@ -111,7 +111,7 @@ def _own_groups(tree: Any) -> Iterator[Any]:
 
 
 def _opacity_layer(material: Any) -> str:
-    """Return the one layer of coordinates that the opacity depends on; "" is the one that is rendered."""
+    """Return the one layer of coordinates that the opacity depends on; "" is the rendered layer."""
     output = material_output(material)
     found = {_node_layer(node, socket) for node, socket in upstream_nodes(output.inputs["Surface"], ())}
     layers = sorted(layer for layer in found if layer is not None)
