@@ -151,7 +151,7 @@ class OutputFolder(OutputLock):
 
     def _other_names(self) -> set[str]:
         names = {path.name for path in self.folder.iterdir()} - {LOCK_NAME, UNFINISHED_NAME}
-        return {name for name in names if not (name.startswith(".") and name.endswith(".tmp"))}  # of killed writers
+        return {name for name in names if not (name.startswith(".") and name.endswith(".tmp"))}  # killed writers'
 
     @contextmanager
     def all_or_nothing(self, key: str = "") -> Iterator[Path]:

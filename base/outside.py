@@ -186,7 +186,7 @@ def parse_yaml(text: str) -> object:
         return yaml.load(text, Loader=_PlainYamlLoader)
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from None
-    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:  # of a tag whose value doesn't fit it
+    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:  # a tag's value may not fit it
         raise ValueError(f"a tag doesn't fit its value: {error}") from None
 
 

@@ -294,7 +294,7 @@ def _draw_cuts(
     log_range = log(most / inside)
     way_areas = [2.0 * room_y * width / most_y, 2.0 * room_x * height / most_x, 4.0 * width * height * log_range]
     way_ends = np.cumsum(np.stack(way_areas, axis=1), axis=1)
-    way = (uniform[:, :1] * way_ends[:, 2:] >= way_ends[:, :2]).sum(axis=1)  # of `way_areas`
+    way = (uniform[:, :1] * way_ends[:, 2:] >= way_ends[:, :2]).sum(axis=1)  # index into `way_areas`
 
     # One number has which of the four corners or two sides is cut, and how deep along a corner.
     quarter, depth = np.divmod(uniform[:, 1] * 4.0, 1.0)

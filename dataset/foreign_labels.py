@@ -82,7 +82,7 @@ def refuse_known_folder(folder: Path) -> None:
 def _yolo_folders(folder: Path) -> Iterator[tuple[Path, Path]]:
     """Yield each folder of pictures with that of its labels, which may be the same."""
     labels = Path(*("labels" if part == "images" else part for part in folder.parts))
-    beside = folder / "obj_train_data"  # of CVAT's YOLO 1.1
+    beside = folder / "obj_train_data"  # CVAT's YOLO 1.1 has this folder
     for pictures, texts in ((folder / "images", folder / "labels"), (folder, labels), (beside, beside)):
         found = _picture_files(pictures) if texts.is_dir() else []
         if found and (pictures != texts or any((texts / f"{path.stem}.txt").is_file() for path in found)):

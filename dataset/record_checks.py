@@ -227,7 +227,7 @@ def _box_gap(label: Label, image: Image) -> float:
     """Return the pixels by which a box exceeds the mask of a target in full view; 0 for gaps small as an antenna."""
     if label.visible_fraction != 1.0 or not (mask := label.read(VisibleMask).segmentation):
         return 0.0
-    with contextlib.suppress(ValueError):  # found elsewhere
+    with contextlib.suppress(ValueError):  # another check finds it
         box = area_and_box(mask, *image.size)[1]
         if box is not None:
             x, y, w, h = label.bbox

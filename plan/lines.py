@@ -303,6 +303,6 @@ def _first_problem(record: dict[str, object], kind: type[Struct], path: str) -> 
 def _is_kind(value: object, kind: Any) -> bool:
     try:
         convert_value(value, kind, dec_hook=decoded_pose)
-    except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two: of integers without end
+    except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two are for endless integers
         return False
     return True

@@ -83,7 +83,7 @@ class Pool:
             raise ValueError(f"workers: expected at least 1, got {engine.workers}")
         self._logs, self._engine = logs, engine
         self._say, self._stopping, self._confinement = say, stopping, confinement
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # of the threads
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # from the threads
         self._allowance = Allowance(engine.limits)
         self._blenders: list[Blender] = []
         self._add_blenders(engine.workers or 1)

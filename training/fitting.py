@@ -117,7 +117,7 @@ class Recorder(pl.Callback):
     """Logs each step, stops a training that diverges, and validates the averaged weights."""
 
     def __init__(self, trainee: Trainee, training: Training) -> None:
-        self.losses: list[float] = []  # of the steps in this process
+        self.losses: list[float] = []  # of this process's steps
         self.seconds: list[float] = []
         self.best: dict[str, float] | None = None  # the last validation, or with `keep = "best"` the best one
         self.best_weights: Mapping[str, torch.Tensor] = {}

@@ -97,7 +97,7 @@ def _export_transformers(detector: TransformersDetector) -> bytes:
     content = io.BytesIO()
     with silence_libraries(), torch.no_grad():
         torch.onnx.export(
-            Found(), (torch.zeros(1, 3, height, width),), content, dynamo=False,  # whose successor needs onnxscript
+            Found(), (torch.zeros(1, 3, height, width),), content, dynamo=False,  # its successor needs onnxscript
             input_names=["input"], output_names=["dets", "labels"],
         )  # fmt: skip
     return content.getvalue()

@@ -202,7 +202,7 @@ def predict_detections(
         info = PredictionInfo(detector=str(run), images=[image.id for image in found.images], categories=new)
         if not found.category_ids:
             info["pictures"] = [image.record for image in found.images]
-        info_file.unlink(missing_ok=True)  # of earlier results
+        info_file.unlink(missing_ok=True)  # it's about earlier results
         for path, value in ((output, results), (info_file, info)):
             replace_file(path, orjson.dumps(value) + b"\n")
         if drawn is not None:

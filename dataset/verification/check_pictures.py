@@ -81,7 +81,7 @@ def _check_picture(
     folder: Path, record: Record, image: Image | None, *, fast: bool
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
     name = record.get("file_name")
-    if not stays_inside(name):  # found among records
+    if not stays_inside(name):  # the check of records finds it
         return [], None, None
     try:
         path = resolve_own_picture(folder, name)
@@ -161,7 +161,7 @@ def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Itera
     height, width = pixels.shape[:2]
     masked = []
     for label in image.labels:
-        with contextlib.suppress(ValueError):  # found elsewhere
+        with contextlib.suppress(ValueError):  # another check finds it
             masked.append((label, decode_mask(label.read(VisibleMask).segmentation, width, height)))
     covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
     for label, mask in masked:

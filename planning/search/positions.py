@@ -371,7 +371,7 @@ class _BlockSearch:
             counts = self.place_rejections[row] + self.camera_rejections[self.owner == row].sum(axis=0)
             model, position = self.fleet.models[block.model[row]], int(self.number[row])
             found = [kind for kind in kinds if counts[kind]]
-            one = given.has_place[row] and len(found) == 1 and found[0] in PLACE_REJECTIONS  # one try is like the other
+            one = given.has_place[row] and len(found) == 1 and found[0] in PLACE_REJECTIONS  # all tries are equal
             self.problems[row] = HopelessPosition(
                 position,
                 f"vehicle {model.shape.name!r} on scenery {block.site.name!r} {what}: "

@@ -145,7 +145,7 @@ def _own_rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 
     for i, obj in enumerate(objects):
         modes.setdefault(obj.rotation_mode, []).append(i)
     for mode, those in modes.items():
-        if mode == "AXIS_ANGLE" and prefix:  # there is none
+        if mode == "AXIS_ANGLE" and prefix:  # Blender has no delta axis and angle
             continue
         name = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}.get(mode, "rotation_euler")
         given = np.array([getattr(objects[i], prefix + name)[:] for i in those], np.float64)

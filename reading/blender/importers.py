@@ -74,7 +74,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
                 bpy.ops.wm.obj_import(filepath=str(file), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
             for obj in bpy.context.scene.objects:
                 obj.location = offset
-            up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE_M else "y"  # a northing is no height
+            up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE_M else "y"  # a northing isn't a height
             _clear_false_glass(path)
     except (RuntimeError, ValueError) as error:
         extension = mesh_compression(path) if kind == "gltf" else ""

@@ -124,7 +124,7 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
         materials=material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part),
         things=vehicle.things,
     )
-    if len(report.things) > 1:  # what else is odd about all of them together is of no use
+    if len(report.things) > 1:  # doubts about all of them together are of no use
         return replace(report, doubts=tuple(d for d in vehicle.doubts if d.kind == DoubtKind.SEVERAL))
     beside = partial(nearby_pictures, Path(job.path).resolve())
     looks = (*color_doubts(picture, report, beside=beside), *lost)

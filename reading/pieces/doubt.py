@@ -70,7 +70,7 @@ def file_warnings(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     ranked = {path: sorted(found, key=_doubt_rank) for path, found in doubts.items() if found}
     warnings = []
     for path, found in sorted(ranked.items(), key=lambda item: _doubt_rank(item[1][0])):
-        first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # of each kind
+        first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # one of each kind
         shown = [doubt.text.replace("\n", "\\n") for doubt in first[:MAX_SHOWN_KINDS]]
         more = (
             [f"and {len(found) - len(shown)} more, which `hulldown inspect` lists"] if len(found) > len(shown) else []

@@ -42,7 +42,7 @@ def first_bytes(path: Path) -> bytes:
             start = file.read(64)
     except FileNotFoundError:
         raise AssetError("does not exist", path=path, remedy="check its name") from None
-    except OSError as error:  # links that lead to each other among them
+    except OSError as error:  # including links that lead to each other
         raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
     except ValueError:
         raise AssetError("isn't a valid file name", path=path.name[:80]) from None

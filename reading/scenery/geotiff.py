@@ -167,7 +167,7 @@ def _open_raster(path: Path) -> Iterator[Any]:
                 problem = f"its cells have no place: {raster.transform[:6]}"
                 raise AssetError(problem, path=path, remedy="georeference it again")
             yield raster
-    except (RasterioError, CPLE_BaseError, ValueError) as error:  # ValueError: maps, and texts that are no UTF-8
+    except (RasterioError, CPLE_BaseError, ValueError) as error:  # ValueError: maps, and text that isn't UTF-8
         raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None
 
 

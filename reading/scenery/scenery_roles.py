@@ -169,7 +169,7 @@ def _water_role(piece: Piece) -> PieceRole | None:
     if not is_wide_and_level(piece, least=MIN_WATER_WIDTH_M):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]
-    own = own[2 * piece.anonymous :]  # which is called like what carries it
+    own = own[2 * piece.anonymous :]  # such a piece has its carrier's name
     if any(first_match(name, _DRY_WORDS) for _, name in own):
         return None
     materials = [("material", name) for name in piece.materials]

@@ -89,7 +89,7 @@ def find_forward(
     lifted = raised * (raised == tubes)
     names_doubt = TUBES_CONTRADICTED if lifted * named < 0 else ""
     lifted = 0.0 if names_doubt else lifted
-    rack = barrel is not None and not gun[solids.piece[barrel]] and gun_end * named < 0  # or a pipe, or a ladder
+    rack = barrel is not None and not gun[solids.piece[barrel]] and gun_end * named < 0  # it may be a pipe or a ladder
     others = (gun_end, named, *np.sign(built))
     total = tubes + sum(built)
     # Two agreeing signs are as good as a name.

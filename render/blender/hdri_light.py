@@ -109,7 +109,7 @@ class HdriWorld:
             small = self._texture.image.copy()
             small.scale(256, 128)
             radiance = image_pixels(small)[::-1, :, :3].astype(np.float64)
-            small.buffers_free()  # and stays, as of `_color_space`
+            small.buffers_free()  # the image stays, like that of `_color_space`
             if len(self._small) >= MAX_KEPT_MAPS:
                 del self._small[next(iter(self._small))]
             self._small[self._path] = radiance

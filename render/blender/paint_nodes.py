@@ -26,7 +26,7 @@ class PaintedMaterials:
             for slot in obj.material_slots:
                 if slot.material is not None and slot.material.library is not None:
                     self._materials.setdefault(slot.material.name, slot.material)
-        self._properties: dict[str, str] = {}  # by name, of those that have been painted
+        self._properties: dict[str, str] = {}  # of painted materials, by name
 
     def is_first(self, colors: PaintColors) -> bool:
         """Return whether one of these materials is painted for the first time."""

@@ -34,7 +34,7 @@ class Surfaces:
 
     def __init__(self) -> None:
         self._kind = ""
-        self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
+        self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and by what it covers, made when first needed
         self._dressed: dict[int, NodeTreeShape] = {}  # by session id of a material
         self.left: list[str] = []  # materials without a shader that rain can change
 

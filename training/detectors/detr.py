@@ -188,7 +188,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     try:
         with silence_libraries():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
-    except DAMAGE_ERRORS as error:  # a shape or an entry of the file
+    except DAMAGE_ERRORS as error:  # an entry of the file may be missing or have another shape
         raise HulldownError(
             f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
         ) from None

@@ -100,7 +100,7 @@ def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
     rows = [place.get(name, place[VEHICLE_LIKE_CLASS]) for _, name in sorted(network.config.id2label.items())]
     new, old, classes = network.state_dict(), before.state_dict(), len(before.config.id2label)
     for key in lost:
-        last = [*range(classes, len(old[key]))]  # some have a row more, of no class
+        last = [*range(classes, len(old[key]))]  # some have one more row, for no class
         if len(new[key]) == len(rows) + len(last):
             new[key].copy_(old[key][rows + last])
 

@@ -1,4 +1,4 @@
-"""COCO's matching of detections with labels, by faster-coco-eval, whose every decision is pycocotools'.
+"""COCO's matching of detections with labels, by faster-coco-eval, which decides exactly as pycocotools does.
 
 The library doesn't know oriented boxes; their overlaps come from Shapely.
 
@@ -66,7 +66,7 @@ class Matching:
 
 
 class _OrientedEvaluation(COCOeval_faster):
-    """pycocotools' evaluation with overlaps of oriented boxes."""
+    """faster-coco-eval's evaluation with overlaps of oriented boxes."""
 
     def computeIoU(self, imgId: int, catId: int) -> Float[np.ndarray, "d g"] | list[float]:
         """Return overlaps of an image's detections of a class, by falling score, with its labels."""
@@ -90,7 +90,7 @@ def oriented_overlaps(
 
 
 def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_faster:
-    """Load labels and at least one detection into pycocotools; images, classes, and boxes are numbered from 1."""
+    """Load labels and at least one detection into faster-coco-eval; images, classes, and boxes are numbered from 1."""
     true, found = None, predictions.corners
     areas, never = predictions.xywh[:, 2] * predictions.xywh[:, 3], np.zeros(len(predictions.score), dtype=bool)
     if found is not None:

@@ -66,7 +66,7 @@ def threshold_curves(matching: Matching, *, label: int | None = None) -> dict[st
         counted, wanted = counted & (matching.predictions.class_index == label), wanted & (labels.class_index == label)
     rows = np.flatnonzero(counted)
     rows = rows[np.argsort(-score[rows], kind="stable")]
-    last = np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)  # of each score
+    last = np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)  # the last detection of each score
     tp = np.cumsum(matching.true[rows])[last]
     fp, fn = last + 1 - tp, int(wanted.sum()) - tp
     return {

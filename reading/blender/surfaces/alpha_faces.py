@@ -56,7 +56,7 @@ class CutoutReader:
             return None
         corners = read_property(data.loop_triangles, "loops", np.int32, 3).reshape(-1, 3)[face]
         uv, face_map = np.empty((len(face), 3, 2), dtype=np.float32), np.empty(len(face), dtype=np.int64)
-        maps: dict[AlphaMap, int] = {}  # those that a face wears, and their numbers
+        maps: dict[AlphaMap, int] = {}  # maps that a face uses, and their numbers
         for number, cutter in enumerate(cutters):
             of_slot = slot[face] == number
             if cutter is not None and of_slot.any():

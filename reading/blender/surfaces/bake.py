@@ -156,7 +156,7 @@ def _render_materials(
     (width, height), count = size, len(materials)
     seen = np.maximum([width, count * height], MIN_BAKE_SIDE_PX)
     x, y = np.array([width, height]) / seen.max()
-    ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # of a rectangle's corners, along both sides
+    ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # a rectangle's corners along both sides
     points = [(x * i, y * (k + j), 0.0) for k in range(count) for i, j in ends]
     mesh.from_pydata(points, [], np.arange(4 * count).reshape(-1, 4).tolist())
     corners = np.tile([(uv[i, 0], uv[j, 1]) for i, j in ends], (count, 1))
