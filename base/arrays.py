@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-LARGEST_FLOAT = sys.float_info.max
+MAX_FLOAT = sys.float_info.max
 
 
 def checked_array(
@@ -49,7 +49,7 @@ def positive_array(value: ArrayLike, name: str) -> np.ndarray:
 def are_numbers(values: Iterable[object]) -> bool:
     """Return whether all values are finite numbers; true and false are not."""
     # NaN fails the comparison, and so do integers beyond the largest float.
-    return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= LARGEST_FLOAT for x in values)
+    return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= MAX_FLOAT for x in values)
 
 
 def whole_number(value: object, name: str) -> int:

@@ -24,7 +24,7 @@ import yaml
 from hulldown.base.files import open_regular
 
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
-TEXT, DOCUMENT, DATA = 1 << 20, 1 << 28, 1 << 32
+MAX_TEXT_BYTES, MAX_DOCUMENT_BYTES, MAX_DATA_BYTES = 1 << 20, 1 << 28, 1 << 32
 MISSING_FILE = "no such file"
 MAX_NESTING_DEPTH = 64  # of lists and objects
 MAX_NUMBER_LENGTH = 300  # characters; float64 ends at 308
@@ -47,7 +47,7 @@ MakeError: TypeAlias = Callable[
 ]  # makes an error of a problem, such as partial(ConfigError, path=path)
 
 
-def read_file(path: Path, refuse: MakeError, *, most: int = DOCUMENT) -> bytes:
+def read_file(path: Path, refuse: MakeError, *, most: int = MAX_DOCUMENT_BYTES) -> bytes:
     """Return a file's content.
 
     `refuse`: makes the error that is raised if it isn't a regular file, is larger than `most` bytes, or can't be read.
@@ -98,7 +98,7 @@ def file_sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def read_text(path: Path, refuse: MakeError, *, most: int = TEXT) -> str:
+def read_text(path: Path, refuse: MakeError, *, most: int = MAX_TEXT_BYTES) -> str:
     """Return a file's text, which is UTF-8 with or without a mark; see `read_file`."""
     try:
         return read_file(path, refuse, most=most).decode("utf-8-sig")
@@ -106,7 +106,7 @@ def read_text(path: Path, refuse: MakeError, *, most: int = TEXT) -> str:
         raise refuse("isn't UTF-8 text") from None
 
 
-def read_json(path: Path, kind: type[T], refuse: MakeError, *, what: str, most: int = DOCUMENT) -> T:
+def read_json(path: Path, kind: type[T], refuse: MakeError, *, what: str, most: int = MAX_DOCUMENT_BYTES) -> T:
     """Return the value of a JSON file as a `kind`; `what` names it in errors, see `read_file`."""
     content = read_file(path, refuse, most=most)
     try:

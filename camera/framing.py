@@ -18,7 +18,7 @@ from hulldown.geometry.transforms import rotate_vectors, rotation_z, tilt_rotati
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 MAX_FRAMING_ROUNDS = 20
-PLACED_PX = 1e-3
+PLACE_TOLERANCE_PX = 1e-3
 MAX_LEVEL_FRAMING_ROUNDS = 12  # Broyden's method takes 3 to 8
 MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_FramingSearch.by_secants`
 
@@ -214,7 +214,7 @@ class _FramingSearch:
             best[rows], best_pixel[rows], best_miss[rows] = pose[better], pixel[better], miss[better]
             # Halved steps from the best place so far where the last one led away (very wide lenses).
             pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel[todo]) / 2.0)
-            on = best_miss[todo] > PLACED_PX
+            on = best_miss[todo] > PLACE_TOLERANCE_PX
             todo, pixel = todo[on], pixel[on]
         return self.cameras.at_poses(best)
 
@@ -250,7 +250,7 @@ class _FramingSearch:
                 seen = np.isfinite(step).all(axis=1)[:, None]
                 onward = np.where(seen, pixel + _multiply_rows(turn, step), (pixel + last) / 2.0)
                 last, last_step = np.where(seen, pixel, last), np.where(seen, step, last_step)
-                on = best_miss[todo] > PLACED_PX
+                on = best_miss[todo] > PLACE_TOLERANCE_PX
                 todo, turn = todo[on], turn[on]
                 pixel, last, last_step = onward[on], last[on], last_step[on]
         return self.cameras.at_poses(best)

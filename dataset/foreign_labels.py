@@ -19,7 +19,7 @@ from msgspec import Meta, Struct
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import TEXT, parse_value, parse_xml, parse_yaml, read_file, read_json, read_text
+from hulldown.base.outside import MAX_TEXT_BYTES, parse_value, parse_xml, parse_yaml, read_file, read_json, read_text
 
 PICTURE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
@@ -138,7 +138,7 @@ def _read_voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     for path in sorted(texts.glob("*.xml")):
         refuse = partial(DatasetError, path=path, remedy="correct it or take it out")
         try:
-            trees[path] = parse_xml(read_file(path, refuse, most=TEXT))
+            trees[path] = parse_xml(read_file(path, refuse, most=MAX_TEXT_BYTES))
         except ValueError as error:
             raise refuse(f"cannot be read ({error})") from None
         if not all(element.findtext("name", "").strip() for element in trees[path].iter("object")):

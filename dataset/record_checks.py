@@ -43,7 +43,7 @@ from hulldown.plan.row import PlannedVehicle, Row, row_fields
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
-GAP, GAP_SHARE = 2.0, 0.25
+MIN_BOX_GAP_PX, MIN_BOX_GAP_SHARE = 2.0, 0.25
 MAX_LISTED_FINDINGS = 20  # of each kind
 
 
@@ -232,7 +232,7 @@ def _box_gap(label: Label, image: Image) -> float:
         if box is not None:
             x, y, w, h = label.bbox
             gaps = np.array([box[0] - x, box[1] - y, x + w - box[0] - box[2], y + h - box[1] - box[3]])
-            large = (gaps > GAP) & (gaps > GAP_SHARE * np.array([w, h, w, h]))
+            large = (gaps > MIN_BOX_GAP_PX) & (gaps > MIN_BOX_GAP_SHARE * np.array([w, h, w, h]))
             return float(gaps[large].max(initial=0.0))
     return 0.0
 

@@ -16,7 +16,7 @@ HEIGHT_ULPS = 8
 NORMAL_ERROR = 1e-12
 _FACES_PER_BLOCK = 1 << 16  # intermediate arrays stay in cache
 # Areas that lost more than this factor to cancellation have no relative error to speak of.
-_MOST_CANCELLED = 2.0**40
+_MAX_CANCELLATION = 2.0**40
 # Heights below this would lose digits to underflow.
 _MIN_EXACT_PRODUCT = 1e-120
 
@@ -192,7 +192,7 @@ def _prepare_faces(
         highest = np.maximum(np.maximum(np.abs(az), np.abs(bz)), np.abs(cz))
         steepness = np.sqrt(1.0 + slope_x**2 + slope_y**2)
         bound = rounded + 2.0 * ROUNDING_ERROR * highest
-        bound[~((kappa <= _MOST_CANCELLED) & (size > 1e-150) & (bound < np.inf))] = np.inf
+        bound[~((kappa <= _MAX_CANCELLATION) & (size > 1e-150) & (bound < np.inf))] = np.inf
         well_conditioned = bound <= error
         well_conditioned &= 10.0 * ROUNDING_ERROR * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
         bound += ROUNDING_ERROR * _MIN_EXACT_PRODUCT  # underflow of a slope's numerator

@@ -42,7 +42,7 @@ from hulldown.reading.pieces.doubt import Doubt, file_warnings
 ReportProgress = Callable[[int, int], None]
 HEADER_PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # a header has their versions
 _BLOCKS_AHEAD_PER_WORKER = 3  # blocks that wait for a slow one; bounds memory
-_SMALLEST_BLOCK = 64
+_MIN_BLOCK_POSITIONS = 64
 
 
 def plan_dataset(
@@ -170,7 +170,7 @@ def write_plan(
         start = _resume_position(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
-        size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), POSITIONS_PER_BLOCK)
+        size = min(max((budget.n_positions - start) // (2 * workers), _MIN_BLOCK_POSITIONS), POSITIONS_PER_BLOCK)
         blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
         workers = min(workers, max(len(blocks), 1))
         for lines, rows in _plan_blocks(planner, blocks, workers):

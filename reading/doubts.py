@@ -19,9 +19,9 @@ from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, canopy_sheets, enclosing_piece
 
 MAX_VEHICLE_LENGTH_M = 60.0  # the longest road trains
-SHORTEST_VEHICLE = 0.8
-SMALLEST_SCENERY = 20.0
-LARGEST_SCENERY = 200_000.0
+MIN_VEHICLE_LENGTH_M = 0.8
+MIN_SCENERY_EXTENT_M = 20.0
+MAX_SCENERY_EXTENT_M = 200_000.0
 MAX_UPRIGHT_GROUND_SHARE = 0.05  # of a scenery's height and length: narrower ground stands upright
 LIKELY_LENGTHS = (2.0, 20.0)
 UsedPieces = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
@@ -45,7 +45,7 @@ def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
 def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     length, width, height = report.size
     longest, across = max(report.size), max(length, width)
-    if not SHORTEST_VEHICLE <= longest <= MAX_VEHICLE_LENGTH_M:
+    if not MIN_VEHICLE_LENGTH_M <= longest <= MAX_VEHICLE_LENGTH_M:
         hint = likely_scale(longest, report.unit)
         text = f"the vehicle is {format_length(longest)} long; set scale{hint} if that is wrong"
         yield Doubt(DoubtKind.SCALE, text)
@@ -147,7 +147,7 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
 def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     *sides, height = report.size
     across, other = max(sides), "z" if report.up == "y" else "y"
-    if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
+    if not MIN_SCENERY_EXTENT_M <= across <= MAX_SCENERY_EXTENT_M:
         text = (
             f"the scenery is {format_length(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
         )

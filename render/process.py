@@ -22,7 +22,7 @@ from PIL.PngImagePlugin import PngImageFile
 from hulldown.base.arguments import Positive
 from hulldown.base.child import Child, Stopped, memory_limit
 from hulldown.base.errors import HulldownError
-from hulldown.base.outside import DATA, parse_json, read_file
+from hulldown.base.outside import MAX_DATA_BYTES, parse_json, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import BlendJob, Job, OutputJob, RenderJob, StartJob
 from hulldown.render.blender.reply import REPLY_PREFIX, Reply
@@ -316,7 +316,7 @@ def _output_content(job: OutputJob) -> bytes:
         size = job.camera.intrinsics
         if wrong := picture_damage(output, size.width, size.height):
             raise AttemptFailed(wrong)
-    return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)
+    return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=MAX_DATA_BYTES)
 
 
 def without_notes(data: bytes) -> bytes:

@@ -29,7 +29,7 @@ from hulldown.geometry.meshes import Mesh
 
 _UNLIMITED_DISTANCE = np.float32(1e37)  # embreex's value for no limit
 RAYS_PER_BLOCK = 1 << 16  # large enough to be coherent once sorted, small enough to stay in cache
-_WORTH_SORTING = 4096
+_MIN_SORTED_RAYS = 4096
 _MAX_COORDINATE = 1e30  # squares stay inside float64, and centered coordinates inside float32
 
 
@@ -149,7 +149,7 @@ class RayCaster:
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
         along, reach = unit.astype(np.float32), np.minimum(limit - skipped, _UNLIMITED_DISTANCE).astype(np.float32)
-        passing = relative if len(start) < _WORTH_SORTING else relative + np.maximum(nearest, 0.0)[:, None] * unit
+        passing = relative if len(start) < _MIN_SORTED_RAYS else relative + np.maximum(nearest, 0.0)[:, None] * unit
         for i in coherent_blocks(passing):
             yield i, entry[i], along[i], reach[i], skipped[i]
 
@@ -191,7 +191,7 @@ _DOWN_DIRECTION = np.array([[0, 0, -1]], dtype=np.float32)
 def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:
     """Yield indices of points in blocks along a Morton curve over the two widest axes, by 16-bit keys (radix sort)."""
     n = len(points)
-    if n < _WORTH_SORTING:
+    if n < _MIN_SORTED_RAYS:
         yield np.arange(n)
         return
     key = np.zeros(n, dtype=np.uint16)

@@ -18,7 +18,7 @@ INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e
 SERIES_COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # color-blind readers can tell them apart
 MAX_NAME_CHARACTERS = 24  # beside an axis
 HISTOGRAM_BINS = 24
-MOST_NAMES = 12
+MAX_CHART_NAMES = 12
 MAX_MAP_DOTS = 2_000  # more would overlap
 
 
@@ -108,8 +108,8 @@ def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Figure:
 def draw_shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
     """Draw the frequency of each name, most frequent on top."""
     counts = Counter(name for name in names.tolist() if name).most_common()
-    if rest := counts[MOST_NAMES:]:
-        counts[MOST_NAMES:] = [(f"{len(rest)} others", sum(n for _, n in rest))]
+    if rest := counts[MAX_CHART_NAMES:]:
+        counts[MAX_CHART_NAMES:] = [(f"{len(rest)} others", sum(n for _, n in rest))]
     figure, axes = make_axes(title, 3.6, 0.7 + 0.24 * max(len(counts), 3))
     axes.barh(range(len(counts)), [n for _, n in counts], color=BLUE, height=0.62)
     axes.set_yticks(range(len(counts)), [shorten_name(name) for name, _ in counts])

@@ -21,7 +21,15 @@ from hulldown.annotate.coco_types import Coco, Record
 from hulldown.base.code import package_version
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
-from hulldown.base.outside import DATA, convert_value, describe_path, json_parts, json_records, parse_json, read_file
+from hulldown.base.outside import (
+    MAX_DATA_BYTES,
+    convert_value,
+    describe_path,
+    json_parts,
+    json_records,
+    parse_json,
+    read_file,
+)
 from hulldown.dataset.foreign_labels import foreign_reader, refuse_known_folder
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import last_merged, read_journal, replace_journal
@@ -253,7 +261,7 @@ def _with_pictures_found(coco: Coco, folder: Path, stem: str) -> Coco:
 def _read_annotations(path: Path) -> Document:
     """Read a COCO file record by record, which takes less than half the memory of parsing it as a whole."""
     document = Document()
-    content = read_file(path, partial(_unusable_error, path), most=DATA)
+    content = read_file(path, partial(_unusable_error, path), most=MAX_DATA_BYTES)
     try:
         parts = json_parts(content)
         categories, images, annotations = (

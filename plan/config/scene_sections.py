@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.base.arrays import are_numbers
-from hulldown.camera.response import COOLEST, MAX_EV, WARMEST
+from hulldown.camera.response import MAX_BALANCE_ERROR_K, MAX_EV, MIN_BALANCE_ERROR_K
 from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.weather.kinds import WEATHER_KINDS
@@ -230,7 +230,7 @@ class LightSection(Section):
     """"auto": a gray card on open land comes out mid-gray; or EV for all images"""
     exposure_error_ev: Annotated[Pair, range_check(-10.0, 10.0)] = (-1.0, 1.0)
     """error of the exposure, EV"""
-    white_balance_error_k: Annotated[Pair, range_check(COOLEST, WARMEST)] = (0.0, 0.0)
+    white_balance_error_k: Annotated[Pair, range_check(MIN_BALANCE_ERROR_K, MAX_BALANCE_ERROR_K)] = (0.0, 0.0)
     """white balance minus 6500 K; more is warmer"""
     overcast: Patterns = ()
     """patterns of HDRIs for rain and snow; empty: as for other weather"""

@@ -44,7 +44,7 @@ PASS_MEANINGS = {
 }
 STUFF_CLASSES = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
 FIRST_STUFF_SEGMENT = 1 << 16  # segments of vehicles have their instance numbers
-MOST_INSTANCES = (1 << 16) - 1
+MAX_INSTANCES = (1 << 16) - 1
 
 
 class Instance(Struct, frozen=True):
@@ -166,7 +166,7 @@ def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np
     for i in shown.tolist():
         what = "water" if scenery.instance_is_water[i] else "obstacle"
         table.append(Instance(len(table) + 1, what, scenery.instance_names[i]))
-    if len(table) > MOST_INSTANCES:
+    if len(table) > MAX_INSTANCES:
         raise ConfigError(f"image {row.index} shows {len(table):,} instances, more than 16-bit pictures can tell apart")
     return instance.astype(np.uint16), table
 

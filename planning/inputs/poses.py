@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.outside import DOCUMENT, read_text
+from hulldown.base.outside import MAX_DOCUMENT_BYTES, read_text
 from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses, PoseLine, Vector
 
 NAME_COLUMNS = ("scenery", "vehicle", "sequence")
@@ -26,7 +26,7 @@ CAMERA, LOOK_AT = NUMBER_COLUMNS[4:7], NUMBER_COLUMNS[7:]
 
 def read_poses(path: Path) -> GivenPoses:
     """Read the poses in a CSV file with commas or semicolons between its columns."""
-    text = read_text(path, partial(ConfigError, path=path, remedy="name a CSV file"), most=DOCUMENT)
+    text = read_text(path, partial(ConfigError, path=path, remedy="name a CSV file"), most=MAX_DOCUMENT_BYTES)
     header = text.partition("\n")[0]
     table = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in header else ",", strict=True)
     try:

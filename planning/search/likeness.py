@@ -35,7 +35,7 @@ MIN_CLASS_BOXES = 20  # with fewer boxes of a class, those of all classes are us
 MAX_CORNER_CUT_SHARE = 0.5  # of a box's height that is assumed to be cut off over a corner of the photograph
 # Of the largest `truncated_fraction`, aimed for: what the frame leaves fills less than its share of the box.
 TRUNCATION_MARGIN = 0.8
-LARGEST_RANK = np.nextafter(1.0, 0.0)
+MAX_RANK = np.nextafter(1.0, 0.0)
 QUARTER_PLACES = 10  # places without a camera that count as a quarter of an image's tries
 MIN_STEEP_RADIANS = math.radians(
     15.0
@@ -157,7 +157,7 @@ class Likeness:
     ) -> Int[np.ndarray, " n"]:
         """Return boxes of about the height of the sampled ones: half of them within an eighth of all ranks."""
         rank = np.abs(draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1] + (2.0 * uniform - 1.0) ** 3)
-        reflected = np.where(rank < 1.0, rank, 2.0 - rank).clip(0.0, LARGEST_RANK)  # at both ends
+        reflected = np.where(rank < 1.0, rank, 2.0 - rank).clip(0.0, MAX_RANK)  # at both ends
         return self._boxes_at_ranks(targets.fleet, targets.model, reflected)
 
     def companion_counts(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:

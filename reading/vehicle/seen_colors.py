@@ -19,7 +19,7 @@ BACKGROUND_LEVEL = 250.0  # of 255: gray around vehicles
 MIN_MAGENTA_SHARE = 0.02  # of the pixels, in Blender's color of missing pictures
 MAX_BLACK_BRIGHTNESS = 0.003  # linear light; soot has 0.02, and only what no light reaches has less
 MIN_BLACK_SHARE = 0.15  # of the pixels; between wheels and in hatches it's 0.04
-NEARLY_BLACK, COLORLESS = 0.1, 0.01  # linear light: the lines around drawings, whose gloss has 0.05
+MAX_LINE_BRIGHTNESS, MAX_LINE_COLOR = 0.1, 0.01  # linear light; in lines around drawings, whose gloss has 0.05
 MIN_WHITE_BRIGHTNESS = 0.5  # linear light; 0.588 and 0.8 are what exporters and importers give where there is no color
 MAX_WHITE_TINT = 0.05
 MIN_WHITE_SHARE = 0.9  # of the pixels
@@ -39,7 +39,7 @@ def color_doubts(
     low, high, (red, green, blue) = light.min(axis=1), light.max(axis=1), light.T
     magenta = np.mean((green < 0.1 * red) & (np.abs(red - blue) < 0.1 * red) & (red > MIN_WHITE_BRIGHTNESS))
     black = np.mean((high < MAX_BLACK_BRIGHTNESS) & (alpha >= MIN_OPAQUE_ALPHA))
-    nearly_black = np.mean((high < NEARLY_BLACK) & (high - low < COLORLESS))
+    nearly_black = np.mean((high < MAX_LINE_BRIGHTNESS) & (high - low < MAX_LINE_COLOR))
     white, ghostly = (
         np.mean((low > MIN_WHITE_BRIGHTNESS) & (high - low < MAX_WHITE_TINT)),
         np.mean(alpha < MIN_OPAQUE_ALPHA),

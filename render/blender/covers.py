@@ -15,11 +15,11 @@ SHARE_ATTRIBUTE = "hulldown share"
 UP_NORMAL = (0.0, 0.0, 1.0)
 UNDERSIDE_PROPERTY = "hulldown_above"  # of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
 # Lagarde: a surface soaks up water if it is rougher than 0.5 (perceptual roughness), fully from 0.9 on.
-POROUS_FROM, POROUS_AT = 0.5, 0.9
+MIN_POROUS_ROUGHNESS, FULLY_POROUS_ROUGHNESS = 0.5, 0.9
 WET_ALBEDO_SHARE = 0.6  # of the dry albedo where fully porous; his 0.2 turns soil twice as dark as measured
 WET_ROUGHNESS_SHARE = 0.65  # of the dry roughness where fully porous
-SNOW_LIES_TO, SNOW_SLIDES_FROM = 30.0, 60.0  # degrees of slope with all of the cover, and from which none is left
-DUST_FULL_TO, DUST_TO = 0.2, 1.2  # meters above a vehicle's underside
+MAX_FULL_SNOW_DEG, MIN_BARE_SLOPE_DEG = 30.0, 60.0  # degrees of slope with the whole cover, and without any
+FULL_DUST_HEIGHT_M, MAX_DUST_HEIGHT_M = 0.2, 1.2  # above a vehicle's underside
 TOP_DUST_SHARE = 0.35  # of the dust on the lower parts; on scenery too
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
 WATER_SPECULAR_SHARE = 0.5  # of the usual 4 % that a surface reflects head-on
@@ -31,7 +31,7 @@ PATCH_NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one si
 NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # measured
 MAX_SHELTER_HEIGHT_M = 10.0  # higher things don't keep snow off
 SKY_RAYS = 2
-SKY_HIDDEN, SKY_OPEN = 0.0, 0.6  # shares of the rays that reach the sky, for no snow and for all of it
+MIN_SKY_SHARE, FULL_SKY_SHARE = 0.0, 0.6  # of rays that reach the sky, for no snow and for all of it
 
 
 class Group:
@@ -91,8 +91,8 @@ def wetting_group(name: str, *, film: bool) -> Any:
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
     g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
     rough, shine = g.given["Roughness"], g.given["Specular IOR Level"]
-    scale = 1 / (POROUS_AT - POROUS_FROM)
-    soaks = g.maths("MULTIPLY_ADD", rough, scale, -POROUS_FROM * scale, clamp=True)
+    scale = 1 / (FULLY_POROUS_ROUGHNESS - MIN_POROUS_ROUGHNESS)
+    soaks = g.maths("MULTIPLY_ADD", rough, scale, -MIN_POROUS_ROUGHNESS * scale, clamp=True)
     soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
     soaked = g.maths("MULTIPLY", soaks, g.share)
     color = _scale_vector(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_ALBEDO_SHARE - 1, 1.0))
@@ -123,7 +123,7 @@ def snow_group(name: str) -> Any:
     """Return a group for the output: white where it's level and, to camera rays, open to the sky."""
     g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
-    low, high = (math.cos(math.radians(slope)) for slope in (SNOW_SLIDES_FROM, SNOW_LIES_TO))
+    low, high = (math.cos(math.radians(slope)) for slope in (MIN_BARE_SLOPE_DEG, MAX_FULL_SNOW_DEG))
     lies = g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), low, high)
     # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
@@ -135,7 +135,7 @@ def snow_group(name: str) -> Any:
     )
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
-    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, SKY_HIDDEN, SKY_OPEN))
+    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, MIN_SKY_SHARE, FULL_SKY_SHARE))
     patches = g.even_noise(seen["Position"], PATCH_SIZES_M, PATCH_WEIGHTS)
     # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
@@ -156,7 +156,7 @@ def dust_group(name: str, *, climbs: bool) -> Any:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=UNDERSIDE_PROPERTY).outputs
         height = g.maths("ADD", g.add_dot(seen["Position"], plane["Vector"]), plane["Alpha"])
         ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
-        low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, DUST_FULL_TO, DUST_TO))
+        low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, FULL_DUST_HEIGHT_M, MAX_DUST_HEIGHT_M))
         lies = g.maths("MAXIMUM", lies, low)
     thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
     return _finish_cover(g, g.maths("MULTIPLY", thick, g.share), "dust")

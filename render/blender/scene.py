@@ -24,7 +24,7 @@ from hulldown.render.blender.surfaces import Surfaces
 from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
 
 MAX_KEPT_VEHICLES = 8  # files in memory if rows have companions, which recur
-SENSOR_WIDTH = 36.0
+SENSOR_WIDTH_MM = 36.0
 MIN_FOCAL_LENGTH_MM = 1.0  # Blender's limit
 CLIP_END_M = 1e7  # Cycles traces rays, so a far clip plane costs no depth resolution
 
@@ -105,7 +105,7 @@ class BlenderScene:
         else:
             fx, fy, cx, cy = intrinsics.pinhole
             across, stretch = width / fx, fx / fy
-        data.lens = max(SENSOR_WIDTH / across, MIN_FOCAL_LENGTH_MM)
+        data.lens = max(SENSOR_WIDTH_MM / across, MIN_FOCAL_LENGTH_MM)
         data.sensor_width = across * data.lens
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
         data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch

@@ -48,7 +48,7 @@ def test_seeds_differ_and_0_is_valid(rows):
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, rows, workers, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
+    monkeypatch.setattr("hulldown.planning.write._MIN_BLOCK_POSITIONS", 2)
     seen = []
     path = tmp_path / "plan.jsonl"
     made = write_plan(small_config(), ASSETS, path, workers=workers, progress=lambda *done: seen.append(done))
@@ -120,7 +120,7 @@ def test_an_impossible_config_is_explained(sections, message, monkeypatch):
 
 
 def test_errors_of_workers_are_raised(tmp_path, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
+    monkeypatch.setattr("hulldown.planning.write._MIN_BLOCK_POSITIONS", 2)
     config = small_config(placement={"max_slope_deg": 1.5, "max_tries": 20})
     with pytest.raises(ConfigError, match="finds no place to stand"):
         write_plan(config, small_assets(hills("hills")), tmp_path / "p.jsonl", workers=2)

@@ -29,13 +29,13 @@ RESAMPLE_COUNT = 2000
 MIN_ERROR = 1e-150  # the square of a smaller one underflows
 CONFIDENCE_LEVEL = 0.95
 MIN_POSITIONS = 5  # with fewer, coverage wasn't measured, so there is no interval
-DRAWN_AT_ONCE = 1 << 22
+MAX_BATCH_DRAWS = 1 << 22
 
 
 def draw_resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Float[np.ndarray, "r groups"]]:
     """Yield batches of resamples, `times` in all: the count of each group in each resample."""
     random = np.random.default_rng(0)
-    rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
+    rows = max(1, MAX_BATCH_DRAWS // max(groups, 1))
     for start in range(0, times, rows):
         now = min(rows, times - start)
         chosen = random.integers(0, max(groups, 1), (now, groups)) + np.arange(now)[:, None] * groups

@@ -17,7 +17,7 @@ from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import Pixel, Share, Side, invalid_fields
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, describe_path, parse_value, read_json
+from hulldown.base.outside import MAX_DATA_BYTES, describe_path, parse_value, read_json
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # a file next to the results, a `PredictionInfo`
@@ -169,4 +169,4 @@ def _read_file(path: Path) -> object:
     refuse = partial(DatasetError, path=path, remedy="name a file of COCO results")
     if path.exists() and (kind := describe_path(path)) not in ("a JSON list", "a JSON file", "another file", "empty"):
         raise refuse(f"is {kind}, not a file of detections")
-    return read_json(path, object, refuse, what="valid JSON", most=DATA)
+    return read_json(path, object, refuse, what="valid JSON", most=MAX_DATA_BYTES)
