@@ -17,12 +17,12 @@ from hulldown.geometry.seen_surface import seen_surface
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.footprint import contact_footprint, vehicle_underside
 from hulldown.reading.pieces.asset_report import PartRow, Thing, format_xyz
-from hulldown.reading.pieces.doubt import Doubt
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_role_pattern
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
-from hulldown.reading.vehicle.nose import forward_text
+from hulldown.reading.vehicle.nose import forward_text, mirror_gap
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.pivots import marked_points
@@ -32,6 +32,7 @@ from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
 KILOMETER_M = 1000.0
+MAX_LYING_GAP_SHARE = 0.02  # of its height: a mirror image is this close to its original
 NAME_CLUES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
@@ -147,10 +148,22 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
     shape = shape.with_keypoints(
         {key: (transform_points(from_file, at[None])[0], part) for key, (at, part) in marked.items()}
     )
+    lying = _lying_doubt(shape) if wheels is None and options.up is None else None
     things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
-    doubts = tuple(filter(None, (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out)))
+    doubts = tuple(filter(None, (upright.up.doubt, lying, forward.doubt, *several, *parts.doubts, *left_out)))
     axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_text(forward.value)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, doubts, things), strays
+
+
+def _lying_doubt(shape: VehicleShape) -> Doubt | None:
+    """Return a doubt if a vehicle's mirror plane is level, as if it lay on its side."""
+    points, size = shape.surface[0].vertices, shape.size_xyz
+    gaps = [mirror_gap(points, axis) / max(float(size[axis]), 1e-30) for axis in (1, 2)]
+    if not gaps[1] < MAX_LYING_GAP_SHARE <= gaps[0]:
+        return None
+    axis = "xyz"[int(np.abs(shape.vehicle_from_file[1, :3]).argmax())]
+    text = f'it is alike above and below, and not on its left and right; set up = "{axis}" if it lies on its side'
+    return Doubt(DoubtKind.UP, text)
 
 
 def _compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:

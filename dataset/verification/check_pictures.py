@@ -39,6 +39,8 @@ MIN_TEXTURE_DEVIATION_LEVELS = 2.0  # of 255: a picture with less has nothing to
 MIN_CONTRAST_LEVELS = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
 CLEAR_CONTRAST_LEVELS = 8.0  # of 255: a target with less is hard to make out; sound renders had 20.9 and more
 MIN_BRIGHTEST, MAX_DARKEST = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
+# Of the pixels: Blender's color of missing pictures as AgX shows it, in light from 0.05 to 1, white or warm.
+MAX_MAGENTA_SHARE, MAX_MAGENTA_GREEN, MIN_MAGENTA_BALANCE, MIN_MAGENTA_LEVEL = 0.01, 0.62, 0.8, 40
 SURROUNDINGS_WIDTH_SHARE = 0.25  # of the mask's longer side
 
 
@@ -99,6 +101,9 @@ def _check_picture(
         findings.append(Finding("error", name, size_problem(picture, stated)))
     elif picture.pixels is not None and is_rendered(record) and image is not None:
         findings += check_appearances(image, picture.pixels)
+        if (share := magenta_share(picture.pixels)) > MAX_MAGENTA_SHARE:
+            problem = f"{100 * share:.0f} % of it is magenta, Blender's color of missing pictures: look for them, and "
+            findings.append(Finding("error", name, f"{problem}render again", share))
     actual = hashlib.sha256(picture.content).hexdigest()
     recorded = record.get(PICTURE_HASH_KEY)
     if recorded is not None and recorded != actual:
@@ -180,6 +185,14 @@ def _appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding
     elif seen.contrast < CLEAR_CONTRAST_LEVELS:
         problem = f"is hard to make out: its contrast is {seen.contrast:.1f} of 255"
         yield Finding("warning", where, problem, seen.contrast)
+
+
+def magenta_share(picture: UInt8[np.ndarray, "h w 3"]) -> float:
+    """Return the share of a picture's pixels that have Blender's color of missing pictures, on a vehicle or ground."""
+    red, green, blue = np.moveaxis(picture[::2, ::2].astype(np.float32), -1, 0)
+    low, high = np.minimum(red, blue), np.maximum(red, blue)
+    found = (green < MAX_MAGENTA_GREEN * low) & (low > MIN_MAGENTA_BALANCE * high) & (low > MIN_MAGENTA_LEVEL)
+    return float(found.mean())
 
 
 def target_appearance(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -22,7 +23,7 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.formats import FORMAT_SUFFIXES, HDRI_SUFFIXES
+from hulldown.reading.pieces.formats import FORMAT_SUFFIXES, HDRI_SUFFIXES, OTHER_SUFFIXES
 from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
 
 # Folder names that tell the kind of the files in them; in other folders, the contents decide.
@@ -60,15 +61,17 @@ class FoundFile:
 
 def asset_files(folder: Path) -> list[Path]:
     """Return the paths of files with suffixes of assets, relative to `folder`, without hidden files and folders."""
-    files = []
+    files, others = list[Path](), list[Path]()
     for inside, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         place = Path(inside).relative_to(folder)
-        files += [
-            place / name
-            for name in sorted(names)
-            if Path(name).suffix.lower() in _PREFERRED_SUFFIXES and name[0] != "."
-        ]
+        paths = [place / name for name in sorted(names) if name[0] != "."]
+        files += [path for path in paths if path.suffix.lower() in _PREFERRED_SUFFIXES]
+        others += [path for path in paths if path.suffix.lower() in OTHER_SUFFIXES]
+    if others:
+        kinds = ", ".join(sorted({path.suffix.lower() for path in others}))
+        text = f"{len(others)} files are of formats that aren't read ({kinds}), such as {others[0]}"
+        warnings.warn(f"{text}; save them as .blend in Blender", stacklevel=2)
     if not files:
         what = f"holds no {', '.join(_PREFERRED_SUFFIXES)} file" if folder.is_dir() else "is no folder"
         raise AssetError(what, path=folder, remedy="name the folder of your vehicles, sceneries and HDRIs by --from")

@@ -16,6 +16,7 @@ import numpy as np
 
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
+from hulldown.blender.add_nodes import add_node, feed_input
 from hulldown.blender.opening import open_blend
 from hulldown.blender.shaders import surface_shaders
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
@@ -76,6 +77,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
                 obj.location = offset
             up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE_M else "y"  # a northing isn't a height
             _clear_false_glass(path)
+            _wear_vertex_colors()
     except (RuntimeError, ValueError) as error:
         extension = mesh_compression(path) if kind == "gltf" else ""
         remedy = f"write it without {extension}, with gltf-transform for example" if extension else "export it again"
@@ -129,6 +131,19 @@ def _map_offset(path: Path) -> list[float]:
     first = next((text.split()[:3] for key, text in file_directives(path, b"v") if key == "v"), [])
     offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP_M) * MAP_STEP_M).tolist()
     return offset if any(abs(x) > MIN_MAP_COORDINATE_M for x in offset) else [0.0, 0.0, 0.0]
+
+
+def _wear_vertex_colors() -> None:
+    """Give objects without a material the colors at their vertices, as scanning and generating programs write them."""
+    bare = [obj.data for obj in bpy.context.scene.objects if obj.type == "MESH" and not obj.data.materials]
+    bare = [mesh for mesh in bare if mesh.color_attributes]
+    if bare:
+        material = bpy.data.materials.new("vertex colors")
+        tree = material.node_tree
+        colors = add_node(tree, "VertexColor", layer_name=bare[0].color_attributes[0].name)  # the importer's
+        feed_input(tree, tree.nodes["Principled BSDF"].inputs["Base Color"], colors.outputs["Color"])
+    for mesh in bare:
+        mesh.materials.append(material)
 
 
 def _clear_false_glass(path: Path) -> None:

@@ -127,7 +127,9 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
     if len(report.things) > 1:  # doubts about all of them together are of no use
         return replace(report, doubts=tuple(d for d in vehicle.doubts if d.kind == DoubtKind.SEVERAL))
     beside = partial(nearby_pictures, Path(job.path).resolve())
-    looks = (*color_doubts(picture, report, beside=beside), *lost)
+    blocks = [drawn.blocks[piece.mesh] for piece in _used_objects(drawn, vehicle.roles)]
+    mapped = any(getattr(block, "uv_layers", None) for block in blocks)
+    looks = (*color_doubts(picture, report, beside=beside, mapped=mapped), *lost)
     return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options), *looks))
 
 

@@ -107,6 +107,8 @@ class MaterialRow:
     share: float  # of the vehicle's surface
     clear: bool = False  # whether it's transparent, like glass
     alpha: float = 1.0  # the least alpha of its shaders that isn't a texture's; 1 if it's opaque
+    color: tuple[float, float, float] | None = None  # of its only shader, linear; None if it has textures
+    metal: bool = False  # whether that shader is all metal
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,6 +30,10 @@ FORMAT_SUFFIXES = {
     ".tiff": "geotiff",
 }
 HDRI_SUFFIXES = (".exr", ".hdr")
+OTHER_SUFFIXES = (  # of 3D files that aren't read
+    *(".usd", ".usda", ".usdc", ".usdz", ".stl", ".ply", ".dae", ".3ds", ".max", ".ma", ".mb", ".c4d", ".abc", ".x3d"),
+    *(".skp", ".stp", ".step", ".igs", ".iges", ".lwo", ".dxf", ".dwg", ".3mf", ".las", ".laz"),
+)
 LFS_POINTER = b"version https://git-lfs"  # Git LFS leaves such a text in place of a file that isn't fetched
 
 

@@ -75,7 +75,7 @@ BODY_WORDS = (  # other parts: a file with such names would name a turret too
 
 HELPER_WORDS = (
     *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp", "bounding box", "bbox", "occluder"),
-    *("shadow catcher", "backdrop", "cyclorama", "skydome"),
+    *("shadow catcher", "backdrop", "cyclorama", "skydome", "softbox", "chrome ball", "blueprint", "wgt"),
 )
 PERSON_WORDS = ("human", "person", "soldier", "figure", "man", "woman", "mannequin", "character", "dummy")  # for scale
 STAGE_WORDS = (

@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import FRONT_WORDS, REAR_WORDS, first_match
+from hulldown.reading.pieces.naming import FRONT_WORDS, GUN_WORDS, REAR_WORDS, TURRET_WORDS, first_match
 from hulldown.reading.vehicle.solids import MIN_PARALLEL_COSINE, Solids, Wheels
 
 Value = TypeVar("Value", str, float)
@@ -30,6 +30,8 @@ MIN_NAMED_GUN_COSINE = np.cos(np.radians(65.0))  # the same for guns by name, wh
 MIN_GUN_REACH = 0.4  # half lengths of the vehicle
 MIN_LONE_GUN_SLENDERNESS = 2.0  # without wheels or a mirror plane, a vehicle points along such a gun
 MIN_TWIN_GUN_SHARE = 0.8  # of the longest gun's length: another gun like it
+MIN_BARREL_REACH_SHARE, MAX_BARREL_SHARES = 0.1, (0.15, 0.25)  # of length; width and height of what's out there
+MAX_EDGE_POINTS = 20_000  # points on edges: a barrel has few vertices between its ends
 MAX_MIRRORED_VERTICES = 1000  # their mirror images are looked up
 MIN_SLANT_SHARE, MIN_WHOLE_SLANT_SHARE = 0.05, 0.3  # of slanted surface that slants to one end rather than the other
 MIN_SLANTED_SHARE = 0.004  # of all surface, times the sine and the cosine of its slope; less tells nothing
@@ -41,6 +43,7 @@ TUBES_CONTRADICTED = (
 )
 ONE_CLUE = "only its raised tubes tell which end is its nose"
 NO_LINE = "along x, as nothing tells"
+ONE_BARREL = "only a slender end like a barrel tells which end is its nose"
 NOT_FOUND = "which end is its nose was not found"
 
 
@@ -94,6 +97,8 @@ def find_forward(
     total = tubes + sum(built)
     # Two agreeing signs are as good as a name.
     alone = abs(total) < 2 or abs(total) < abs(tubes) + sum(map(abs, built))
+    slender = 0.0 if gun_end else slender_end(corners, ahead)
+    armed = any(first_match(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) for name in names)
     # In order of trust: the end of a sign (0 for neither), the reason, the doubt.
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
@@ -101,6 +106,7 @@ def find_forward(
         (0.0 if rack else gun_end, gun_why, CONTRADICTION_DOUBT if votes * gun_end < -MIN_NAME_VOTE else ""),
         (named, "names of what is in front and behind", ""),
         (raised, "its gun rises there", "" if raised in others else ONE_CLUE),
+        (slender, "it ends in a barrel there", "" if slender in others or armed else ONE_BARREL),
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
         (1.0 if np.cos(line - np.pi / 4) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
     )
@@ -166,15 +172,32 @@ def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
     """Return the axis, x or y, whose mirror plane the vertices have, or the longer one."""
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = np.ptp(points, axis=0)
-    tree, some = cKDTree(points), points[:: max(1, len(points) // MAX_MIRRORED_VERTICES)]
-    gaps = []
-    for axis in (1, 0):  # across x, then across y
-        flipped = some.copy()
-        flipped[:, axis] = points[:, axis].min() + points[:, axis].max() - some[:, axis]
-        gaps.append(float(np.mean(tree.query(flipped)[0])) / max(float(size.max()), 1e-30))
+    gaps = [mirror_gap(points, axis) / max(float(size.max()), 1e-30) for axis in (1, 0)]
     alike = (gaps[0] < MIRROR_TOLERANCE_SHARE) == (gaps[1] < MIRROR_TOLERANCE_SHARE)
     along = int(size[1] > size[0]) if alike else int(gaps[1] < gaps[0])
     return along * np.pi / 2, f"along {'xy'[along]}, {'where it is longer' if alike else 'its mirror plane'}"
+
+
+def mirror_gap(points: Float[np.ndarray, "n 3"], axis: int) -> float:
+    """Return the mean distance of a mirror image, in a plane across an axis, to its original."""
+    flipped = points[:: max(1, len(points) // MAX_MIRRORED_VERTICES)].copy()
+    flipped[:, axis] = points[:, axis].min() + points[:, axis].max() - flipped[:, axis]
+    return float(np.mean(cKDTree(points).query(flipped)[0]))
+
+
+def slender_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
+    """Return the end, 1 or -1, whose outer tenth is slender, in the middle, and not low, like a barrel; else 0."""
+    steps = np.linspace(0.0, 1.0, 2 + MAX_EDGE_POINTS // max(len(corners), 1))[1:, None]
+    edges = corners[:, :, None] + (np.roll(corners, -1, axis=1) - corners)[:, :, None] * steps
+    points = edges.reshape(-1, 3) @ np.stack([ahead, np.cross([0.0, 0.0, 1.0], ahead), [0.0, 0.0, 1.0]], axis=1)
+    low, high = points.min(axis=0), points.max(axis=0)
+    size, found = np.maximum(high - low, 1e-30), list[float]()
+    for end, tip in ((1.0, high[0]), (-1.0, low[0])):
+        outer = (points[np.abs(points[:, 0] - tip) < MIN_BARREL_REACH_SHARE * size[0]] - low) / size
+        thin = (np.ptp(outer[:, 1:], axis=0) < MAX_BARREL_SHARES).all()
+        if thin and abs(outer[:, 1].mean() - 0.5) < 0.1 and outer[:, 2].min() > 0.33:
+            found.append(end)
+    return found[0] if len(found) == 1 else 0.0
 
 
 def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:

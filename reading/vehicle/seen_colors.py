@@ -25,12 +25,19 @@ MAX_WHITE_TINT = 0.05
 MIN_WHITE_SHARE = 0.9  # of the pixels
 MIN_OPAQUE_ALPHA = 0.95  # nobody sees through more
 MIN_GHOSTLY_SHARE = 0.3  # of the pixels; windows have less
+MIN_METAL_SHARE = 0.5  # of the surface
+MAX_DARK_METAL, MIN_WHITE_METAL = 0.4, 0.99  # linear light: bare metals are between these
+MIN_GLASS_SHARE = 0.1  # of the surface: with less, glass isn't what is black
 
 
 def color_doubts(
-    picture: Float[np.ndarray, "h w 4"], report: FileReport, *, beside: Callable[[], Sequence[str]]
+    picture: Float[np.ndarray, "h w 4"],
+    report: FileReport,
+    *,
+    beside: Callable[[], Sequence[str]],
+    mapped: bool = False,
 ) -> list[Doubt]:
-    """Return doubts about the colors of a vehicle."""
+    """Return doubts about the colors of a vehicle; `mapped` tells whether it has texture coordinates."""
     inside = minimum_filter(picture[..., 3], 3) > 0.0  # without the pixels of its outline
     if not inside.any():
         return []
@@ -45,6 +52,10 @@ def color_doubts(
         np.mean(alpha < MIN_OPAQUE_ALPHA),
     )
     clear = [row for row in report.materials if row.clear]
+    metals = [(row, row.color) for row in report.materials if row.metal and row.color]
+    dark = [row for row, color in metals if max(color) < MAX_DARK_METAL]
+    bare = [row for row, color in metals if min(color) >= MIN_WHITE_METAL]
+    plain = {row.color for row in report.materials}
     doubts = []
 
     def doubt(kind: DoubtKind, share: np.floating, text: str) -> None:
@@ -52,12 +63,16 @@ def color_doubts(
 
     if magenta > MIN_MAGENTA_SHARE and not report.missing:
         doubt(DoubtKind.MAGENTA, magenta, "magenta, Blender's color of missing pictures; look for them in Blender")
-    if black > MIN_BLACK_SHARE or nearly_black > MIN_WHITE_SHARE:
-        text = (
-            "black in light from everywhere: faces on top of each other (merge them by distance in Blender) or a shell "
-            "for an outline (name it in `drop`), since Cycles draws both sides of faces"
-        )
-        doubt(DoubtKind.BLACK, max(black, nearly_black), text)
+    if sum(row.share for row in dark) > MIN_METAL_SHARE:
+        named = quote_names(row.name for row in dark)
+        text = f"{named}: a dark metal, as glTF takes what has no metallicFactor; if it's paint, set Metallic to 0"
+        doubts.append(Doubt(DoubtKind.BLACK, f"{text} in Blender, since it's rendered darker than paint"))
+    elif black > MIN_BLACK_SHARE or nearly_black > MIN_WHITE_SHARE:
+        cause = "faces on top of each other (merge them by distance in Blender) or a shell for an outline (name it in "
+        cause += "`drop`), since Cycles draws both sides of faces"
+        if sum(row.share for row in clear) > MIN_GLASS_SHARE:
+            cause = f"the glass {quote_names(row.name for row in clear)}, unless faces are on top of each other"
+        doubt(DoubtKind.BLACK, max(black, nearly_black), f"black in light from everywhere: {cause}")
     if sum(row.share for row in clear) > 0.5:
         text = f"most of its surface is transparent ({quote_names(row.name for row in clear)}), like glass"
         doubts.append(Doubt(DoubtKind.TRANSPARENT, text))
@@ -66,12 +81,19 @@ def color_doubts(
         why = ", ".join(thin[:MAX_SENTENCE_NAMES]) or "its textures have alpha"
         text = f"see-through: {why} (`d` in an .mtl, BLEND in glTF); set alpha to 1 if it's no ghost"
         doubt(DoubtKind.TRANSPARENT, ghostly, text)
-    elif white > MIN_WHITE_SHARE:
+    elif sum(row.share for row in bare) > MIN_METAL_SHARE:
+        named = quote_names(row.name for row in bare)
+        text = f"{named}: white metal, as glTF takes materials without values; give them colors in Blender"
+        doubts.append(Doubt(DoubtKind.PALE, text))
+    elif white > MIN_WHITE_SHARE and report.materials:
         named, unused = quote_names(row.name for row in report.materials), beside()
         hint = f"; pictures beside it aren't used: {quote_names(unused, most=4)}" if unused else ""
         which = f" ({named})" if named else ""
         text = f"white or light gray{which}, as if without its textures{hint}; put them on its materials in Blender"
         doubt(DoubtKind.PALE, white, text)
+    elif mapped and len(plain) == 1 and None not in plain and not doubts:
+        text = "all of it has one color, tires and windows too, as if its texture were lost; put that on its material"
+        doubts.append(Doubt(DoubtKind.PALE, f"{text} in Blender, or give its parts colors"))
     return doubts
 
 

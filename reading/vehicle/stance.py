@@ -54,7 +54,7 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
 def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
     """Find the file's up axis."""
     if wheels is None:
-        return Direction(stated, "as the file states")
+        return Direction(stated, "as .obj files usually have" if stated == "y" else "as the file states")
     up = up_matrix(stated)[:3, :3].T @ wheels.up
     axis = next((axis for axis in UP_AXES if float(up_matrix(axis)[2, :3] @ up) > MIN_UP_COSINE), None)
     if axis is None:

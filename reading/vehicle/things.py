@@ -24,6 +24,7 @@ MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's; smaller things belong 
 MIN_THING_VOLUME_SHARE = 0.15  # of the largest thing's
 MAX_COUPLING_GAP_SHARE = 0.15  # of their length: a truck and its trailer are this close in line
 MIN_FACING_WIDTH_SHARE = 0.8  # of the narrower one's width
+MIN_COMMON_VOLUME_SHARE = 0.4  # of another thing's volume: things that have more in common are in one place
 COPY_BOUNDS_SHARE = 0.04  # of the longest side, between bounds of copies
 COPY_DISTANCE_SHARE = 0.04  # of the diagonal, between surfaces of copies
 MIN_COPIED_AREA_SHARE = 0.85  # of two things' area that is so close, if they're copies
@@ -109,11 +110,24 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
 
 
 def _vehicle_library(whole: PlacedPieces) -> list[list[int]]:
-    size = np.ptp(whole.bounds, axis=1)
+    """Return groups of pieces named as vehicles of different kinds, if there's nothing else or they're in one place."""
+    chains = [[link.name for link in reversed(piece.chain)] for piece in whole.pieces]
+    shared = set.intersection(*map(set, chains)) if len(chains) > 1 else set[str]()
+    named: dict[str, list[int]] = {}
+    for i, names in enumerate(chains):
+        owner = (name for name in names if name not in shared and first_match(name, VEHICLE_WORDS))
+        named.setdefault(next(owner, names[-1]), []).append(i)
+    groups = list(named.values())
+    boxes = np.array([[whole.bounds[g, 0].min(axis=0), whole.bounds[g, 1].max(axis=0)] for g in groups])
+    size = np.ptp(boxes, axis=1)
     large = (size >= MIN_THING_DIAGONAL_SHARE * size.max(axis=0)).all(axis=1)
-    kinds = [first_match(piece.name, VEHICLE_WORDS) for piece in whole.pieces]
-    several = len(kinds) > 1 and len(set(kinds)) > 1 and all(kinds) and bool(large.all())
-    return [[i] for i in range(len(kinds))] if several else []
+    kinds = [first_match(name, VEHICLE_WORDS) for name, wide in zip(named, large, strict=True) if wide]
+    if len(set(kinds)) < 2 or not all(kinds):
+        return []
+    low, high = boxes[large].transpose(1, 0, 2)
+    common = (np.minimum(high[:, None], high) - np.maximum(low[:, None], low)).clip(0.0).prod(axis=2)
+    together = (common > MIN_COMMON_VOLUME_SHARE * size[large].prod(axis=1)).all()
+    return [groups[i] for i in np.flatnonzero(large)] if together or large.all() else []
 
 
 def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
