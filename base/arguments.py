@@ -22,7 +22,7 @@ def make_check(expected: str, fits: Callable[[Any], bool]) -> Parameter:
 
 
 def make_parser(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Parameter:
-    """Return a parser of an option's text; `parse` raises ValueError for text that isn't as expected."""
+    """Return how an option's text is converted; `parse` raises ValueError for text that isn't as expected."""
 
     def convert(_: object, tokens: Any) -> Any:
         try:
@@ -47,6 +47,7 @@ BlendFile: TypeAlias = Annotated[AnyPath, has_suffix(".blend")]
 HtmlFile: TypeAlias = Annotated[AnyPath, has_suffix(".html")]
 Count: TypeAlias = Annotated[int, make_check("a whole number of at least 1", lambda number: number >= 1)]
 Positive: TypeAlias = Annotated[float, make_check("a number above 0", lambda number: 0.0 < number < math.inf)]
-AtLeastZero: TypeAlias = Annotated[float, make_check("a number from 0 on", lambda number: 0.0 <= number < math.inf)]
+FROM_ZERO = make_check("a number from 0 on", lambda number: 0.0 <= number < math.inf)
+AtLeastZero: TypeAlias = Annotated[float, FROM_ZERO]
 Overlap: TypeAlias = Annotated[float, make_check("a number above 0 and up to 1", lambda number: 0.0 < number <= 1.0)]
 Share: TypeAlias = Annotated[float, make_check("a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)]

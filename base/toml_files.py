@@ -37,7 +37,7 @@ def validate_model(
     *,
     removed: Mapping[str, str] = MappingProxyType({}),
 ) -> Document:
-    """Return the model of a file's data; `removed` has the replacements of keys and values of earlier versions."""
+    """Return the model of a file's data; `removed` tells what to use instead of keys and values of earlier versions."""
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
@@ -50,7 +50,7 @@ def validate_model(
 _ALLOWED_TYPES = {
     "too_short": "expected at least one",
     "tuple_type": "expected a list",
-    "model_type": "expected a table",
+    "model_type": "expected a table, such as [name] with its keys below",
     "model_attributes_type": "expected a table",
     "string_type": "expected a string",
     "bool_type": "expected true or false",
@@ -61,13 +61,13 @@ _ALLOWED_TYPES = {
 
 
 def _explain_error(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, str]) -> str:
-    """Return one line about one of pydantic's errors: key, value, and what is allowed."""
+    """Return one line for one of pydantic's errors: key, value, what is allowed."""
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
     is_unknown, declared = error["type"] == "extra_forbidden", ".".join(s for s in steps if isinstance(s, str))
     value = "" if is_unknown or isinstance(error["input"], dict) else f" = {shorten_value(error['input'])}"
     if instead := removed.get(declared + value):
-        return f"{key}{value} is gone; {instead}"
+        return f"{key}{value} is gone; delete it: {instead}"
     if is_unknown:
         section = [s for s in steps[:-1] if isinstance(s, str)]
         near = _nearest_key(str(steps[-1]), section, top)

@@ -51,14 +51,14 @@ class Photographs(BoxTable):
 
     @property
     def count(self) -> Int[np.ndarray, " m"]:
-        """Number of boxes of each photograph."""
+        """Boxes of each photograph."""
         return self.boxes_per_image(len(self.file_names))
 
 
 def read_photographs(path: Path) -> Photographs:
-    """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, but crowds and boxes outside the frame."""
+    """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, without crowds."""
     path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
-    found = read_usable(path)
+    found = read_usable(path, takes_file=True)
     images = clip_labels(found.images, folder=path, clip=False)
     for each in images:
         if os.path.isfile(picture := (path if path.is_dir() else path.parent) / each.file_name):

@@ -77,7 +77,7 @@ class Dataset(ShownInNotebooks):
         folder = Path(folder)
         found = read_usable(folder)
         paths = [folder / image.file_name for image in found.images]
-        return cls(str(folder), found, lambda i: Pictures.fromarray(read_pixels(paths[i])))
+        return cls(str(folder), found, lambda i: Pictures.fromarray(read_pixels(paths[i], found.images[i].size)))
 
     @classmethod
     def of_plan(cls, plan: Plan, picture: Callable[[int], Pictures.Image]) -> Dataset:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import DatasetError, HulldownError
-from hulldown.base.outside import MAX_DATA_BYTES, json_with_repeats, read_file
+from hulldown.base.outside import DATA, json_with_repeats, read_file
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.record_checks import (
     Finding,
@@ -19,10 +19,11 @@ from hulldown.dataset.record_checks import (
     check_names,
     check_reservations,
     finding_lines,
+    read_folder,
     sound_images,
     unusable_records,
 )
-from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME, read_coco
+from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
 from hulldown.dataset.store.journal import lacks_newline
 from hulldown.dataset.usable_labels import misread_boxes
 from hulldown.dataset.verification.check_pictures import check_pictures
@@ -34,7 +35,7 @@ from hulldown.render.cycles_masks import MaskReport, verify_masks
 
 
 class Findings(list[Finding]):
-    """The problems of a dataset, and its comparison with rendered masks, if there is one."""
+    """What is wrong with a dataset, and the comparison with masks if there is one."""
 
     masks: MaskReport | None = None
 
@@ -97,41 +98,27 @@ def verify_dataset(
     if masks is not None and plan is None:
         raise HulldownError("--masks needs --plan, whose poses are rendered again")
     library = kept(assets or (lambda: load_planned_library(read_plan(plan or ""), cache=cache, limits=limits)))
-    findings = Findings(find_problems(dataset, plan, fast=fast, assets=library, progress=progress))
-    if masks is not None and plan is not None:
-        findings.masks = verify_masks(Path(dataset), plan, library(), count=masks)
-        findings += findings.masks.findings
-    return findings
-
-
-def find_problems(
-    dataset: AnyPath,
-    plan: AnyPath | None,
-    *,
-    fast: bool,
-    assets: Callable[[], Library],
-    progress: Callable[[int, int], None] | None = None,
-) -> list[Finding]:
-    """Find a dataset's problems; parameters are as for `verify_dataset`."""
     folder = Path(dataset)
-    coco = read_coco(folder)
-    if folder.is_file():
-        raise DatasetError("is a file", path=folder, remedy=f"name its folder, {folder.parent}")
+    coco = read_folder(folder)
     sound = sound_images(coco)
-    findings = [*unusable_records(coco["categories"], coco["images"], coco["annotations"]), *check_names(coco)]
+    findings = Findings(unusable_records(coco["categories"], coco["images"], coco["annotations"]))
+    findings += check_names(coco)
     findings += check_cameras(coco["images"])
     findings += check_labels(coco["categories"], sound.values())
     findings += [Finding("error", "boxes", "; ".join(of)) for of in misread_boxes(sound.values())]
     findings += check_reservations(coco)
     findings += check_journal(coco, folder / JOURNAL_NAME)
     if plan is not None:
-        findings += check_planned(coco, read_plan(plan), None if fast else assets)
+        findings += check_planned(coco, read_plan(plan), None if fast else library)
     findings += _check_keys(folder)
     if lacks_newline(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
         findings.append(Finding("warning", JOURNAL_NAME, problem))
     with progress_bar("checking", progress) as advance:
         findings += check_pictures(folder, coco, sound, fast=fast, progress=advance)
+    if masks is not None and plan is not None:
+        findings.masks = verify_masks(folder, plan, library(), count=masks)
+        findings += findings.masks.findings
     return findings
 
 
@@ -144,7 +131,7 @@ def _check_keys(folder: Path) -> Iterator[Finding]:
         return
     refuse = partial(DatasetError, path=path)
     try:
-        _, repeated = json_with_repeats(read_file(path, refuse, most=MAX_DATA_BYTES))
+        _, repeated = json_with_repeats(read_file(path, refuse, most=DATA))
     except ValueError as error:  # it changed meanwhile
         raise refuse(f"isn't valid JSON ({error})") from None
     for key, times in repeated.items():

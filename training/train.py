@@ -132,10 +132,12 @@ def train_detector(
             )  # fmt: skip
     progress = progress or (lambda what, done, total: None)
     out = Path(output)
-    data = data if isinstance(data, Mapping) else dict(_split_name(text) for text in data)
+    named = data.items() if isinstance(data, Mapping) else [_split_name(text) for text in data]
+    if len(data) > len(data := dict(named)):
+        raise ConfigError("two datasets have the same name", remedy="write --data NAME=DIR with other names")
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
-    Augmenter(settings.augmentation)  # refuses a wrong file before anything is written
+    Augmenter(settings.augmentation)  # refuses a wrong one before anything is written
     chosen = chosen_device(device)
     classes, sources = read_sources(data)
     shares = source_shares({source.name: len(source) for source in sources}, settings.shares)
@@ -145,13 +147,13 @@ def train_detector(
     checked = check_source_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
     for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
         say(f"warning: {shared}: the result on it flatters")
-    named = Path(settings.weights or "none")
+    start = Path(settings.weights or "none")
     run_config = RunConfig(
         settings=settings.model_dump(mode="json", exclude={"logger"}),
         classes=list(classes),
         data={source.name: RunData(len(source), checked[source.name].sha256) for source in sources},
         valid=RunData(len(held_back[0]), checked["valid"].sha256) if held_back else None,
-        weights_sha256=weights_digest(named) if named.exists() else None,
+        weights_sha256=weights_digest(start) if start.exists() else None,
     )
     if (run := finished_run(out, run_config)) is not None:
         say(f"{out}: is finished already")

@@ -15,7 +15,7 @@ from cyclopts import Parameter
 from hulldown.annotate import outlines
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.records import Label
-from hulldown.base.arguments import AnyPath, AtLeastZero, make_parser
+from hulldown.base.arguments import FROM_ZERO, AnyPath, make_parser
 from hulldown.base.errors import DatasetError
 from hulldown.base.outputs import DONE_NAME, OutputFolder
 from hulldown.base.terminal import print_message, progress_bar
@@ -56,7 +56,7 @@ def export_dataset(
     *,
     layout: Annotated[str, Parameter(name="--format", choices=tuple(LAYOUTS))] = "coco",
     fractions: Annotated[tuple[float, float, float], SPLIT_PARSER, Parameter(name="--split")] = (0.7, 0.2, 0.1),
-    polygons: AtLeastZero | bool = False,
+    polygons: Annotated[float | bool, FROM_ZERO] = False,
     floors: LabelFloors = ALL_LABELS,
     clip: bool = False,
     allow_links: Sequence[AnyPath] = (),

@@ -171,7 +171,8 @@ def test_polygons_difficult_objects_and_empty_pictures(pictures, tmp_path):
         (folder / "images" / name).write_bytes((pictures / picture["file_name"]).read_bytes())
     (tmp_path / "data.yaml").write_text("names:\n  0: tank\n  1: truck\n")
     (folder / "labels" / "a.txt").write_text("1 0.1 0.2 0.5 0.2 0.5 0.6\n\n0 0.5 0.5 0.2 0.2 0.9\n")
-    coco = read_coco(folder)
+    with pytest.warns(UserWarning, match=r"1 of 2 have no label file, such as b\.png"):
+        coco = read_coco(folder)
     width, height = picture["width"], picture["height"]
     assert boxes(coco)["b"] == []
     tank, truck = boxes(coco)["a"]

@@ -151,7 +151,7 @@ def edited(key, **fields):
         (run_without_a_key, r"'hulldown_runs' that are not as they were written .*\[0\]\.key"),
         (edited("images", id=2), r"00000002\.png: has the id 2, as has images/00000001\.png"),
         (edited("images", file_name="images/00000002.png"), "file names aren't unique"),
-        (edited("annotations", id=2), "annotation ids aren't unique"),
+        (edited("annotations", id=2), "annotation 2: its id is given twice"),
         (edited("annotations", image_id=77), "image 77 does not exist"),
         (lambda folder: (folder / "provenance.json").write_text("{}"), "isn't a hulldown provenance file"),
         (lambda folder: (folder / "annotations.json").write_text("{"), "isn't a COCO object"),

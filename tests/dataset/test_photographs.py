@@ -86,5 +86,6 @@ def test_pictures_of_another_size_than_their_record_are_refused(tmp_path):
 
 
 def test_folders_without_labels_are_refused(tmp_path):
-    with pytest.raises(DatasetError, match="no annotations"):
-        read_photographs(tmp_path)
+    for path, problem in ((tmp_path, "no annotations"), (tmp_path / "nothing", "does not exist")):
+        with pytest.raises(DatasetError, match=problem):
+            read_photographs(path)

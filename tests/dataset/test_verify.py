@@ -82,7 +82,7 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
         ),
         (lambda c: c["images"][1].update(width=33), "error", "is 32 x 24 pixels, its record has 33 x 24"),
         (lambda c: c["images"][1].update(file_name="images/x.png"), "error", "images/x.png: is missing"),
-        (lambda c: c["annotations"][1].update(id=1), "error", "annotation 1: its id is there 2 times"),
+        (lambda c: c["annotations"][1].update(id=1), "error", "annotation 1: its id is given twice"),
         (lambda c: c["annotations"][1].update(id=0), "warning", "annotation 0: ids below 1 are taken for unmatched"),
         (lambda c: c["annotations"][1].update(image_id=9), "error", "annotation 2: image 9 does not exist"),
         (lambda c: c["annotations"][1].update(bbox=[5, 4, 29, 6]), "error", "leaves its image of 32 x 24"),

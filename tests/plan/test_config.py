@@ -198,7 +198,7 @@ INSTEAD = [  # a line of the config, its replacement, and the error
             ),
             ("{ materials = ['*'], colors = ['#4b53'] }", "[0].colors[0] = '#4b53': expected a color"),
             ("{ materials = ['*'], colors = [7] }", "[0].colors[0] = 7: expected a color"),
-            ("{ materials = ['*'], colors = ['own'], value = 2 }", "[0].value is gone; list the `colors`"),
+            ("{ materials = ['*'], colors = ['own'], value = 2 }", "[0].value is gone; delete it: list the `colors`"),
             ("'green'", " = 'green': expected a list"),
         )
     ),

@@ -114,6 +114,10 @@ def test_a_killed_run_continues_from_its_checkpoint(pictures, tmp_path, settings
     assert logged[-1]["step"] == steps
     assert {"train/loss", "valid/ap", "valid/ap50", "valid/ap75"} <= logged[-1].keys()
     assert not list(out.glob("*.ckpt"))
+    if settings.model == "small":
+        train_detector(data, tmp_path / "whole", settings=settings, device="cpu", workers=1)
+        for key, value in weights(tmp_path / "whole").items():
+            assert torch.equal(value, weights(out)[key]), key
     detector = load_detector(out, "cpu")
     assert detector.classes == ("square", "disc")
     images = [np.zeros((30, 50, 3), dtype=np.uint8), np.zeros((54, 96, 3), dtype=np.uint8)]

@@ -41,17 +41,17 @@ class Labels(BoxTable):
 
     @property
     def positions(self) -> int:
-        """Number of positions, which are mutually independent."""
+        """Number of positions, which are independent of each other."""
         return int(self.position.max(initial=-1)) + 1
 
 
 def read_labels(path: Path | str) -> Labels:
     """Read the labels of a dataset."""
-    return evaluation_labels(read_usable(Path(path)), path=Path(path))
+    return evaluation_labels(read_usable(Path(path), takes_file=True), path=Path(path))
 
 
 def evaluation_labels(found: LabeledImages, *, path: Path) -> Labels:
-    """Return the labels of a dataset's images."""
+    """Labels of a dataset's images."""
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)
     categories = sorted(found.categories, key=lambda category: category.id)
