@@ -214,7 +214,7 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     ]
     planned: Annotated[Vehicles, _plan_only("the target, then companions, then distractors")]
     rejected: Annotated[Reasons, _plan_only("refused tries; refused places only in a position's first shot")]
-    left_out: Annotated[Count, _plan_only("companions that found no room")]
+    left_out: Annotated[Count, _plan_only("companions and distractors that found no room")]
 
     @property
     def target(self) -> PlannedVehicle:

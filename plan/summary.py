@@ -97,7 +97,7 @@ class Summary:
     # Paints are those of all vehicles, by color. Rejections are tries.
     counts: Mapping[str, Counter[str]]
     open_sky: int  # images of rain or snow while the config names no overcast HDRIs
-    no_room: int  # companions left out for want of room, counted once per position
+    no_room: int  # companions and distractors without room, counted once per position
     left_out: tuple[LeftOut, ...]  # vehicles that aren't planned on a scenery
     histograms: Mapping[str, Histogram]  # by the keys of `HISTOGRAM_QUANTITIES`
     shortcuts: tuple[str, ...]
@@ -128,7 +128,7 @@ class Summary:
         """Return a line for each wish of the config that the plan doesn't meet."""
         notes = [f"left out: {pair.why}" for pair in self.left_out] + list(self.shortcuts)
         if self.no_room:
-            notes.append(f"left out: {self.no_room:,} companions without room at their position")
+            notes.append(f"left out: {self.no_room:,} companions and distractors without room at their position")
         like = self.counts["like"]
         if like["another"] or like["none"]:
             notes.append(

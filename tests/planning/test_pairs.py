@@ -138,7 +138,7 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
     assert check_plan(made, assets) == []
     left_out = sum(row.left_out for row in rows if row.shot == 0)
     summary = summarize_plan(made)
-    assert summary.notes() == [f"left out: {left_out} companions without room at their position"]
+    assert summary.notes() == [f"left out: {left_out} companions and distractors without room at their position"]
     assert summary.to_json()["companions_left_out"] == left_out
 
 
