@@ -32,7 +32,7 @@ from hulldown.plan.config.config_keys import config_text
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.planning.write import write_plan
-from hulldown.render.supervisor import Progress, render_remaining
+from hulldown.render.supervisor import RenderProgress, render_remaining
 
 SAMPLES_PER_PIXEL = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on
@@ -207,10 +207,10 @@ def _say(what: str) -> Callable[[int, int], None]:
     return say
 
 
-def _rendered(side: Side) -> Callable[[Progress], None]:
+def _rendered(side: Side) -> Callable[[RenderProgress], None]:
     say = _say(f"{side.name}: image")
 
-    def rendered(progress: Progress) -> None:
+    def rendered(progress: RenderProgress) -> None:
         say(progress.finished, progress.images)
 
     return rendered

@@ -9,7 +9,8 @@ import numpy as np
 
 from hulldown.benchmarks.top_hits_peers import hills, raw_embreex
 from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.placement.terrain import Hits, Terrain
+from hulldown.placement.ground_faces import GroundFaceHits
+from hulldown.placement.terrain import Terrain
 from hulldown.tests.oracles.top_hits import Top, angle, exact_tops, on_face
 
 Case = tuple[str, Mesh, np.ndarray]
@@ -59,7 +60,7 @@ def errors(mesh: Mesh, xy: np.ndarray, blender: Callable[[Mesh], Callable] | Non
     return {name: _compare_hits(exact, hits, mesh, xy) for name, hits in answers.items()}
 
 
-def _compare_hits(exact: list[Top | None], hits: Hits, mesh: Mesh, xy: np.ndarray) -> dict[str, float]:
+def _compare_hits(exact: list[Top | None], hits: GroundFaceHits, mesh: Mesh, xy: np.ndarray) -> dict[str, float]:
     missed = false = wrong = 0
     height = turned = 0.0
     for i, top in enumerate(exact):
@@ -81,7 +82,7 @@ def _compare_hits(exact: list[Top | None], hits: Hits, mesh: Mesh, xy: np.ndarra
     return {**rates, "height": height, "normal_deg": float(np.degrees(turned))}
 
 
-def _in_world_coordinates(mesh: Mesh, xy: np.ndarray) -> Hits:
+def _in_world_coordinates(mesh: Mesh, xy: np.ndarray) -> GroundFaceHits:
     """Return Embree's hits in the mesh's own coordinates: face, and height and normal in float32."""
     face = raw_embreex(mesh)(xy)
     a, b, c = np.moveaxis(mesh.vertices.astype(np.float32)[mesh.faces[face]], 1, 0)
@@ -90,15 +91,15 @@ def _in_world_coordinates(mesh: Mesh, xy: np.ndarray) -> Hits:
         p = xy.astype(np.float32) - a[:, :2]
         z = a[:, 2] - (p * normal[:, :2]).sum(axis=1) / normal[:, 2]
         normal *= (np.where(normal[:, 2] < 0, -1, 1) / np.linalg.norm(normal, axis=1))[:, None]
-    return Hits(z.astype(np.float64), normal.astype(np.float64), face)
+    return GroundFaceHits(z.astype(np.float64), normal.astype(np.float64), face)
 
 
-def _from_blender(found: list) -> Hits:
+def _from_blender(found: list) -> GroundFaceHits:
     hit = np.array([f[0] for f in found])
     normal = np.array([f[2] for f in found], dtype=np.float64)
     normal *= np.where(normal[:, 2] < 0, -1.0, 1.0)[:, None]
     z = np.array([f[1][2] for f in found], dtype=np.float64)
-    return Hits(z, normal, np.where(hit, [f[3] for f in found], -1))
+    return GroundFaceHits(z, normal, np.where(hit, [f[3] for f in found], -1))
 
 
 def _moved(mesh: Mesh, offset: list[float]) -> Mesh:

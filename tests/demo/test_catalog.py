@@ -91,12 +91,12 @@ def test_building_keeps_existing_files_and_continues_after_a_crash(tmp_path, mon
     (fake / "__main__.py").write_text(
         "import os, pathlib, signal, sys\n"
         "folder, only = pathlib.Path(sys.argv[1]), sys.argv[5:]\n"
-        f"files = { {Path(file).stem: file for file in make_assets.FILES} }\n"
+        f"files = { {Path(file).stem: file for file in make_assets.ASSET_FILES} }\n"
         "for name in only[:9]:\n"
         "    path = folder / files[name]\n"
         "    path.parent.mkdir(exist_ok=True)\n"
         "    path.write_text('built')\n"
-        f"    print('{make_assets.BUILT}' + str(path), flush=True)\n"
+        f"    print('{make_assets.BUILT_LINE_PREFIX}' + str(path), flush=True)\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
@@ -209,7 +209,7 @@ import sys, json
 import bpy, numpy as np
 from pathlib import Path
 from hulldown.demo import skies
-skies.WIDTH = 512
+skies.SKY_WIDTH_PX = 512
 for name in sys.argv[2:]:
     path = skies.write_sky(name, Path(sys.argv[1]))  # before `bpy.data` is asked: it starts a new file
     image = bpy.data.images.load(str(path))
@@ -220,7 +220,7 @@ for name in sys.argv[2:]:
     rise = (np.arange(h) + 0.5) / h * np.pi - np.pi / 2
     falls = np.maximum(np.sin(rise), 0) * np.cos(rise) * np.pi / h * 2 * np.pi / w
     row, column = np.unravel_index(light.argmax(), light.shape)
-    sky = skies.SKIES[name]
+    sky = skies.SKY_RECIPES[name]
     found = (light * falls[:, None]).sum() / np.pi, np.degrees(rise[row]), column / w
     print("SKY " + json.dumps([*map(float, found), sky.light, sky.sun_elevation_deg]))
 """

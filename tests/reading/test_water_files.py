@@ -18,8 +18,8 @@ SCRIPT = "water_blends.py"
 SHOWN = """
 import json, sys
 from hulldown.reading.blender.capture import visit_render
-from hulldown.render.blender.scene import Stage
-stage = Stage(sys.argv[1])
+from hulldown.render.blender.scene import BlenderScene
+stage = BlenderScene(sys.argv[1])
 shown = []
 def look(depsgraph):
     for instance in depsgraph.object_instances:
