@@ -18,5 +18,5 @@ class BoxTable:
     xywh: Float[np.ndarray, "n 4"]  # pixels
 
     def boxes_per_image(self, images: int) -> Int[np.ndarray, " m"]:
-        """Return the number of boxes in each of these many images."""
+        """Return the number of boxes in each of this many images."""
         return np.bincount(self.image, minlength=images)

@@ -250,7 +250,7 @@ class VehicleBoxes:
 
 
 def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Return the share of an amodal box's area (of the other side, if one is 0) that `xywh` lacks; 1 if that is nan."""
+    """Return the share of an amodal box's area (or of a side, if the other is 0) that `xywh` lacks; 1 for nan."""
     inner = checked_array(xywh, "xywh", ("...", 4), finite=False)
     outer = checked_array(amodal, "amodal", ("...", 4), finite=False)
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -19,7 +19,7 @@ def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "
 def clip_triangles(
     triangles: Float[np.ndarray, "3 f 3"], planes: Float[np.ndarray, "k 4"]
 ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
-    """Return clipped triangles' corners, each one's polygon, and as bits the planes that cut it: Sutherland-Hodgman."""
+    """Clip triangles (Sutherland, Hodgman): corners, each one's polygon, and as bits the planes that cut it."""
     count = triangles.shape[1]
     points = triangles.reshape(3, -1)
     polygon = np.repeat(np.arange(count), 3)
@@ -55,7 +55,7 @@ def union_boxes(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[n
 
 
 def next_corner(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
-    """For each corner in a flat list of polygons the index of the next corner of the same polygon."""
+    """Return the index of the next corner of the same polygon, for each corner in a flat list of polygons."""
     following = np.arange(1, len(polygon) + 1)
     last = np.flatnonzero(np.diff(polygon, append=-1))
     following[last] = np.searchsorted(polygon, polygon[last])
@@ -63,6 +63,6 @@ def next_corner(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def plane_distance(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
-    """Signed distance of points from a plane, scaled; not negative inside."""
+    """Return the signed, scaled distance of points from a plane; it isn't negative inside."""
     terms = [factor * x for factor, x in zip(plane.tolist(), (*points, 1.0), strict=True) if factor]
     return sum(terms[1:], start=terms[0])

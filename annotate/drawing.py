@@ -38,7 +38,7 @@ def category_color(category_id: int) -> tuple[int, int, int]:
 
 @cache
 def label_font(size: int) -> ImageFont.FreeTypeFont:
-    """DejaVu Sans, which comes with Matplotlib and has Cyrillic and Greek letters, too; `size` in pixels."""
+    """Return DejaVu Sans, which comes with Matplotlib and has Cyrillic and Greek letters; `size` in pixels."""
     found = find_spec("matplotlib")  # importing it takes longer than drawing
     folder = Path(str(found and found.origin)).with_name("mpl-data")
     return ImageFont.truetype(folder / "fonts" / "ttf" / "DejaVuSans.ttf", size)
@@ -61,7 +61,7 @@ class Overlay:
 
 
 def draw_boxes(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) -> Image.Image:
-    """Return a copy of a picture with labels, drawn just outside the boxes but never outside it; `tint`: and masks."""
+    """Return a copy of a picture with labels just outside their boxes, inside the picture, and with `tint` masks."""
     picture = image.convert("RGB")
     values = [[declared_fields(label.record, kind) for kind in LABEL_TYPES] if label.record else [] for label in labels]
     for label, of_label in zip(labels, values, strict=True):

@@ -38,14 +38,14 @@ FOLD_CIRCLE_SAMPLES = 64  # compared at a time
 
 @dataclass(frozen=True, eq=False)
 class ImageView:
-    """What one camera sees of a surface."""
+    """A camera, and the limits of what it sees."""
 
     lens: Intrinsics
     clip_to_image: bool  # whether the image's sides bound what is seen, or the near plane and a lens's fold alone
 
     @cached_property
     def lens_numbers(self) -> tuple[list[float], list[float], list[float]]:
-        """Focal lengths, principal point, and size in pixels."""
+        """Focal lengths, principal point, and image size in pixels."""
         return self.lens.focal.tolist(), self.lens.center.tolist(), self.lens.size.tolist()
 
     @property
@@ -232,7 +232,7 @@ def _clip_to_disk(
 
 
 def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
-    """Return points and pixels that may be extreme inside a triangle: corners of the image, extremes on the fold."""
+    """Return points that may be extreme inside a triangle, and their pixels: image corners, extremes on the fold."""
     if view.clip_to_image:
         width, height = view.lens.size.tolist()
         corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])
@@ -251,7 +251,7 @@ def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray
 
 
 def _covers_ray(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
-    """Return whether a triangle in front of the near plane lies on the ray through a point at unit depth."""
+    """Return whether a triangle in front of the near plane covers the ray through a point at unit depth."""
     x, y = spot.tolist()
     across, down = triangles[0] - x * triangles[2], triangles[1] - y * triangles[2]
     following = [1, 2, 0]

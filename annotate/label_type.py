@@ -18,7 +18,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VehicleInScene:
-    """What is traced of a labeled vehicle."""
+    """A labeled vehicle in its scene, and the pixels that it covers."""
 
     posed: PosedVehicle
     scene: Scene  # everything in the image, this vehicle included
@@ -30,7 +30,7 @@ class VehicleInScene:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LabeledVehicle:
-    """A labeled vehicle before its camera."""
+    """The input of labels: a vehicle, its camera, and what rays found."""
 
     camera: Cameras
     world_from_vehicle: Float[ndarray, "4 4"]
@@ -40,7 +40,7 @@ class LabeledVehicle:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pen:
-    """What a type draws its lines with."""
+    """The canvas, color, and line width of a label type's drawing."""
 
     canvas: ImageDraw
     color: tuple[int, int, int]

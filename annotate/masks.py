@@ -52,7 +52,7 @@ def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray
 
 
 def run_ends(segmentation: object, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-    """Return where each run of a COCO segmentation's pixels begins and ends, by columns; errors of `decode_mask`."""
+    """Return where each run of a segmentation's pixels begins and ends, by columns; raises as `decode_mask` does."""
     ends = np.cumsum(run_lengths(segmentation, width, height))
     first, end = ends[:-1:2], ends[1::2]
     first, end = first[end > first], end[end > first]
@@ -60,7 +60,7 @@ def run_ends(segmentation: object, width: int, height: int) -> tuple[Int[np.ndar
 
 
 def covers_mask(outer: object, inner: object, width: int, height: int) -> bool:
-    """Return whether a COCO segmentation has all pixels of another, without decoding them; errors of `decode_mask`."""
+    """Return whether a segmentation has all pixels of another, without decoding; raises as `decode_mask` does."""
     (first, end), (start, stop) = run_ends(outer, width, height), run_ends(inner, width, height)
     ends, pixels = np.stack([first, end], axis=1).ravel(), np.cumsum(end - first)
     counted = np.stack([pixels - (end - first), pixels], axis=1).ravel()  # pixels of `outer` before each end
@@ -70,7 +70,7 @@ def covers_mask(outer: object, inner: object, width: int, height: int) -> bool:
 
 
 def area_and_box(segmentation: object, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
-    """Area and `mask_box` of a COCO segmentation, without decoding it; errors of `decode_mask`."""
+    """Return area and `mask_box` of a segmentation, without decoding it; raises as `decode_mask` does."""
     first, end = run_ends(segmentation, width, height)
     if not len(first):
         return 0, None
@@ -108,7 +108,7 @@ def _is_ring(value: object) -> bool:
 
 
 def mask_box(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "4"] | None:
-    """Xywh of the pixels of a mask, outer edge to outer edge; None if it has none."""
+    """Return the xywh of a mask's pixels, from outer edge to outer edge; None if it has none."""
     columns, rows = np.flatnonzero(mask.any(axis=0)), np.flatnonzero(mask.any(axis=1))
     if not len(columns):
         return None
@@ -117,6 +117,6 @@ def mask_box(mask: Bool[np.ndarray, "h w"]) -> Float[np.ndarray, "4"] | None:
 
 
 def mask_iou(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
-    """Shared pixels over all pixels of two masks; 1 for two empty ones."""
+    """Return the share of two masks' pixels that both have; 1 for two empty masks."""
     either = np.count_nonzero(a | b)
     return float(np.count_nonzero(a & b) / either) if either else 1.0

@@ -15,7 +15,7 @@ Ring = Float[np.ndarray, "_ 2"]
 
 
 def mask_polygons(segmentation: object, width: int, height: int, *, within: float = 0.0) -> list[list[float]]:
-    """Return a segmentation's pieces as polygons, holes bridged, without corners that move it `within` pixels."""
+    """Return a segmentation's pieces as polygons, with holes bridged, simplified by at most `within` pixels."""
     if not within >= 0.0:
         raise ValueError(f"within: expected pixels, at least 0, got {within!r}")
     corners = []
@@ -28,7 +28,7 @@ def mask_polygons(segmentation: object, width: int, height: int, *, within: floa
 
 
 def bridge_rings(rings: Sequence[Ring]) -> Ring:
-    """Several rings, open and in pixels, as one, tied by bridges without width where they come nearest to the first."""
+    """Join open rings, in pixels, into one: bridges without width are where they come nearest to the first."""
     whole = np.asarray(rings[0], dtype=np.float64)
     for ring in rings[1:]:
         apart = ((whole[:, None] - ring[None]) ** 2).sum(axis=2)
@@ -39,7 +39,7 @@ def bridge_rings(rings: Sequence[Ring]) -> Ring:
 
 
 def simplify_ring(ring: Ring, within: float) -> Ring:
-    """Drop corners of a ring within a distance of the line between the kept ones (Douglas and Peucker, 1973)."""
+    """Drop corners of a ring that are `within` pixels of the line between kept ones (Douglas and Peucker, 1973)."""
     first = int(np.argmax(((ring - ring.mean(axis=0)) ** 2).sum(axis=1)))
     ring = np.roll(ring, -first, axis=0)
     closed = np.concatenate([ring, ring[:1]])

@@ -16,7 +16,7 @@ NEAR_VERTEX_SHARE = 1e-9  # of part sizes: by rounding, a point so close to a hu
 
 
 class PosedParts:
-    """The used vertices of what can be seen of a vehicle by rigid part, and those that can be extreme in an image."""
+    """A vehicle's visible vertices by rigid part, and those of them that can be extreme in an image."""
 
     def __init__(self, shape: VehicleShape) -> None:
         def part_slices(part: Int[np.ndarray, " n"]) -> list[slice]:
@@ -44,7 +44,7 @@ class PosedParts:
         world_from_camera: Float[np.ndarray, "n 4 4"],
         angles: Float[np.ndarray, "n p"],
     ) -> Float[np.ndarray, "n p 3 4"]:
-        """Poses of each part in the camera's frame."""
+        """Return the poses of each part in the camera's frame."""
         camera_axes = np.swapaxes(world_from_camera[:, :3, :3], 1, 2)
         camera_from_vehicle = np.empty((len(world_from_vehicle), 3, 4))
         camera_from_vehicle[:, :, :3] = matrix_product(camera_axes, world_from_vehicle[:, :3, :3])

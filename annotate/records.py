@@ -23,7 +23,7 @@ from hulldown.camera.intrinsics import Intrinsics
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Category:
-    """A class."""
+    """A class of a dataset: fields that are used, and its whole record."""
 
     id: int
     name: str
@@ -38,7 +38,7 @@ class Category:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Label:
-    """A label of an image."""
+    """A label: fields that are used, and its whole record."""
 
     id: int
     category_id: int
@@ -79,7 +79,7 @@ class Label:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Image:
-    """An image."""
+    """An image of a dataset: fields that are used, its labels, and its whole record."""
 
     id: int  # id, file_name, width, height: COCO's; the name is relative to the dataset
     file_name: str

@@ -15,7 +15,7 @@ _UNIT_CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.ndarray, "5"] | None:
-    """Center, width, height, and angle of the smallest rectangle that holds a mask's pixels; None for an empty mask."""
+    """Return center, width, height, and angle of the smallest rectangle around a mask; None for an empty mask."""
     corners = _pixel_corners(segmentation, width, height)
     if not len(corners):
         return None

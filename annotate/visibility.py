@@ -42,7 +42,7 @@ def visible_fraction(
     rays: int = 256,
     seed: int = 0,
 ) -> Visibility:
-    """Visible share of each subject in its frame, by a jittered ray a cell of its box; nan outside of the frame."""
+    """Return the visible share of each subject, by a jittered ray per cell of its box; nan outside the frame."""
     n = len(cameras)
     for subject in subjects:
         if subject.row is None and len(subject.world_from_vehicle) not in (1, n):
@@ -77,7 +77,7 @@ def _count_rays(
     cameras: Cameras,
     pattern: Float[np.ndarray, "r 2"],
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """For each camera: rays on its subject, how many of these see it, and the area that all rays go through."""
+    """For each camera: the rays on its subject, how many of these see it, and the area that all rays go through."""
     n, r = len(cameras), len(pattern)
     low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
     for subject in subjects:

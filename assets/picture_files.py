@@ -12,7 +12,7 @@ from PIL import Image, ImageFile, ImageOps, JpegImagePlugin, PngImagePlugin, Uni
 from PIL.ExifTags import Base
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, MISSING_FILE, read_file
+from hulldown.base.outside import MAX_DATA_BYTES, MISSING_FILE, read_file
 
 DECODER_THREADS = 4
 MAX_DECODED_PIXELS = 1 << 28  # decoding them takes 1.9 GB
@@ -47,7 +47,7 @@ def _read_picture(path: Path, largest: int | None) -> PictureFile:
         remedy = "render it again or replace it"
         return DatasetError(f"cannot be read as a picture ({problem})", path=path, remedy=remedy)
 
-    content = read_file(path, refuse, most=DATA)
+    content = read_file(path, refuse, most=MAX_DATA_BYTES)
     try:
         with _open_picture(content) as picture:
             width, height = picture.size
@@ -70,14 +70,14 @@ def _read_picture(path: Path, largest: int | None) -> PictureFile:
 
 
 def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.ndarray, "h w 3"]:
-    """Return a picture's colors as displayed, (h, w, 3); parameters and errors as of `read_picture`."""
+    """Return a picture's colors as displayed, (h, w, 3); parameters and errors as for `read_picture`."""
     pixels = read_picture(path, size).pixels
     assert pixels is not None
     return pixels
 
 
 def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
-    """Say how a picture's size differs from the size in its record."""
+    """Describe how a picture's size differs from the size in its record."""
     turned = (
         ""
         if picture.orientation == UPRIGHT_ORIENTATION

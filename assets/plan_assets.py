@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import msgspec
@@ -22,7 +22,7 @@ SHAPE_TOLERANCE_M = 1e-5  # a coordinate that changes by 0.02 mm changes the wei
 
 
 class Fingerprint(msgspec.Struct, frozen=True):
-    """Two values that tell, despite rounding (1e-13 m), whether two readings of a file gave the same geometry."""
+    """Two values that tell whether two readings of a file gave the same geometry, despite rounding (1e-13 m)."""
 
     topology: str  # SHA-256 of all that isn't a coordinate: faces, parts, textures, and how many of each there are
     shape: float  # weighted sum of all coordinates, in meters
@@ -57,6 +57,11 @@ def asset_fingerprint(asset: VehicleShape | Scenery) -> Fingerprint:
 
     msgspec.to_builtins(asset, enc_hook=take)
     return Fingerprint(topology.hexdigest(), shape / SUM_PARTS_PER_M)
+
+
+def content_key(asset: VehicleShape | Scenery) -> tuple[int, ...]:
+    """Return what equal files have in common: the objects in all fields but the name, which must stay alive."""
+    return tuple(id(getattr(asset, each.name)) for each in fields(asset) if each.name != "name")
 
 
 class AssetSource(Struct, frozen=True, kw_only=True):
@@ -104,5 +109,5 @@ class Assets:
             raise ValueError(f"categories: expected one for every vehicle, got none for {lacking}")
 
     def sky(self, hdri: str) -> SkyLight:
-        """Light of an HDRI on open land."""
+        """Return the light of an HDRI on open land."""
         return self.skies.get(hdri, EVEN_SKYLIGHT)

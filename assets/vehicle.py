@@ -49,22 +49,22 @@ class VehicleShape:
 
     @property
     def surface(self) -> tuple[Mesh, Int[np.ndarray, " s"]]:
-        """What can be seen, which boxes and sizes are of, and the part of each of its vertices."""
+        """The visible mesh, which boxes and sizes are computed from, and the part of each of its vertices."""
         return (self.mesh, self.vertex_part) if self.seen is None else (self.seen, self.seen_part)
 
     def seen_vertices(self, part: int) -> Float[np.ndarray, "v 3"]:
-        """Return vertices of what can be seen of a part, at rest; none of a part that is wholly transparent."""
+        """Return a part's visible vertices, at rest; none if it's wholly transparent."""
         surface, vertex_part = self.surface
         return surface.vertices[vertex_part == part]
 
     @property
     def size_xyz(self) -> Float[np.ndarray, "3"]:
-        """Length, width, height of the bounding box of what can be seen, at rest."""
+        """Length, width, and height of the visible mesh's bounding box, at rest."""
         low, high = self.surface[0].bounds
         return high - low
 
     def angles(self, articulations: Sequence[Articulation]) -> Float[np.ndarray, "n p"]:
-        """Angles of all parts in n articulations; zero where not named."""
+        """Return the angles of all parts in n articulations; 0 for parts that aren't named."""
         column = {name: i for i, name in enumerate(self.part_names) if i}
         angles = np.zeros((len(articulations), len(self.part_names)))
         for row, articulation in enumerate(articulations):
@@ -101,7 +101,7 @@ class VehicleShape:
     def turned_keypoints(
         self, articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "1 p"]
     ) -> Float[np.ndarray, "k 3"]:
-        """Keypoints in the vehicle frame with the parts turned."""
+        """Return keypoints in the vehicle frame with the parts turned."""
         poses = self.vehicle_from_parts(articulation).reshape(-1, 4, 4)[self.keypoint_part]
         return transform_points(poses, self.keypoints[:, None])[:, 0]
 
@@ -110,6 +110,8 @@ class VehicleShape:
 
         A keypoint without a part belongs to the part with the nearest surface. One with an existing name replaces it.
         """
+        if not points:
+            return self  # equal files share their arrays
         known = zip(self.keypoint_names, self.keypoints, self.keypoint_part.tolist(), strict=True)
         every: dict[str, tuple[ArrayLike, int | None]] = {name: (point, part) for name, point, part in known}
         every |= points

@@ -22,7 +22,7 @@ def make_check(expected: str, fits: Callable[[Any], bool]) -> Parameter:
 
 
 def make_parser(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Parameter:
-    """Return how an option's text is converted; `parse` raises ValueError for text that isn't as expected."""
+    """Return a parser of an option's text; `parse` raises ValueError for text that isn't as expected."""
 
     def convert(_: object, tokens: Any) -> Any:
         try:

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-LARGEST_FLOAT = sys.float_info.max
+MAX_FLOAT = sys.float_info.max
 
 
 def checked_array(
@@ -19,7 +19,7 @@ def checked_array(
     dtype: DTypeLike = np.float64,
     finite: bool = True,
 ) -> np.ndarray:
-    """`value` as a contiguous array of `dtype`, or a ValueError that names it."""
+    """Return `value` as a contiguous array of `dtype`, or raise a ValueError that names it."""
     expected = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"
     try:
         given = np.asarray(value)
@@ -39,7 +39,7 @@ def checked_array(
 
 
 def positive_array(value: ArrayLike, name: str) -> np.ndarray:
-    """`value` as finite positive numbers of any shape, or a ValueError that names it."""
+    """Return `value` as finite positive numbers of any shape, or raise a ValueError that names it."""
     array = checked_array(value, name, ("...",))
     if (array <= 0.0).any():
         raise ValueError(f"{name}: expected positive numbers, got {float(array.min())}")
@@ -49,11 +49,11 @@ def positive_array(value: ArrayLike, name: str) -> np.ndarray:
 def are_numbers(values: Iterable[object]) -> bool:
     """Return whether all values are finite numbers; true and false are not."""
     # NaN fails the comparison, and so do integers beyond the largest float.
-    return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= LARGEST_FLOAT for x in values)
+    return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= MAX_FLOAT for x in values)
 
 
 def whole_number(value: object, name: str) -> int:
-    """`value` as an int, or a ValueError that names it."""
+    """Return `value` as an int, or raise a ValueError that names it."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name}: expected a whole number, got {value!r:.80}")
     return int(value)

@@ -19,7 +19,7 @@ LOG_TAIL_BYTES = 2000  # the log's last line is searched for in these
 
 
 class Stopped(Exception):
-    """The caller doesn't need a job's result any more."""
+    """Raised where the caller no longer needs a job's result."""
 
 
 class Child:
@@ -82,7 +82,7 @@ class Child:
             return 0
 
     def write(self, line: bytes) -> None:
-        """Write to its stdin. If it has just ended, `on_line` gets the empty line."""
+        """Write to its stdin; `on_line` gets the empty line if the process has just ended."""
         assert self._process.stdin is not None
         with contextlib.suppress(OSError):
             self._process.stdin.write(line)
@@ -95,13 +95,13 @@ class Child:
             self._process.stdin.close()
 
     def wait(self, seconds: float | None = None) -> int | None:
-        """Wait until it ends, at most so long; its exit code, None if it still runs."""
+        """Wait for its end, at most this many seconds; return its exit code, or None if it still runs."""
         with contextlib.suppress(subprocess.TimeoutExpired):
             return self._process.wait(seconds)
         return None
 
     def last_words(self) -> str:
-        """Return how it ended, and the last line of its log."""
+        """Describe how it ended, with the last line of its log."""
         code = self._process.wait()
         how = f"ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
         if self._log is None:
@@ -112,7 +112,7 @@ class Child:
         return f"{how}; its last words: {lines[-1][:300]}" if lines else how
 
     def kill(self) -> int:
-        """End it now; its exit code."""
+        """Kill it, and return its exit code."""
         self._process.kill()
         code = self._process.wait()
         self._listener.join(MAX_LISTENER_WAIT_S)
@@ -139,5 +139,5 @@ def end_with_parent(signum: int) -> None:
 
 
 def memory_limit(given: int | None, processes: int) -> float:
-    """Return `given`, or if None each process's share of nine tenths of the machine's memory, in bytes."""
+    """Return `given`, or if it's None each process's share of nine tenths of the machine's memory, in bytes."""
     return 0.9 * float(psutil.virtual_memory().total) / processes if given is None else float(given)

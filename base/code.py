@@ -14,7 +14,7 @@ NOT_INSTALLED = "not installed"
 
 @cache
 def code_sha256() -> str:
-    """SHA-256 of all modules."""
+    """Return the SHA-256 of all modules."""
     digest = hashlib.sha256()
     folders = [path.parent for path in PACKAGE_FOLDER.glob("*/__init__.py")]  # the product's, in a checkout too
     for path in sorted(path for folder in folders for path in folder.rglob("*.py")):
@@ -23,7 +23,7 @@ def code_sha256() -> str:
 
 
 def package_versions(*packages: str) -> dict[str, str]:
-    """Versions of hulldown, with a hash of its code, and of packages; `NOT_INSTALLED` for one that isn't installed."""
+    """Return the versions of hulldown, with a hash of its code, and of packages; `NOT_INSTALLED` for missing ones."""
     by_package = {"hulldown": f"{importlib.metadata.version('hulldown')} ({code_sha256()[:8]})"}
     return by_package | {package: (package_version(package) or NOT_INSTALLED).split("+")[0] for package in packages}
 

@@ -86,11 +86,11 @@ class OutputLock:
 
     @property
     def is_held(self) -> bool:
-        """Whether it wasn't released yet."""
+        """Whether the lock hasn't been released."""
         return self._lock.is_locked
 
     def release(self) -> None:
-        """Release it; releasing twice is harmless."""
+        """Release the lock; releasing twice is harmless."""
         if self.is_held:
             with suppress(OSError):  # before the release, since afterwards the file may be another process's lock
                 self.path.unlink()
@@ -116,7 +116,7 @@ class FinishedMark(msgspec.Struct, frozen=True):
 
 
 class OutputFolder(OutputLock):
-    """A locked folder that a verb fills: empty, or with one of the `marks`, names of files; `remains` may be there."""
+    """A locked folder that a verb fills: empty but for `remains`, or with one of the files `marks`."""
 
     def __init__(
         self,
@@ -151,11 +151,11 @@ class OutputFolder(OutputLock):
 
     def _other_names(self) -> set[str]:
         names = {path.name for path in self.folder.iterdir()} - {LOCK_NAME, UNFINISHED_NAME}
-        return {name for name in names if not (name.startswith(".") and name.endswith(".tmp"))}  # of killed writers
+        return {name for name in names if not (name.startswith(".") and name.endswith(".tmp"))}  # killed writers'
 
     @contextmanager
     def all_or_nothing(self, key: str = "") -> Iterator[Path]:
-        """Yield a folder inside the empty one, whose content moves up at the end; `key` is what `is_done` tells."""
+        """Yield a folder inside the empty one; its content moves up at the end, and `is_done` is true for `key`."""
         if names := self._other_names():
             has = "what was made of other inputs or options" if DONE_NAME in names else min(names)
             raise OutputError(f"isn't empty: it has {has}", path=self.folder, remedy=OTHER_FOLDER)
@@ -177,7 +177,7 @@ class OutputFolder(OutputLock):
             raise
 
     def is_done(self, key: str) -> bool:
-        """Tell whether an earlier run with this key made all, finishing one that was stopped as it moved files."""
+        """Return whether an earlier run with this key finished; complete one that was stopped while it moved files."""
         for home in (self.folder, self._unfinished_folder):
             path = home / DONE_NAME
             with suppress(OutputError):  # damaged, or of an older version

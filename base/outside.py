@@ -24,7 +24,7 @@ import yaml
 from hulldown.base.files import open_regular
 
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
-TEXT, DOCUMENT, DATA = 1 << 20, 1 << 28, 1 << 32
+MAX_TEXT_BYTES, MAX_DOCUMENT_BYTES, MAX_DATA_BYTES = 1 << 20, 1 << 28, 1 << 32
 MISSING_FILE = "no such file"
 MAX_NESTING_DEPTH = 64  # of lists and objects
 MAX_NUMBER_LENGTH = 300  # characters; float64 ends at 308
@@ -47,7 +47,7 @@ MakeError: TypeAlias = Callable[
 ]  # makes an error of a problem, such as partial(ConfigError, path=path)
 
 
-def read_file(path: Path, refuse: MakeError, *, most: int = DOCUMENT) -> bytes:
+def read_file(path: Path, refuse: MakeError, *, most: int = MAX_DOCUMENT_BYTES) -> bytes:
     """Return a file's content.
 
     `refuse`: makes the error that is raised if it isn't a regular file, is larger than `most` bytes, or can't be read.
@@ -98,7 +98,7 @@ def file_sha256(path: Path) -> str:
     return digest.hexdigest()
 
 
-def read_text(path: Path, refuse: MakeError, *, most: int = TEXT) -> str:
+def read_text(path: Path, refuse: MakeError, *, most: int = MAX_TEXT_BYTES) -> str:
     """Return a file's text, which is UTF-8 with or without a mark; see `read_file`."""
     try:
         return read_file(path, refuse, most=most).decode("utf-8-sig")
@@ -106,7 +106,7 @@ def read_text(path: Path, refuse: MakeError, *, most: int = TEXT) -> str:
         raise refuse("isn't UTF-8 text") from None
 
 
-def read_json(path: Path, kind: type[T], refuse: MakeError, *, what: str, most: int = DOCUMENT) -> T:
+def read_json(path: Path, kind: type[T], refuse: MakeError, *, what: str, most: int = MAX_DOCUMENT_BYTES) -> T:
     """Return the value of a JSON file as a `kind`; `what` names it in errors, see `read_file`."""
     content = read_file(path, refuse, most=most)
     try:
@@ -146,7 +146,7 @@ def parse_value(value: object, kind: type[T], *, strict: bool = True) -> T:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return a TOML document; ValueError as of `parse_json`."""
+    """Return a TOML document; ValueError as for `parse_json`."""
     if any(line.count(".") > MAX_LINE_DOTS for line in text.splitlines()):
         raise ValueError("a line has hundreds of points")
     try:
@@ -156,7 +156,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 class _PlainYamlLoader(yaml.SafeLoader):
-    """A loader without aliases, which reads unknown tags, such as OpenCV's for a matrix, as tables."""
+    """A loader without aliases that reads unknown tags, such as OpenCV's for a matrix, as tables."""
 
     depth = 0
 
@@ -179,14 +179,14 @@ _PlainYamlLoader.add_multi_constructor("", lambda loader, _, node: loader.constr
 
 
 def parse_yaml(text: str) -> object:
-    """Return a YAML document, of plain values; ValueError as of `parse_json`."""
+    """Return a YAML document, of plain values; ValueError as for `parse_json`."""
     if len(text) > MAX_YAML_CHARACTERS:
         raise ValueError(f"it has more than {MAX_YAML_CHARACTERS >> 10} KiB")
     try:
         return yaml.load(text, Loader=_PlainYamlLoader)
     except yaml.YAMLError as error:
         raise ValueError(" ".join(str(error).split())) from None
-    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:  # of a tag whose value doesn't fit it
+    except (ArithmeticError, AttributeError, LookupError, TypeError) as error:  # a tag's value may not fit it
         raise ValueError(f"a tag doesn't fit its value: {error}") from None
 
 
@@ -219,7 +219,7 @@ def parse_xml(content: bytes) -> Element:
 
 
 def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
-    """Return a JSON value, and how many objects have a key more than once; ValueError as of `parse_json`."""
+    """Return a JSON value, and how many objects have a key more than once; ValueError as for `parse_json`."""
     repeated: Counter[str] = Counter()
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -235,7 +235,7 @@ def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
 
 
 def json_parts(content: bytes) -> dict[str, msgspec.Raw]:
-    """Return the values of a JSON object, not parsed, which takes little memory; ValueError as of `parse_json`."""
+    """Return the values of a JSON object, not parsed, which takes little memory; ValueError as for `parse_json`."""
     return _decode_json(content, dict[str, msgspec.Raw])
 
 

@@ -93,7 +93,7 @@ def hypot(x: ArrayLike, y: ArrayLike) -> np.ndarray:
 
 
 def exp(power: ArrayLike) -> np.ndarray:
-    """E to these powers, from -700 to 700."""
+    """Return the exponential function of numbers from -700 to 700."""
     x = np.asarray(power, dtype=np.float64)
     doublings = np.rint(x / math.log(2.0))
     high, low = x - doublings * _LN_2[0], doublings * _LN_2[1]
@@ -113,7 +113,7 @@ def log(value: ArrayLike) -> np.ndarray:
 
 
 def _around_zero(x: Number, turns: Number) -> tuple[Number, Number]:
-    """Sine and cosine of x less so many quarter turns, which is within pi/4 of zero."""
+    """Sine and cosine of x minus `turns` quarter turns, which is within pi/4 of zero."""
     first = x - turns * _PI_2_PARTS[0]
     second = turns * _PI_2_PARTS[1]
     left = first - second
@@ -129,7 +129,7 @@ def _around_zero(x: Number, turns: Number) -> tuple[Number, Number]:
 
 
 def _arctan_to_one(ratio: np.ndarray) -> np.ndarray:
-    """Arc tangent of numbers from 0 to 1, taken about 0, 1/2 or 1."""
+    """Arc tangent of numbers from 0 to 1, computed about 0, 1/2, or 1."""
     half, one = (ratio >= 7.0 / 16.0) & (ratio < 11.0 / 16.0), ratio >= 11.0 / 16.0
     t = np.where(half, (2.0 * ratio - 1.0) / (2.0 + ratio), np.where(one, (ratio - 1.0) / (ratio + 1.0), ratio))
     about, lacking = (np.where(half, a, np.where(one, b, 0.0)) for a, b in zip(_ATAN_HALF, _ATAN_ONE, strict=True))
@@ -137,7 +137,7 @@ def _arctan_to_one(ratio: np.ndarray) -> np.ndarray:
 
 
 def _evaluate_polynomial(coefficients: tuple[float, ...], x: Number) -> Number:
-    """By Horner's rule, the highest power's coefficient first."""
+    """Evaluate a polynomial by Horner's rule; the highest power's coefficient is first."""
     value: Number = coefficients[0]
     for coefficient in coefficients[1:]:
         value = value * x + coefficient

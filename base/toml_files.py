@@ -37,7 +37,7 @@ def validate_model(
     *,
     removed: Mapping[str, str] = MappingProxyType({}),
 ) -> Document:
-    """Return the model of a file's data; `removed` tells what to use instead of keys and values of earlier versions."""
+    """Return the model of a file's data; `removed` has the replacements of keys and values of earlier versions."""
     try:
         return model.model_validate(dict(data))
     except ValidationError as error:
@@ -61,7 +61,7 @@ _ALLOWED_TYPES = {
 
 
 def _explain_error(error: ErrorDetails, top: type[BaseModel], removed: Mapping[str, str]) -> str:
-    """Return one line for one of pydantic's errors: key, value, what is allowed."""
+    """Return one line about one of pydantic's errors: key, value, and what is allowed."""
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
     is_unknown, declared = error["type"] == "extra_forbidden", ".".join(s for s in steps if isinstance(s, str))

@@ -10,7 +10,7 @@ class UniformNumbers(Protocol):
     """A NumPy Generator, or another source of uniform numbers, such as one stream per row."""
 
     def random(self, size: Any) -> Any:
-        """Numbers uniform in [0, 1)."""
+        """Return numbers uniform in [0, 1)."""
 
     def uniform(self, low: float, high: float, size: Any) -> Any:
-        """Numbers uniform between two bounds."""
+        """Return numbers uniform between two bounds."""

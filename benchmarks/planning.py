@@ -24,7 +24,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
-from hulldown.planning.planner import BLOCK_POSITIONS, Planner
+from hulldown.planning.planner import POSITIONS_PER_BLOCK, Planner
 from hulldown.tests.builders.planning_assets import hills
 
 GROUND_CELLS = 500  # 5e5 triangles of ground
@@ -92,8 +92,8 @@ def _plan(make: Callable[..., tuple[Any, Assets]], *arguments: Any) -> dict[str,
     started = time.process_time()
     planner = Planner(config, assets)
     ready, rows, size = time.process_time(), 0, 0
-    for start in range(0, planner.budget.n_positions, BLOCK_POSITIONS):
-        lines, n = planner.lines(start, min(start + BLOCK_POSITIONS, planner.budget.n_positions))
+    for start in range(0, planner.budget.n_positions, POSITIONS_PER_BLOCK):
+        lines, n = planner.lines(start, min(start + POSITIONS_PER_BLOCK, planner.budget.n_positions))
         rows, size = rows + n, size + len(lines)
     seconds = time.process_time() - ready
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

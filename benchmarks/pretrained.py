@@ -18,7 +18,7 @@ from hulldown.benchmarks.yolox import COCO_NAMES, INPUT_SIZE_PX, Yolox, YoloxDet
 from hulldown.dataset.record_checks import read_usable
 from hulldown.training.detectors.detector import Detector
 from hulldown.training.detectors.rivals import ContestedDetector
-from hulldown.training.detectors.transformers_detector import LIKE_VEHICLES
+from hulldown.training.detectors.transformers_detector import VEHICLE_LIKE_CLASS
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.inputs.data import DrawnExamples, Draws
@@ -82,7 +82,7 @@ def main() -> None:
     given = parser.parse_args()
     folders = {PHOTOGRAPHS: given.photographs, **{f"renders {k}": one for k, one in enumerate(given.synthetic)}}
     classes, (photographs, *renders) = read_sources(folders)
-    labels, truck = read_labels(given.test), COCO_NAMES.index(LIKE_VEHICLES)
+    labels, truck = read_labels(given.test), COCO_NAMES.index(VEHICLE_LIKE_CLASS)
     rows = [COCO_NAMES.index(name) if name in COCO_NAMES else truck for name in classes]
     untrained = YoloxDetector(Yolox(given.weights, range(len(COCO_NAMES))), COCO_NAMES)
 

@@ -18,7 +18,7 @@ from hulldown.geometry.transforms import transform_points
 from hulldown.reading.blender.depsgraph import evaluate_scene
 from hulldown.reading.blender.importers import Opened, open_file
 from hulldown.reading.build import build_vehicle
-from hulldown.reading.pieces.options import TEXTURE_SIZE, Options
+from hulldown.reading.pieces.options import DEFAULT_TEXTURE_SIZE, Options
 from hulldown.reading.pieces.roles import Evaluated
 from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
 
@@ -44,7 +44,7 @@ def _read(path: Path, kind: str) -> tuple[Opened, Evaluated]:
     opened = open_file(path, kind, Options())
     meters = meters_from_file(opened.unit, opened.up)
     given = {"meters_from_file": meters, "duplicates": opened.duplicates}
-    return opened, evaluate_scene(bpy.context.scene, **given, texture_size=TEXTURE_SIZE)
+    return opened, evaluate_scene(bpy.context.scene, **given, texture_size=DEFAULT_TEXTURE_SIZE)
 
 
 def _base(path: Path) -> Model:

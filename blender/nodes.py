@@ -42,7 +42,7 @@ def socket_source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
 
 
 def upstream_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
-    """Yield every node that a socket's value depends on, with the used output."""
+    """Yield every node that a socket's value depends on, with the output that is used."""
     found = socket_source(socket, stack)
     seen = set()
     ring = [found] if found else []

@@ -13,7 +13,7 @@ OPACITY_SOCKET = "hulldown opacity"
 
 
 def opacity_socket(material: Any) -> Any:
-    """Return a new output socket with the material's opacity, or a number if it's constant; its look stays."""
+    """Return a new output socket with a material's opacity, or a number if it's constant; its look is the same."""
     output = material_output(material)
     return _shader_opacity(material.node_tree, output.inputs["Surface"], {}) if output else 1.0
 
@@ -84,7 +84,7 @@ def _interface_socket(tree: Any, name: str, way: str, node: Any) -> Any:
 
 
 def _own_source(socket: Any) -> Any:
-    """Return the source of a socket's value: the linked output, or its number."""
+    """Return the output that a socket is linked to, or its own number."""
     found = linked_output(socket)
     return socket.default_value if found is None else found
 

@@ -51,7 +51,7 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
 
 
 def _leave_modes() -> None:
-    """End the editing of objects that a file was saved in, during which they have no evaluated mesh."""
+    """End edit mode and the like, in which a file was saved: such objects have no evaluated mesh."""
     objects = bpy.context.view_layer.objects
     for obj in [obj for obj in objects if obj.mode != "OBJECT"]:
         if obj.mode != "OBJECT":  # those edited together end together
@@ -60,7 +60,7 @@ def _leave_modes() -> None:
 
 
 def forget_settings() -> None:
-    """Reset a file's settings for all of Blender: everything in `bpy.data` but the data itself."""
+    """Reset everything in `bpy.data` that applies to all of Blender and isn't the data itself."""
     # With it, Blender packs a picture when it is reloaded, and from then on shows that one, whatever its path.
     bpy.data.use_autopack = False
     space = getattr(bpy.data, "colorspace", None)
@@ -105,7 +105,7 @@ def disarm_file() -> list[str]:
 
 
 def _replace_unknown_nodes() -> list[str]:
-    """Give materials new nodes for those of a kind that this Blender lacks, with which Cycles crashes."""
+    """Replace nodes of kinds that this Blender lacks: Cycles crashes with them."""
     left_out = []
     for material in list(bpy.data.materials):
         if material.node_tree and material.node_tree.bl_idname == UNKNOWN_NODE_TREE:
@@ -138,7 +138,7 @@ def _disable_disk_cache(cache: Any) -> bool:
 
 
 def _name_what_cannot_be_read() -> None:
-    """Rename data whose names aren't UTF-8, as in files before Blender 2.5, which Python can't read."""
+    """Rename data whose names aren't UTF-8, which Python can't read, as in files before Blender 2.5."""
     for same in _named_collections():
         for number, block in enumerate(same):
             try:

@@ -11,7 +11,7 @@ HORIZON_FADE_RADIANS = math.radians(10.0)  # the HDRI fades in over this angle a
 
 
 def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
-    """Median radiance (3,) at a high horizon (`HIGH_HORIZON_RADIANS`); the zenith is in the first row of `sky`."""
+    """Return the median radiance (3,) above a horizon, in radians; the zenith is in the first row of `sky`."""
     elevation = math.pi / 2.0 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     nearest = np.abs(elevation - horizon - HORIZON_FADE_RADIANS / 2.0)
     band = (nearest <= HORIZON_FADE_RADIANS / 2.0) | (nearest == nearest.min())
@@ -19,6 +19,6 @@ def even_color(sky: np.ndarray, horizon: float) -> np.ndarray:
 
 
 def fade_sines(horizon: float) -> tuple[float, float]:
-    """Sines of the elevations between which, linearly in the sine, the even color gives way to the HDRI."""
+    """Return sines of the elevations between which the even color gives way to the HDRI, linearly in the sine."""
     high = math.sin(min(horizon + HORIZON_FADE_RADIANS, math.pi / 2.0))
     return min(math.sin(horizon), high - 1e-3), high

@@ -44,7 +44,7 @@ def distort_points(points: np.ndarray, distortion: Coefficients, radius: float =
 
 
 def distortion_jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the three different entries of the symmetric Jacobian of `distorted`: xx, xy, yy."""
+    """Return the three different entries of the symmetric Jacobian of `distort_points`: xx, xy, yy."""
     x, y = points[..., 0], points[..., 1]
     k1, k2, p1, p2, k3 = distortion
     square = x * x + y * y
@@ -58,7 +58,7 @@ def distortion_jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[n
 
 
 def max_bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
-    """Return the greatest second derivative of `distorted`, along any line at unit speed, within so far of the axis."""
+    """Return the greatest second derivative of `distort_points` along lines at unit speed, `length` off the axis."""
     k1, k2, p1, p2, k3 = map(abs, distortion)
     square = length * length
     first = k1 + square * (2.0 * k2 + square * 3.0 * k3)
@@ -67,7 +67,7 @@ def max_bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
 
 
 def undistort_points(points: np.ndarray, distortion: Coefficients, radius: float) -> np.ndarray:
-    """Return the points that `distorted` takes to these, each by its own rounds of Newton's method; nan: none."""
+    """Return the points that `distort_points` takes to these, each by its own Newton's method; nan if there is none."""
     wanted = np.asarray(points, dtype=np.float64)
     target = wanted.reshape(-1, 2)
     at = _clamp_radius(target, radius)
@@ -97,7 +97,7 @@ def undistort_points(points: np.ndarray, distortion: Coefficients, radius: float
 
 @lru_cache(maxsize=256)
 def seen_radius(distortion: Coefficients) -> float:
-    """Radius at unit depth up to which a lens sees: just before it folds; infinite if it never does."""
+    """Return the radius at unit depth up to which a lens sees, just before it folds; infinite if it never does."""
     k1, k2, p1, p2, k3 = distortion
     if not any(distortion):
         return math.inf

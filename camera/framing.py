@@ -18,9 +18,9 @@ from hulldown.geometry.transforms import rotate_vectors, rotation_z, tilt_rotati
 
 # Turning changes the box a little, so its place is found by iteration; a telephoto lens needs one or two rounds.
 MAX_FRAMING_ROUNDS = 20
-PLACED_PX = 1e-3
+PLACE_TOLERANCE_PX = 1e-3
 MAX_LEVEL_FRAMING_ROUNDS = 12  # Broyden's method takes 3 to 8
-MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_Search.by_secants`
+MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_FramingSearch.by_secants`
 
 
 def pan_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:
@@ -63,7 +63,7 @@ def _pan_cameras(
 def _panned_axes(
     rotation: Float[np.ndarray, "... 3 3"], seen: Float[np.ndarray, "... 3"], possible: Bool[np.ndarray, "..."]
 ) -> Float[np.ndarray, "... 3 3"]:
-    """Axes of the level camera for which the old forward direction has the camera coordinates `seen`."""
+    """Return the level camera's axes, in which the old forward direction has the camera coordinates `seen`."""
     right, forward = rotation[..., :, 0], rotation[..., :, 2]
     seen_x, seen_y, seen_z = np.moveaxis(seen, -1, 0)
     flat, rise = hypot(forward[..., 0], forward[..., 1]), forward[..., 2]
@@ -176,7 +176,7 @@ def turn_cameras_to_boxes(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _FramingSearch:
-    """Cameras to be turned until each box has its upper left corner where `corner` wants it for a box of that size."""
+    """Cameras to be turned until each box's upper left corner is where `corner` wants it for a box of that size."""
 
     cameras: Cameras
     points: Float[np.ndarray, "m k 3"]
@@ -186,7 +186,7 @@ class _FramingSearch:
     def turned(
         self, rows: Int[np.ndarray, " r"], pixel: Float[np.ndarray, "r 2"], *, keep_level: bool = True
     ) -> tuple[Float[np.ndarray, "r 4 4"], Float[np.ndarray, "r 2"]]:
-        """Cameras turned to these pixels, and the pixels from each box to its place: nan if it isn't in view."""
+        """Return cameras turned to these pixels, and the pixels from each box to its place; nan if it isn't in view."""
         cameras = self.cameras.take(rows)
         through = cameras.lenses.pixel_directions(pixel[:, None])[:, 0]
         unseen = np.isnan(through[:, 0])  # beyond the fold of a distorted lens
@@ -214,7 +214,7 @@ class _FramingSearch:
             best[rows], best_pixel[rows], best_miss[rows] = pose[better], pixel[better], miss[better]
             # Halved steps from the best place so far where the last one led away (very wide lenses).
             pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel[todo]) / 2.0)
-            on = best_miss[todo] > PLACED_PX
+            on = best_miss[todo] > PLACE_TOLERANCE_PX
             todo, pixel = todo[on], pixel[on]
         return self.cameras.at_poses(best)
 
@@ -250,7 +250,7 @@ class _FramingSearch:
                 seen = np.isfinite(step).all(axis=1)[:, None]
                 onward = np.where(seen, pixel + _multiply_rows(turn, step), (pixel + last) / 2.0)
                 last, last_step = np.where(seen, pixel, last), np.where(seen, step, last_step)
-                on = best_miss[todo] > PLACED_PX
+                on = best_miss[todo] > PLACE_TOLERANCE_PX
                 todo, turn = todo[on], turn[on]
                 pixel, last, last_step = onward[on], last[on], last_step[on]
         return self.cameras.at_poses(best)
@@ -261,7 +261,7 @@ def _multiply_rows(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray,
 
 
 def _projected_box(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "n 2 2"]:
-    """Low and high corner of the projected points, nan if one of them is not in front."""
+    """Return low and high corner of the projected points; nan if one of them isn't in front."""
     pixels = cameras.project(points).pixels
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
 
@@ -294,7 +294,7 @@ def _draw_cuts(
     log_range = log(most / inside)
     way_areas = [2.0 * room_y * width / most_y, 2.0 * room_x * height / most_x, 4.0 * width * height * log_range]
     way_ends = np.cumsum(np.stack(way_areas, axis=1), axis=1)
-    way = (uniform[:, :1] * way_ends[:, 2:] >= way_ends[:, :2]).sum(axis=1)  # of `way_areas`
+    way = (uniform[:, :1] * way_ends[:, 2:] >= way_ends[:, :2]).sum(axis=1)  # index into `way_areas`
 
     # One number has which of the four corners or two sides is cut, and how deep along a corner.
     quarter, depth = np.divmod(uniform[:, 1] * 4.0, 1.0)

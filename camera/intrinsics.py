@@ -155,11 +155,11 @@ class Intrinsics:
 
     @property
     def count(self) -> int | None:
-        """Number of the cameras; None: one for all."""
+        """Number of cameras; None if one is for all."""
         return len(self.fov_x) if isinstance(self.fov_x, np.ndarray) else None
 
     def take(self, rows: np.ndarray | slice | int) -> Intrinsics:
-        """Return some rows, or one; unchanged if there is one for all."""
+        """Return some rows, or one; unchanged if one camera is for all."""
         if not isinstance(self.fov_x, np.ndarray):
             return self
         taken = replace(self, fov_x=self.fov_x[rows])

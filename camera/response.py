@@ -16,7 +16,7 @@ from hulldown.base.color import LUMINANCE_WEIGHTS, srgb_from_linear
 CARD_ALBEDO = 0.18  # the gray card's
 CARD_LEVEL = 117.64  # of 255: a neutral radiance of 0.18 in a picture of Blender 5.0; 118 in whole levels
 NEUTRAL_LIGHT_K = 6500.0  # Blender's white balance leaves this light white
-COOLEST, WARMEST = -2500.0, 13500.0  # offsets in kelvin that the daylight locus reaches
+MIN_BALANCE_ERROR_K, MAX_BALANCE_ERROR_K = -2500.0, 13500.0  # the daylight locus reaches no further
 MAX_EV = 32.0  # Blender's view settings allow no more
 
 # Blender's AgX without a look: matrix, curve over 16.5 stops, matrix, sRGB. Fitted to 3000 colors that Blender 5.0 has
@@ -25,7 +25,7 @@ MAX_EV = 32.0  # Blender's view settings allow no more
 _AGX_IN = np.array([[0.48953, 0.25038, 0.07277], [0.08819, 0.63193, 0.0971], [0.07342, 0.14333, 0.59868]])
 _AGX_OUT = np.array([[27.72894, -9.143, -2.25037], [-2.71474, 19.84961, -0.85207], [-2.60696, -3.90831, 22.83187]])
 _AGX_CURVE = (-8.86642, 39.66201, -61.55681, 36.89593, -1.72526, -6.12759, 2.24129, -0.22737)
-_LOWEST, _STOPS = -12.47393, 16.5
+_MIN_STOP, _STOP_RANGE = -12.47393, 16.5
 _LEVEL_POWER = 2.2
 _EXPOSURE_HALVINGS = 48  # they narrow the range of exposures to 1e-13 EV
 _XYZ_FROM_RGB = np.array([[0.41239, 0.35758, 0.18048], [0.21264, 0.71517, 0.07219], [0.01933, 0.11919, 0.95053]])
@@ -37,7 +37,7 @@ _CONES_FROM_RGB = (
 
 def display_levels(radiance: np.ndarray) -> np.ndarray:
     """Levels from 0 to 255 of linear Rec. 709 radiance in a picture."""
-    stops = (np.log2(np.maximum(radiance @ _AGX_IN.T, 1e-10)) - _LOWEST) / _STOPS
+    stops = (np.log2(np.maximum(radiance @ _AGX_IN.T, 1e-10)) - _MIN_STOP) / _STOP_RANGE
     curved = np.polyval(_AGX_CURVE, np.clip(stops, 0.0, 1.0))
     linear = np.clip(np.sign(curved) * np.abs(curved) ** _LEVEL_POWER @ _AGX_OUT.T, 0.0, 1.0)
     return 255.0 * srgb_from_linear(linear)
@@ -60,7 +60,7 @@ def white_balance(offset_k: float) -> np.ndarray:
 
 
 def _daylight_xyz(kelvin: float) -> np.ndarray:
-    """XYZ of daylight of a color temperature from 4000 to 25000 K, of luminance 1."""
+    """XYZ of daylight with luminance 1, for a color temperature from 4000 to 25000 K."""
     t = 1000.0 / kelvin
     cool, warm = ((0.244063, 0.09911, 2.9678, -4.6070), (0.237040, 0.24748, 1.9018, -2.0064))
     x = float(np.polyval((cool if kelvin <= 7000.0 else warm)[::-1], t))
@@ -90,7 +90,7 @@ def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
 
 
 def _chromaticity_uv(xyz: np.ndarray) -> np.ndarray:
-    """CIE 1976 chromaticity."""
+    """CIE 1976 u'v' of XYZ."""
     x, y, z = xyz
     return np.array([4.0 * x, 9.0 * y]) / (x + 15.0 * y + 3.0 * z)
 

@@ -55,7 +55,7 @@ def shell_axes(
 def shell_place(
     offset: Float[np.ndarray, "... 3"],
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Distance, azimuth, and elevation of points relative to the center: `shell_axes` backwards, meters and radians."""
+    """Return distance, azimuth, and elevation of points about the center: `shell_axes` inverted; meters, radians."""
     x, y, z = np.moveaxis(offset, -1, 0)
     across = hypot(x, y)
     return hypot(across, z), arctan2(y, x), arctan2(z, across)

@@ -103,7 +103,7 @@ def _solve_depth(
     target: Float[np.ndarray, " m"],
     measure: Measure,
 ) -> Float[np.ndarray, " m"]:
-    """Depth of the center at which the box around aside / (x + depth) measures `target`."""
+    """Return the depth of the center at which the box around aside / (x + depth) measures `target`."""
     nearest = -depth.min(axis=1)
     widest = np.abs(aside).max(axis=(1, 2))
     scale = np.maximum(np.abs(depth).max(axis=1), 1e-9)
@@ -155,7 +155,7 @@ def _size_and_slope(
 
 
 def box_length(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.ndarray, "..."]:
-    """Width, height, or diagonal of boxes with these sides; for area the root of it, so that all four are lengths."""
+    """Return width, height, or diagonal of boxes, or the root of their area, so that all four are lengths."""
     across, down = sides[..., 0], sides[..., 1]
     lengths = {"width": across, "height": down}
     if measure in lengths:

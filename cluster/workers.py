@@ -36,7 +36,7 @@ Result = TypeVar("Result")
 
 @dataclass(frozen=True, slots=True)
 class TaskResult(Generic[Result]):
-    """A task's answer."""
+    """The answer of a task on a worker, and the lines that it wrote."""
 
     value: Result
     has_failed: bool = False  # whether another worker should try it
@@ -70,7 +70,7 @@ class Cluster:
         logging.getLogger("distributed").setLevel(logging.CRITICAL)  # this module reports problems itself
         self.client = _connect_client(scheduler)
         self._looked, self._told = 0.0, -1
-        self._checks: dict[str, Future] = {}  # of the workers with the resource
+        self._checks: dict[str, Future] = {}  # one for each worker with the resource
         self._refused: dict[str, str] = {}
         self._fit: frozenset[str] = frozenset()
         self._strikes = Counter[str]()

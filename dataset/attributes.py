@@ -100,12 +100,12 @@ def seen_sides(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
 
 
 def value_bins(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
-    """Return the bin of each value, lower edges included; -1 for nan and what lies below all."""
+    """Return the bin of each value, lower edges included; -1 for nan and values below all."""
     return np.where(np.isnan(values), -1, np.searchsorted(np.array(scale.edges), values, side="right") - 1)
 
 
 class _Weather(Struct):
-    """A row's weather, or another tool's."""
+    """The weather of a row, or another tool's."""
 
     kind: str | None = None
     type: str | None = None
@@ -121,7 +121,7 @@ class Conditions(RenderedImageRecord):
 
     @property
     def weather_name(self) -> str:
-        """Name of the weather's bin; null is clear, and empty if it isn't known."""
+        """Name of the weather's bin: "clear" for null, and empty if unknown."""
         if isinstance(self.weather, UnsetType):
             return ""
         if self.weather is None:

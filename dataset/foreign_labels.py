@@ -20,7 +20,7 @@ from msgspec import Meta, Struct
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import TEXT, parse_value, parse_xml, parse_yaml, read_file, read_json, read_text
+from hulldown.base.outside import MAX_TEXT_BYTES, parse_value, parse_xml, parse_yaml, read_file, read_json, read_text
 
 PICTURE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
@@ -81,9 +81,9 @@ def refuse_known_folder(folder: Path) -> None:
 
 
 def _yolo_folders(folder: Path) -> Iterator[tuple[Path, Path]]:
-    """Yield folders of pictures and of their labels, which may be the same one."""
+    """Yield each folder of pictures with that of its labels, which may be the same."""
     labels = Path(*("labels" if part == "images" else part for part in folder.parts))
-    beside = folder / "obj_train_data"  # of CVAT's YOLO 1.1
+    beside = folder / "obj_train_data"  # CVAT's YOLO 1.1 has this folder
     for pictures, texts in ((folder / "images", folder / "labels"), (folder, labels), (beside, beside)):
         found = _picture_files(pictures) if texts.is_dir() else []
         if found and (pictures != texts or any((texts / f"{path.stem}.txt").is_file() for path in found)):
@@ -125,7 +125,7 @@ def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> C
 
 
 def _yolo_label(coco: Coco, image: Record, category: int, values: list[float]) -> None:
-    """Add a label of a line: a box (and a confidence), or a polygon; as shares of the picture."""
+    """Add the label in a line: a box (and a confidence), or a polygon, in shares of the picture."""
     width, height = image["width"], image["height"]
     if len(values) in (4, 5):
         x, y, w, h = values[:4]
@@ -143,7 +143,7 @@ def _read_voc(folder: Path, texts: Path, pictures: Path) -> Coco:
     for path in sorted(texts.glob("*.xml")):
         refuse = partial(DatasetError, path=path, remedy="correct it or take it out")
         try:
-            trees[path] = parse_xml(read_file(path, refuse, most=TEXT))
+            trees[path] = parse_xml(read_file(path, refuse, most=MAX_TEXT_BYTES))
         except ValueError as error:
             raise refuse(f"cannot be read ({error})") from None
         if not all(element.findtext("name", "").strip() for element in trees[path].iter("object")):

@@ -55,14 +55,14 @@ class LabeledImages:
 
 
 class _Position(Struct):
-    """Fields of an image's record by which images belong together."""
+    """Fields of an image's record that tell its position."""
 
     scenery: object = None
     position: object = None
 
 
 def position_group(image: Image) -> str:
-    """Return the group of an image that stays together: its first vehicle's place to the millimeter, or itself."""
+    """Return the group of images that stay together: by the first vehicle's place to the millimeter, or one image."""
     shot = declared_fields(image.record, _Position)
     for label in image.labels:
         if label.world_from_vehicle is not None and len(label.world_from_vehicle) >= 3:

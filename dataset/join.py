@@ -30,7 +30,7 @@ from hulldown.dataset.store.reservations import Reservation
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """The result of joining."""
+    """Numbers of images that joining added and didn't add."""
 
     added: int
     already: int  # number of the parts' images that were in the dataset before
@@ -216,7 +216,7 @@ def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
                 )
         stray = move.image_id is None and there.exists()
         its_id, first_picture = by_name.setdefault(move.name, (move.image_id, there if stray else picture))
-        same = its_id is not None and its_id == move.image_id  # planned
+        same = its_id is not None and its_id == move.image_id  # the same planned image
         same = same or not first_picture.exists() or first_picture.samefile(picture)
         if not same and not filecmp.cmp(first_picture, picture, shallow=False):
             which = "one of them" if move.image_id is None and its_id not in ids else "the one of no plan"

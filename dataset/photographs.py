@@ -51,12 +51,12 @@ class Photographs(BoxTable):
 
     @property
     def count(self) -> Int[np.ndarray, " m"]:
-        """Boxes of each photograph."""
+        """Number of boxes of each photograph."""
         return self.boxes_per_image(len(self.file_names))
 
 
 def read_photographs(path: Path) -> Photographs:
-    """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, without crowds."""
+    """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, but crowds and boxes outside the frame."""
     path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
     found = read_usable(path, takes_file=True)
     images = clip_labels(found.images, folder=path, clip=False)

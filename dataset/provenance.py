@@ -20,7 +20,7 @@ GROWING_LISTS = ("blender", "devices", "systems", "confinement")  # several runs
 
 
 class Provenance(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """What a plan's images were made of."""
+    """The origin of a plan's images: the plan, and what rendered them."""
 
     file: str = ""  # name of the plan's file
     first_image_id: int = 0  # first_image_id, images: id of its first image in the dataset, and number of all
@@ -33,7 +33,7 @@ class Provenance(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Failure(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """An image that failed: its number in the plan, its name, and the reason of each attempt."""
+    """A failed image: its number in the plan, its name, and the reason of each attempt."""
 
     index: int | None = None
     file_name: str
@@ -52,7 +52,7 @@ def read_provenance(folder: Path) -> dict[str, Provenance]:
 
 
 def add_provenance(folder: Path, plans: Mapping[str, Provenance]) -> None:
-    """Add plans, or update them; replaces the file in one step."""
+    """Add or update plans in the file, in one step."""
     if not plans:
         return
     known = read_provenance(folder)
@@ -74,7 +74,7 @@ def read_failures(folder: Path) -> list[Failure]:
 
 
 def write_failures(folder: Path, failures: Sequence[Failure]) -> None:
-    """Replace the file in one step; without failures there is no file."""
+    """Replace the file in one step; delete it if there are no failures."""
     path = folder / FAILURES_NAME
     if not failures:
         path.unlink(missing_ok=True)

@@ -43,7 +43,7 @@ from hulldown.plan.row import PlannedVehicle, Row, row_fields
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 
 # Pixels, and share of its side, by which a box with an antenna may exceed its mask: 0.2 of 713.
-GAP, GAP_SHARE = 2.0, 0.25
+MIN_BOX_GAP_PX, MIN_BOX_GAP_SHARE = 2.0, 0.25
 MAX_LISTED_FINDINGS = 20  # of each kind
 
 
@@ -107,7 +107,7 @@ def refuse_unusable(
 def unusable_records(
     categories: Iterable[Record], images: Iterable[Record], annotations: Iterable[Record]
 ) -> Iterator[Finding]:
-    """Find fields that don't have their type, ids given twice, and references to what isn't there."""
+    """Find fields of a wrong type, repeated ids, and references to missing records."""
     known: set[object] = set()
     for category in categories:
         where = f"category {category['id']}"
@@ -142,7 +142,7 @@ def unusable_records(
 
 
 def check_names(coco: Coco) -> Iterator[Finding]:
-    """Find names of classes and images that are there twice, or differ in capitals only."""
+    """Find repeated names of classes and images, and names that differ only in case."""
     for kind, names in (
         ("category ", [str(category.get("name")) for category in coco["categories"]]),
         ("", [normal_name(str(image.get("file_name"))) for image in coco["images"]]),
@@ -156,7 +156,7 @@ def check_names(coco: Coco) -> Iterator[Finding]:
 
 
 def _recorded_fields(kind: type[Struct], *declared: type[Struct]) -> type[Struct]:
-    """Return a type of the fields of a plan's row or vehicle that records have, less those that are declared."""
+    """Return a type with the fields of a plan's row or vehicle that records have, but for declared ones."""
     hints, known = get_type_hints(kind, include_extras=True), set().union(*map(get_type_hints, declared))
     keys = [key for key, field in row_fields(kind).items() if field.recorded and key not in known]
     return defstruct(kind.__name__, [(key, hints[key], None) for key in keys])
@@ -167,7 +167,7 @@ VEHICLE_FIELDS = _recorded_fields(PlannedVehicle, LabelRecord)
 
 
 def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
-    """Find fields of a render's view that don't fit; those of other datasets may mean something else."""
+    """Find invalid fields of a render's view; in other datasets such fields may mean something else."""
     for image in images:
         row_fields = invalid_fields(image, ROW_FIELDS) if PICTURE_HASH_KEY in image else ()
         problems = [*invalid_fields(image, RenderedImageRecord), *row_fields]
@@ -184,7 +184,7 @@ def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
 
 
 def sound_images(coco: Coco) -> dict[int, Image]:
-    """Return images whose records fit, by id, with those of their labels that fit."""
+    """Return images whose records are valid, by id, with those of their labels that are valid."""
     names = {category["id"]: str(category.get("name")) for category in coco["categories"]}
     of_image: dict[object, list[Label]] = {image["id"]: [] for image in coco["images"]}
     for annotation in coco["annotations"]:
@@ -231,21 +231,21 @@ def _label_hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
 
 
 def _box_gap(label: Label, image: Image) -> float:
-    """Return by how many pixels a box is larger than the mask of a target in full view; 0.0 for as much as antennas."""
+    """Return the pixels by which a box exceeds the mask of a target in full view; 0 for gaps small as an antenna."""
     if label.visible_fraction != 1.0 or not (mask := label.read(VisibleMask).segmentation):
         return 0.0
-    with contextlib.suppress(ValueError):  # found elsewhere
+    with contextlib.suppress(ValueError):  # another check finds it
         box = area_and_box(mask, *image.size)[1]
         if box is not None:
             x, y, w, h = label.bbox
             gaps = np.array([box[0] - x, box[1] - y, x + w - box[0] - box[2], y + h - box[1] - box[3]])
-            large = (gaps > GAP) & (gaps > GAP_SHARE * np.array([w, h, w, h]))
+            large = (gaps > MIN_BOX_GAP_PX) & (gaps > MIN_BOX_GAP_SHARE * np.array([w, h, w, h]))
             return float(gaps[large].max(initial=0.0))
     return 0.0
 
 
 class _Line(Struct):
-    """A line of a journal: an image, or what else it has."""
+    """A line of a journal: an image, or another record."""
 
     image: dict[str, object] | None = None
     annotations: list[dict[str, object]] = []
@@ -253,7 +253,7 @@ class _Line(Struct):
 
 
 def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
-    """Find records that aren't as they were appended; images without a line in the journal are from elsewhere."""
+    """Find records that differ from their journal line; images without a line come from elsewhere."""
     lines: dict[str, _Line] = {}
     classes: dict[object, Record] = {}
     for number, each in enumerate(read_journal(journal), start=1):
@@ -286,7 +286,7 @@ def _changes(where: str, found: Mapping[str, Record], wanted: Mapping[str, Recor
 
 
 def check_reservations(coco: Coco) -> Iterator[Finding]:
-    """Find two plans with the same reserved ids."""
+    """Find plans that reserve the same ids."""
     reservations = read_reservations(coco)
     for kind in ("image", "annotation"):
         ranges = sorted((getattr(each, f"{kind}_offset"), getattr(each, f"{kind}s"), each.key) for each in reservations)

@@ -26,13 +26,13 @@ LABEL_KEYS = tuple(key for key, field in row_fields(PlannedVehicle).items() if f
 
 
 def image_record(row: Row) -> Record:
-    """Return a dataset's record of a row's image, without id and file name."""
+    """Return the dataset record of a row's image, without id and file name."""
     record = orjson.loads(encode_line(row))
     return {key: record[key] for key in IMAGE_KEYS if key in record}
 
 
 def label_records(row: Row) -> list[Record]:
-    """Return a dataset's records of a row's labeled vehicles, without ids and what needs the scene."""
+    """Return the dataset records of a row's labeled vehicles, without ids and without fields that need the scene."""
     return [_label_record(row, vehicle) for vehicle in row.labeled]
 
 
@@ -67,13 +67,13 @@ class Segmenter:
 
     @classmethod
     def of_plan(cls, plan: Plan, library: Library) -> Segmenter:
-        """Return the one for a plan's rows, with the keypoints that its config labels."""
+        """Return a segmenter of a plan's rows, with the keypoints that its config labels."""
         categories = plan_categories(plan, library.shapes)
         keypoints = next((category.get("keypoints", ()) for category in categories), ())
         return cls(library.shapes, library.assets.sceneries, keypoints=keypoints)
 
     def records(self, row: Row) -> list[Record]:
-        """Annotation records of each labeled vehicle of a row, without ids."""
+        """Return an annotation record for each labeled vehicle of a row, without ids."""
         return [
             {**_label_record(row, vehicle), **label_fields(_labeled_vehicle(row, vehicle, self._traced(row, vehicle)))}
             for vehicle in row.labeled
@@ -86,5 +86,5 @@ class Segmenter:
         return VehicleInScene(posed, scene, whole, visible, self._keypoints)
 
     def mask(self, row: Row, vehicle: PlannedVehicle) -> Bool[np.ndarray, "h w"]:
-        """Visible mask of a row's vehicle; of a target that is left out of the picture, as if it were there."""
+        """Return the visible mask of a row's vehicle; for a target that the picture leaves out, as if it were there."""
         return self._traced(row, vehicle).visible

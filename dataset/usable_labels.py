@@ -17,8 +17,8 @@ from hulldown.annotate.records import Image, Label, overhang_px
 from hulldown.base.arguments import AtLeastZero, Share
 from hulldown.base.errors import DatasetError
 
-MAX_LISTED_BOXES = 10  # boxes that an error names
-MIN_LARGEST_SIDE_PX = 2.0  # pixels: if no box has a longer side, boxes are in other units
+MAX_LISTED_BOXES = 10  # in an error
+MIN_LARGEST_SIDE_PX = 2.0  # if no box has a longer side, boxes are in other units
 
 
 class _CvatAttributes(Struct):
@@ -87,7 +87,7 @@ def clip_labels(images: Sequence[Image], *, folder: Path, clip: bool) -> list[Im
 
 
 def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
-    """Raise one error that lists all problems, up to `MAX_LISTED_BOXES`, if there are any."""
+    """Raise one error that lists all problems, at most `MAX_LISTED_BOXES`, if there are any."""
     if wrong:
         more = (
             f", and {len(wrong) - MAX_LISTED_BOXES} more; `hulldown verify` lists all"

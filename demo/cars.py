@@ -68,7 +68,7 @@ def door_seams(lines: Sequence[Sequence[tuple[float, float]]], y: float) -> Shap
 
 
 def number_plates(front: float, rear: float, z: tuple[float, float]) -> Shape:
-    """Return number plates at both ends (x), their lower edges at `z`."""
+    """Return number plates at both ends (x), with lower edges at `z`."""
     return make_box((0.02, 0.52, 0.11), (front, 0, z[0])) + make_box((0.02, 0.52, 0.11), (rear, 0, z[1]))
 
 

@@ -59,7 +59,7 @@ TRACK_LINK_THICKNESS_M = 0.075
 
 
 def add_tracks(m: BlendModel, p: Paints, gear: Running) -> None:
-    """Road wheels, sprocket, idler, return rollers and two tracks; the links touch z = 0."""
+    """Add road wheels, sprocket, idler, return rollers, and two tracks; the links touch z = 0."""
     r, w = gear.radius, gear.width
     z = r + TRACK_LINK_THICKNESS_M
     tire = turn_profile(
@@ -122,7 +122,7 @@ def bolt_circle(angles: np.ndarray, reach: float, y: tuple[float, float], radius
 
 
 def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
-    """Tire with tread blocks, and rim with hub, of a truck's wheel about the y axis, its outer side at +y."""
+    """Return a truck's wheel about the y axis, its outer side at +y: a tire with tread blocks, and a rim with hub."""
     r, w, sides = radius, width / 2, 24
     tire = turn_profile(
         [
@@ -160,7 +160,7 @@ def road_wheel(radius: float, width: float) -> tuple[Shape, Shape]:
 
 
 def add_wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.4) -> None:
-    """Wheels on axles at the given x, the tires standing on z = 0, with axles and springs between them."""
+    """Add wheels on axles at the given x, the tires standing on z = 0, with axles and springs between them."""
     tire, rim = road_wheel(radius, width)
     for k, x in enumerate(at):
         # A single wheel's tread is turned so that a block is lowest: it stands on z = 0.
@@ -190,7 +190,7 @@ def ladder_frame(m: BlendModel, p: Paints, x0: float, x1: float, z: float, *, y:
 def add_mudguards(
     m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5
 ) -> None:
-    """Bent sheets over the wheels."""
+    """Add bent sheets over the wheels."""
     angles = np.radians(np.linspace(15, 165, 9))
     sheets = []
     for x in at:
@@ -216,7 +216,7 @@ def add_lamps(
     tail_x: float | None = None,
     tail_z: float = 0.9,
 ) -> None:
-    """Head lamps in housings looking along +x, and tail lamps."""
+    """Add head lamps in housings that look along +x, and tail lamps."""
     housing = profile_tube([(x - 0.16, radius * 0.6), (x - 0.02, radius * 1.15)]).moved(y=y, z=z)
     post = make_box((0.07, 0.06, 0.3), (x - 0.12, y, z - 0.3))
     m.add("Lamp_Housings", housing + post, p.body, bevel=0, mirror=True)

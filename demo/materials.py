@@ -41,7 +41,7 @@ class Graph:
         return self.add("TexNoise", inputs).outputs[0]
 
     def cells(self, where: Any, scale: float) -> tuple[Any, Any]:
-        """Of the plane cut into cells, `scale` a meter: the distance from a cell's middle, the cell's random number."""
+        """Cut the plane into cells, `scale` per meter: the distance from a cell's middle, and its random number."""
         node = self.add("TexVoronoi", {"Vector": where, "Scale": scale}, voronoi_dimensions="2D")
         return node.outputs["Distance"], self.add("SeparateXYZ", {0: node.outputs["Color"]}).outputs[0]
 
@@ -58,7 +58,7 @@ class Graph:
         return self.add("Math", {0: a, 1: b}, operation=operation).outputs[0]
 
     def mix(self, factor: Any, a: Any, b: Any) -> Any:
-        """Color a turning into b as the factor goes from 0 to 1."""
+        """Return a color that turns from a into b as the factor goes from 0 to 1."""
         a, b = (srgb_to_linear(c) if isinstance(c, str) else c for c in (a, b))
         node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA")
         return node.outputs[2]

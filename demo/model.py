@@ -132,7 +132,7 @@ class BlendModel:
         self.parent[part] = thing
 
     def _parent_at_rest(self, thing: Any, part: str) -> None:
-        """Parent so that at rest object and vehicle coordinates agree, which keeps patterns whole across parts."""
+        """Set a parent so that object and vehicle coordinates agree at rest: patterns stay whole across parts."""
         self.home[part].objects.link(thing)
         if (parent := self.parent[part]) is not None:
             thing.parent = parent

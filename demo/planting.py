@@ -44,7 +44,7 @@ class Planting:
         self._copies(home, kinds, self._spots(self.land.half, n, share, gap=gap), scale, sink, tilt=tilt, lying=lying)
 
     def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: PlantDensity) -> list[Any]:
-        """Stones of these shapes and n places, and ten boulders between which a vehicle is small; their meshes."""
+        """Add up to n stones of these shapes, and ten boulders that are larger; return their meshes."""
         kinds = [
             vegetation.make_boulder(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)
         ]
@@ -65,7 +65,7 @@ class Planting:
         *,
         clumps: int,
     ) -> None:
-        """Patches of grass some meters wide that lie on the ground, `clumps` in each."""
+        """Add patches of grass some meters wide that lie on the ground, `clumps` in each."""
         blades = earth.leaf_material(f"{name}_Blades", tones)
         patches = [
             vegetation.make_tussock(
@@ -205,7 +205,7 @@ def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tupl
 
 
 def _random_value(tree: bpy.types.NodeTree, kind: str, low: object, high: object) -> bpy.types.NodeSocket:
-    """Random values in a range. Blender 5.0 gives the node sockets of every kind and enables those of its own."""
+    """Add random values in a range; Blender 5.0 gives the node sockets of every kind and enables those of its own."""
     new = tree.nodes.new("FunctionNodeRandomValue")
     new.data_type = kind
     least, most = [socket for socket in new.inputs if socket.enabled][:2]

@@ -28,7 +28,7 @@ class Noise:
         self._lattice = rng.uniform(-1, 1, (256, 256))
 
     def __call__(self, x: Field, y: Field, size: float, *, octaves: int = 1, rough: float = 0.5) -> Field:
-        """Noise with hills `size` meters wide, and `octaves` of ever finer ones, each `rough` times as high."""
+        """Return noise with hills `size` meters wide, and `octaves` of ever finer ones, each `rough` times as high."""
         total: Field = np.zeros(np.broadcast(x, y).shape)
         for k in range(octaves):
             u, v = x / size * 2.0**k + 17.3 * k, y / size * 2.0**k + 5.9 * k

@@ -125,7 +125,7 @@ def _build_sky(tree: Any, sky: Sky) -> None:
 
 
 def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
-    """Add earth and sun, scale so that a white sheet lying under this sky has its `light`, store in half floats."""
+    """Add earth and sun; scale so that a white sheet under this sky has its `light`; store in half floats."""
     image = bpy.data.images.load(str(raw))
     width, height = image.size
     pixels = np.empty(width * height * image.channels, np.float32)
@@ -151,7 +151,7 @@ def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
 
 
 def _sun_disc(width: int, height: int, rise: float) -> np.ndarray:
-    """(h, w) share of each pixel that the sun's disc covers, at half the width and the elevation `rise`."""
+    """Return the (h, w) share of each pixel that the sun's disc covers, at half the width and the elevation `rise`."""
     fine = (np.arange(8) + 0.5) / 8
     elevation = ((np.arange(height)[:, None] + fine) / height).ravel() * np.pi - np.pi / 2
     azimuth = ((np.arange(width)[:, None] + fine) / width).ravel() * 2 * np.pi - np.pi

@@ -58,7 +58,7 @@ def add_skirts(m: BlendModel, p: Paints, x0: float, x1: float, y: float, z0: flo
 
 
 def engine_deck(m: BlendModel, p: Paints, x0: float, x1: float, z: float, half: float) -> None:
-    """Louvred grilles on the rear deck."""
+    """Add louvered grilles on the rear deck."""
     frame = join_shapes(
         make_block((x0, y - half * 0.42, z - 0.02), (x1, y + half * 0.42, z + 0.03)) for y in (-half * 0.5, half * 0.5)
     )
@@ -72,7 +72,7 @@ def engine_deck(m: BlendModel, p: Paints, x0: float, x1: float, z: float, half: 
 
 
 def add_fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: float, z: float) -> None:
-    """Tow hooks, cables and a rear stowage of tools."""
+    """Add tow hooks, cables, and a rear stowage of tools."""
     hooks = join_shapes(make_box((0.16, 0.08, 0.2), (x, 0.85, 0.72)).pair() for x in (front, rear))
     m.add("Tow_Hooks", hooks, p.dark, bevel=0.01)
     cable = path_tube(

@@ -73,7 +73,7 @@ def add_flat_cab(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z
 
 
 def add_mirrors(m: BlendModel, p: Paints, x: float, half: float, z: float) -> None:
-    """Rear-view mirrors on arms at both sides of the windscreen."""
+    """Add rear-view mirrors on arms at both sides of the windscreen."""
     arm = path_tube(
         [
             (x, half - 0.02, z + 0.5),

@@ -23,7 +23,7 @@ class Plant:
         self._count = 0
 
     def add(self, vertices: np.ndarray, faces: np.ndarray, slot: int) -> None:
-        """More faces, all quads, with the material of a slot."""
+        """Add faces, all quads, with the material of a slot."""
         self.vertices.append(vertices)
         self.faces.append(faces + self._count)
         self.slots.append(np.full(len(faces), slot))
@@ -44,7 +44,7 @@ class Plant:
         )
 
     def sprays(self, centers: Points, along: Points, across: Points) -> None:
-        """Leaf sprays: bent kites at `centers`, reaching `along` and `across` both ways, in slot 1."""
+        """Add leaf sprays in slot 1: bent kites at `centers`, reaching `along` and `across` both ways."""
         fold = 0.25 * np.cross(along, across) / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         corners = np.stack(
             [centers - along, centers + across * 0.9 + fold, centers + along, centers - across * 0.9 + fold], axis=1

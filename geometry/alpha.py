@@ -86,7 +86,7 @@ class AlphaMap:
 
 
 def fewer_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
-    """Texels of a smaller map, `longest` at most: curve before mean, so that as much of the surface stays opaque."""
+    """Return the texels of a smaller map, `longest` at most: curve before mean, to keep as much surface opaque."""
     opacity = alpha.graded_texels().astype(np.float64)
     height, width = opacity.shape
     for axis in (0, 1):
@@ -123,7 +123,7 @@ class TexelCounts:
     def count(
         self, low: Float[np.ndarray, "m 2"], high: Float[np.ndarray, "m 2"]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Count marked and all texels that lookups from `low` to `high` may take; coordinates as of `opacity`."""
+        """Count marked and all texels that lookups from `low` to `high` may take; coordinates as for `opacity`."""
         height, width = self._alpha.texels.shape
         size = np.array([width, height], dtype=np.float64)
         room = 0.5 + LOOKUP_ROUNDING_TEXELS if self._alpha.smooth else LOOKUP_ROUNDING_TEXELS
@@ -156,7 +156,7 @@ class TexelCounts:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cutouts:
-    """Which faces of a mesh are cut out by which textures."""
+    """Which textures cut which faces of a mesh out."""
 
     face: Int[np.ndarray, " m"]  # ascending indices of the mesh's faces; all others are opaque
     uv: Float32[np.ndarray, "m 3 2"]  # texture coordinates of their corners
@@ -173,7 +173,7 @@ class Cutouts:
         return Cutouts(place[kept], self.uv[kept], self.face_map[kept], self.maps)
 
     def face_cuts(self) -> UInt8[np.ndarray, " m"]:
-        """Return what its texture makes of each face; a code of `Cut`."""
+        """Return a `Cut` for each face: what its texture makes of it."""
         cuts = np.full(len(self.face), Cut.MIXED, dtype=np.uint8)
         low, high = self.uv.min(axis=1).astype(np.float64), self.uv.max(axis=1).astype(np.float64)
         for number, alpha in enumerate(self.maps):

@@ -35,7 +35,7 @@ def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> In
 
 
 def inner_point(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
-    """Return `wanted` if it's in the hull by a thousandth of its size, or there is none; else the centroid."""
+    """Return `wanted` if it's inside the hull by a thousandth of its size, or there is no hull; else the centroid."""
     if len(points) < 3:
         return wanted
     about = points - wanted

@@ -125,7 +125,7 @@ class Mesh:
         return int(np.nanargmin(apart))
 
     def of_faces(self, face: Int[np.ndarray, " k"]) -> Mesh:
-        """Return these ascending faces and the vertices that they use, without others."""
+        """Return a mesh of these ascending faces and the vertices that they use."""
         used, faces = np.unique(self.faces[face], return_inverse=True)
         cutouts = self.cutouts and self.cutouts.take_faces(face)
         return Mesh(self.vertices[used], faces.reshape(-1, 3), self.name, cutouts)
@@ -188,7 +188,7 @@ def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 
 
 
 def first_equal(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
-    """For every point the number of the first point at exactly the same place."""
+    """Return for every point the number of the first point at exactly the same place."""
     order = np.lexsort(points.T)  # stable: of equal points the lowest number comes first
     new = np.ones(len(order), dtype=bool)
     new[1:] = (points[order[1:]] != points[order[:-1]]).any(axis=1)

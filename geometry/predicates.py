@@ -108,7 +108,7 @@ def _split_float(a: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], F
 
 
 def exact_integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, " n"]], int]:
-    """Float64 arrays as arrays of Python integers, and the power of two that all of them are multiples of."""
+    """Return float64 arrays as arrays of Python integers, and the power of two that all are multiples of."""
     mantissas, exponents = zip(*(np.frexp(v) for v in values), strict=True)
     lowest = min(int(np.min(e, where=m != 0, initial=2000)) for m, e in zip(mantissas, exponents, strict=True))
     whole = [np.ldexp(m, 53).astype(np.int64).astype(object) for m in mantissas]

@@ -13,11 +13,9 @@ from hulldown.geometry.hulls import hulls_of_groups
 from hulldown.geometry.meshes import Mesh
 
 MAX_FLAT_HEIGHT_ULPS = 2.0  # a float32 triangle of this height has no area for Cycles
-MAX_FLAT_SHARE = (
-    1e-5  # of the mesh's extent, for meshes in map coordinates: their triangles are as small as those units
-)
+MAX_FLAT_SHARE = 1e-5  # of the mesh's extent: in map coordinates, triangles can be as small as such units
 LOOKUPS_PER_TEXEL = 8  # along a face
-LEAST, MOST = 16, 512  # steps along a face's sides
+MIN_SIDE_STEPS, MAX_SIDE_STEPS = 16, 512
 MAX_TEXEL_LOOKUPS = 1 << 23  # in all faces of a mesh
 MAX_SIDE_TILES = 8  # along a face's sides; what is seen in each tile becomes one convex piece
 MIN_TILE_STEPS = 32  # along a tile's side
@@ -78,7 +76,7 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
 
 
 def _face_blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
-    """Yield steps along sides, and mixed faces of one map that have so many, few enough to be in memory together."""
+    """Yield numbers of steps along sides, and mixed faces of one map with so many steps that fit into memory."""
     steps = _side_steps(cutouts, mixed)
     order = np.lexsort((steps, cutouts.face_map[mixed]))
     kinds = np.stack([cutouts.face_map[mixed], steps])[:, order]
@@ -92,7 +90,7 @@ def _side_steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarra
     """Return steps along the sides of each mixed face, so that lookups stay within `MAX_TEXEL_LOOKUPS`."""
     sizes = np.array([alpha.texels.shape[::-1] for alpha in cutouts.maps])[cutouts.face_map[mixed]]
     texels = (np.ptp(cutouts.uv[mixed], axis=1) * sizes).max(axis=1)
-    steps = np.clip(np.ceil(LOOKUPS_PER_TEXEL * texels), LEAST, MOST)
+    steps = np.clip(np.ceil(LOOKUPS_PER_TEXEL * texels), MIN_SIDE_STEPS, MAX_SIDE_STEPS)
     few = np.sqrt(min(1.0, 2.0 * MAX_TEXEL_LOOKUPS / max((steps * steps).sum(), 1.0)))
     return np.maximum(steps * few, 2).astype(np.int64)
 
@@ -143,7 +141,7 @@ def _opaque_rings(
 
 
 def _lattice_edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
-    """Return both ends of each edge of a face's lattice, as numbers in the square, and its line; along each line."""
+    """Return both ends (numbers in the square) and the line of each edge of a face's lattice, along each line."""
     q, k = np.tril_indices(steps)
     r = steps - 1 - q
     ends = [((k, r), (k + 1, r)), ((r, k), (r, k + 1)), ((q + 1 - k, k), (q - k, k + 1))]

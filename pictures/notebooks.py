@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class ShownInNotebooks(os.PathLike[str]):
-    """What notebooks show as its path, a table of facts, and a few pictures if they can be read."""
+    """A result that notebooks show as its path, a table of facts, and a few pictures if they can be read."""
 
     @abstractmethod
     def _table_facts(self) -> dict[str, object]: ...

@@ -25,5 +25,5 @@ def save_picture(picture: Image.Image, path: Path) -> None:
 
 
 def claim_picture(path: Path) -> None:
-    """Make room for a picture before the long work, and refuse to replace one that we didn't draw."""
+    """Create a picture's folder before long work; refuse to replace a picture that we didn't draw."""
     claim_file(path, "a picture", _SOFTWARE_CHUNK)

@@ -19,7 +19,7 @@ def contact_sheet(
     tile_width: int = 480,
     captions: Sequence[str] | None = None,
 ) -> Image.Image:
-    """Pictures side by side, `columns` in a row, each `tile_width` pixels wide."""
+    """Return pictures side by side, `columns` in a row, each `tile_width` pixels wide."""
     if not pictures:
         raise ValueError("pictures: expected at least one, got none")
     if captions is not None and len(captions) != len(pictures):
@@ -53,7 +53,7 @@ def contact_sheet(
 
 
 def _break_text(text: str, font: ImageFont.FreeTypeFont, width: int) -> str:
-    """Break a text into lines that are at most `width` pixels wide: between words, or inside one that's wider."""
+    """Break a text into lines at most `width` pixels wide: between words, or inside a word that's wider."""
     lines = [""]
     for word in (part for whole in text.split(" ") for part in _break_word(whole, font, width)):
         longer = f"{lines[-1]} {word}".strip()
@@ -62,7 +62,6 @@ def _break_text(text: str, font: ImageFont.FreeTypeFont, width: int) -> str:
 
 
 def _break_word(word: str, font: ImageFont.FreeTypeFont, width: int) -> list[str]:
-    """Return a word in parts that are at most `width` pixels wide."""
     parts = [""]
     for letter in word:
         parts[-1:] = [parts[-1] + letter] if font.getlength(parts[-1] + letter) <= width else [parts[-1], letter]

@@ -13,7 +13,7 @@ from hulldown.base.uniform import UniformNumbers
 def sample_candidates(
     bounds: ArrayLike, n: int, *, rng: UniformNumbers, margin: float = 0.8
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, " n"]]:
-    """Positions uniform in the share `margin` of the bounds, headings from +x; row i doesn't depend on `n`."""
+    """Sample places uniformly in the share `margin` of the bounds, headings from +x; row i doesn't depend on `n`."""
     low, high = checked_array(np.asarray(bounds)[..., :2], "bounds", (2, 2))
     if (low > high).any():
         raise ValueError(f"bounds: expected the lowest corner first, got {low.tolist()} and {high.tolist()}")

@@ -19,7 +19,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle
 
 
 class CameraRejection(IntEnum):
-    """What a camera is too near to; 0 is a free place. `plan.rejection` has the codes in plan files."""
+    """What a camera is too close to; 0 is a free place. `plan.rejection` has the codes in plan files."""
 
     NONE = 0
     OFF_GROUND = 12

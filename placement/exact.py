@@ -26,7 +26,7 @@ _POINTS_PER_BLOCK = 1 << 11  # intermediate arrays stay in cache
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Over:
-    """Pairs of a point and a face that contains it, by point; `sides` tells which corners have a share in the point."""
+    """Pairs of a point and a face that contains it, by point; `sides` has the corners with a share in the point."""
 
     point: Int[np.ndarray, " k"]
     face: Int[np.ndarray, " k"]
@@ -185,7 +185,7 @@ def _is_single(point: Int[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
 
 
 def _first_of_each(over: _Over, support: Int[np.ndarray, "k 3"]) -> _Over:
-    """Of the pairs with the same point and the same corners under it, the one with the lowest face; order is kept."""
+    """Return of the pairs with the same point and the same corners under it the one with the lowest face; in order."""
     support = np.sort(support, axis=1)
     order = np.lexsort((over.face, *support.T, over.point))
     key = np.column_stack([over.point, support])[order]

@@ -105,8 +105,8 @@ def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, 
 class Samples:
     """Points of a footprint, or of several, at which the ground is compared with the underside."""
 
-    xy: Float[np.ndarray, "... m 2"]  # where, vehicle frame
-    height: Float[np.ndarray, "... m"]  # of the underside there above z = 0; inf where there is none
+    xy: Float[np.ndarray, "... m 2"]  # places in the vehicle frame
+    height: Float[np.ndarray, "... m"]  # height of the underside above z = 0; inf where there is none
     foot: Bool[np.ndarray, "... m"]  # whether it's a foot: the underside there is near its lowest point
     # where the center of gravity is taken to be: the middle of the footprint, or the centroid of what can touch the
     # ground if the middle is not above that
@@ -123,7 +123,7 @@ class Samples:
 
 
 def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
-    """Return n x n points over a rectangle, border included (n = 1: its middle). All are feet of height 0."""
+    """Return n x n points over a rectangle with its border (n = 1: its middle); all are feet of height 0."""
     share = _even_sample_positions(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
@@ -137,7 +137,7 @@ def _even_sample_positions(n: int) -> Float[np.ndarray, " n"]:
 
 @lru_cache(maxsize=64)
 def underside_samples(footprint: Underside, n: int) -> Samples:
-    """Return the lowest spot near each of n x n points of an underside; a nearer spot wins if it's little higher."""
+    """Return the lowest spot near each of n x n points of an underside; nearer spots win if they're little higher."""
     regular, share = plate_samples(footprint.box, n), _even_sample_positions(n)
     reach = 0.5 / max(n - 1, 1)
     cells = np.array(footprint.heights.shape)

@@ -16,14 +16,14 @@ HEIGHT_ULPS = 8
 NORMAL_ERROR = 1e-12
 _FACES_PER_BLOCK = 1 << 16  # intermediate arrays stay in cache
 # Areas that lost more than this factor to cancellation have no relative error to speak of.
-_MOST_CANCELLED = 2.0**40
+_MAX_CANCELLATION = 2.0**40
 # Heights below this would lose digits to underflow.
 _MIN_EXACT_PRODUCT = 1e-120
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class GroundFaceHits:
-    """The ground under n points."""
+    """The ground under each of n points."""
 
     z: Float[np.ndarray, " n"]  # height in meters; nan where there is no ground
     normal: Float[np.ndarray, "n 3"]  # unit normal, pointing up; nan where there is no ground
@@ -89,14 +89,14 @@ class GroundFaces:
     def heights(
         self, face: Int[np.ndarray, " n"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> Float[np.ndarray, " n"]:
-        """Height in float64 of each face's plane at each point."""
+        """Return each face's plane's height at each point, in float64."""
         first = self.corners[0][face]
         return plane_heights(self.slope[face], x - self.x[first], y - self.y[first], self.z[first])
 
     def height_bounds(
         self, face: Int[np.ndarray, " n"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-        """Return two heights between which each face is at a point in it, the rounding of these sums included."""
+        """Return two heights between which each face is at a point in it, despite the rounding of these sums."""
         error = 2.0 * self.height_error[face]
         z = np.where(error < np.inf, self.heights(face, x, y), 0.0)
         return z - error, z + error
@@ -108,7 +108,7 @@ def plane_heights(
     dy: Float[np.ndarray, " n"],
     z: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, " n"]:
-    """Heights of planes with these slopes at offsets from where they are `z` high."""
+    """Return heights of planes with these slopes at offsets from a point where they are `z` high."""
     with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
         height = slope.real * dx
         height += slope.imag * dy
@@ -192,7 +192,7 @@ def _prepare_faces(
         highest = np.maximum(np.maximum(np.abs(az), np.abs(bz)), np.abs(cz))
         steepness = np.sqrt(1.0 + slope_x**2 + slope_y**2)
         bound = rounded + 2.0 * ROUNDING_ERROR * highest
-        bound[~((kappa <= _MOST_CANCELLED) & (size > 1e-150) & (bound < np.inf))] = np.inf
+        bound[~((kappa <= _MAX_CANCELLATION) & (size > 1e-150) & (bound < np.inf))] = np.inf
         well_conditioned = bound <= error
         well_conditioned &= 10.0 * ROUNDING_ERROR * kappa * (alpha + beta) <= 0.5 * NORMAL_ERROR * steepness
         bound += ROUNDING_ERROR * _MIN_EXACT_PRODUCT  # underflow of a slope's numerator

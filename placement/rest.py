@@ -128,7 +128,7 @@ def _highest_triangles(
 def _triangles_containing(
     samples: bytes, x: float, y: float
 ) -> tuple[Int[np.ndarray, "3 t"], Float[np.ndarray, "3 t"]]:
-    """Return the triangles of samples around a center, counterclockwise, and the shares in which corners carry it."""
+    """Return the triangles of samples around a center, counterclockwise, and their corners' shares of the load."""
     samples_xy, center = np.frombuffer(samples).reshape(-1, 2), np.array([x, y])
     triangles = np.array(list(combinations(range(len(samples_xy)), 3)), dtype=int).reshape(-1, 3)
     area = _opposite_areas(samples_xy[triangles], center).sum(axis=1)
@@ -146,7 +146,7 @@ def _over_an_edge(
     idle: Int[np.ndarray, " n"],
     plane: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the mean of the plane and of it tipped over the two contacts that carry it, to the next sample."""
+    """Return the mean of a plane and of it tipped over the two contacts that carry it, to the next sample."""
     a, b = (contacts[np.arange(len(contacts)), (idle + turn) % 3] for turn in (1, 2))
     x, y = np.ascontiguousarray(samples_xy.T)
     along_x, along_y = x[b] - x[a], y[b] - y[a]
@@ -172,7 +172,7 @@ def _over_one_contact(
     nudge: Float[np.ndarray, "2"],
     plane: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the mean of the planes that nudging the center to four sides gives; the first is known."""
+    """Return the mean of the planes for a center that is nudged to four sides; the plane of the first is given."""
     total, ways = plane.copy(), np.ones((len(plane), 1))
     for way in OTHER_WAYS:
         nudged = _highest_triangles(samples_xy, heights, way * nudge)

@@ -207,7 +207,7 @@ def settle_each(
     yaw: Float[np.ndarray, " k"],
     rules: SettleRules,
 ) -> Settled:
-    """`settle` for candidates of several vehicles at once, without checks."""
+    """Do `settle` for candidates of several vehicles at once, without checks."""
     contacts = stack_samples([footing.contact for footing in footings])
     return join_rows(
         [
@@ -278,7 +278,7 @@ def _rest_planes(
     spot_z: Float[np.ndarray, " k"],
     rules: SettleRules,
 ) -> tuple[Rest, Float[np.ndarray, " k"]]:
-    """Rest planes about (x, y) in the turned frames, and the shares of rays that met ground."""
+    """Return rest planes about (x, y) in the turned frames, and the shares of rays that met ground."""
     sin, cos = (part[:, None] for part in sin_cos(yaw))
     x, y = np.moveaxis(np.stack([footing.samples.xy for footing in footings])[which], 2, 0)
     points = np.stack([xy[:, :1] + (cos * x - sin * y), xy[:, 1:] + (sin * x + cos * y)], axis=2)
@@ -303,7 +303,7 @@ def _rest_planes(
 
 
 def _normal_inclination(normal: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, " k"]:
-    """Return angle in radians between unit normals and +z; unlike the arccosine exact near 0."""
+    """Return the angle in radians between unit normals and +z; unlike the arccosine, it's exact near 0."""
     return arctan2(hypot(normal[:, 0], normal[:, 1]), normal[:, 2])
 
 
@@ -351,7 +351,7 @@ def gap_and_penetration(
 def underside_depth(
     surface: Terrain, world_from_vehicle: Float[np.ndarray, "k 4 4"], contact: Samples
 ) -> Float[np.ndarray, " k"]:
-    """Largest depth in meters of posed vehicles' undersides below a surface such as water; 0 next to it."""
+    """Return the largest depth in meters of each vehicle's underside below a surface such as water; 0 beside it."""
     points = underside_points(world_from_vehicle, contact)
     hits = surface.top_hits(points[..., :2].reshape(-1, 2))
     return np.fmax.reduce(hits.z.reshape(points.shape[:2]) - points[..., 2], axis=1, initial=0.0)

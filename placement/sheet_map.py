@@ -55,9 +55,9 @@ from hulldown.geometry.meshes import first_equal
 
 UNKNOWN_COUNT = 255
 MAX_TRACED_SHEETS = 16  # more aren't worth tracing one after the other
-_LEAST_CELLS, _MOST_CELLS = 1 << 14, 1 << 22
-_MOST_PIECES = 1 << 21
-_MOST_REGIONS = 1 << 12
+_MIN_CELLS, _MAX_CELLS = 1 << 14, 1 << 22
+_MAX_EDGE_PIECES = 1 << 21
+_MAX_REGIONS = 1 << 12
 
 # For each point, how many faces contain it, and whether it lies strictly inside every one of them.
 CountSheets = Callable[
@@ -66,7 +66,7 @@ CountSheets = Callable[
 
 
 class SheetMap:
-    """For each cell of a raster over the ground: the number of sheets, or unknown."""
+    """The number of sheets over each cell of a raster over the ground, or `UNKNOWN`."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class SheetMap:
         self._low, self._high = bounds
         extent = self._high - self._low
         # About four cells a face, as square as they come, and always far wider than a rounding error.
-        side = np.sqrt(extent).prod() / np.sqrt(np.clip(4 * corners.shape[1], _LEAST_CELLS, _MOST_CELLS))
+        side = np.sqrt(extent).prod() / np.sqrt(np.clip(4 * corners.shape[1], _MIN_CELLS, _MAX_CELLS))
         finest = 1024.0 * np.spacing(np.abs(bounds).max(axis=0))
         shape = np.clip(extent / np.maximum(side, finest), 1, 4096).astype(int)
         self.shape = self._columns, self._rows = int(shape[0]), int(shape[1])
@@ -111,7 +111,7 @@ class SheetMap:
         if n:
             size = np.bincount(regions.ravel(), minlength=n + 1)
             size[0] = 0
-            largest = np.argsort(-size, kind="stable")[: min(n, _MOST_REGIONS)]
+            largest = np.argsort(-size, kind="stable")[: min(n, _MAX_REGIONS)]
             cells = np.flatnonzero(regions)
             by_region = cells[np.argsort(regions.ravel()[cells], kind="stable")]
             first = np.cumsum(size) - size
@@ -134,7 +134,7 @@ class SheetMap:
         ends = np.stack([self.cells(edges[:, :, 0], 0), self.cells(edges[:, :, 1], 1)], axis=2)
         span = np.ptp(ends, axis=1).max(axis=1)
         short = span <= 1
-        pieces = np.minimum(span[~short], max(_MOST_PIECES // max(len(edges), 1), 1))
+        pieces = np.minimum(span[~short], max(_MAX_EDGE_PIECES // max(len(edges), 1), 1))
         long, step = group_and_rank(pieces)
         edge = np.flatnonzero(~short)[long]
         start, along = edges[edge, 0], edges[edge, 1] - edges[edge, 0]
@@ -187,7 +187,7 @@ def _edge_keys(
 def _uncanceled_edges(
     keys: Int[np.ndarray, " e"], weights: Int[np.ndarray, " e"] | None, n: int
 ) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
-    """Of sorted keys, the edges whose weights do not cancel, directed so that the sums that are left are positive."""
+    """Return the edges (of sorted keys) whose weights don't cancel, directed so that remaining sums are positive."""
     if not len(keys):
         return np.empty((0, 2), dtype=np.int64), np.empty(0, dtype=np.int64)
     edge = keys >> 1

@@ -142,7 +142,7 @@ class Terrain:
         z: Float[np.ndarray, " k"],
         slope: Complex[np.ndarray, " k"],
     ) -> Bool[np.ndarray, " k"]:
-        """Return whether so many sheets less one are found under a face, each certainly lower than the one before."""
+        """Return whether `sheets` - 1 sheets are found under a face, each certainly lower than the one before."""
         found = np.zeros(len(x), dtype=bool)
         row, n = np.arange(len(x)), 1
         while len(row):
@@ -157,7 +157,7 @@ class Terrain:
     def _certainly_inside(
         self, face: Int[np.ndarray, " k"], x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
     ) -> tuple[Bool[np.ndarray, " k"], Float[np.ndarray, " k"], Complex[np.ndarray, " k"]]:
-        """Tell which points are certainly in their well-conditioned faces; the face's height there, and its slope."""
+        """Return which points are certainly in their well-conditioned faces, the faces' heights there, and slopes."""
         g = self._ground
         corners = [corner[face].astype(np.intp) for corner in g.corners]  # -1 reads the last face
         dx, dy = [g.x[c] - x for c in corners], [g.y[c] - y for c in corners]
@@ -195,7 +195,7 @@ def _point_columns(
 
 
 def _strictly_inside(dx: list[Float[np.ndarray, " k"]], dy: list[Float[np.ndarray, " k"]]) -> Bool[np.ndarray, " k"]:
-    """Tell which points are certainly inside their counter-clockwise triangles, given corners relative to them."""
+    """Return which points are certainly inside their counterclockwise triangles; corners are relative to them."""
     inside = np.ones(len(dx[0]), dtype=bool)
     for a, b in ((0, 1), (1, 2), (2, 0)):
         left, right = dx[a] * dy[b], dy[a] * dx[b]

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-MAX_COORDINATE_M = 1e9  # meters: beyond, float64 is coarser than a tenth of a micrometer
+MAX_COORDINATE_M = 1e9  # beyond, float64 is coarser than a tenth of a micrometer
 
 Vector = tuple[float, float, float]
 
 
 class PoseLine(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The given values of one image; None is planned."""
+    """The values that a user gives of one image; what is None is planned."""
 
     line: int  # its number in the file
     scenery: str | None = None

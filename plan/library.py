@@ -43,7 +43,7 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.reader_process import Exported
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART
 
-USUAL_LENGTHS = {  # meters, up to the longest with gun or trailer
+USUAL_LENGTHS_M = {  # the longest with gun or trailer
     ("car", "suv", "sedan", "jeep", "hatchback", "pickup", "van", "taxi"): (2.0, 9.0),
     ("truck", "lorry", "bus", "launcher", "howitzer", "artillery"): (3.0, 30.0),
     ("tank", "mbt", "apc", "ifv"): (3.0, 16.0),
@@ -53,7 +53,7 @@ ANY_VEHICLE, ANY_LENGTH = ("vehicle",), (0.2, 100.0)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Library:
-    """A config's assets, and the results of reading their files, by the assets' names."""
+    """A config's assets by name, as they were read."""
 
     assets: Assets
     # models, sceneries: report, bundle, and tidy twin of the file of each vehicle or distractor, and of each scenery
@@ -118,7 +118,7 @@ def load_library(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> Library:
-    """Return the assets of a config, from `cache` or the config's; `progress` gets each path, None: a status line."""
+    """Return the assets of a config, from `cache` or the config's; `progress` gets each path (None: a status line)."""
     if progress is None:
         with reading_status() as status:
             return load_library(config, strict=strict, cache=cache, progress=status, limits=limits)
@@ -190,7 +190,7 @@ def load_library(
 
 
 def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
-    """Return the export with a doubt about a vehicle of unusual length; without a scale, it's refused."""
+    """Return the export with a doubt about a vehicle's unusual length, which is refused without a scale."""
     report = exported.report
     if entry.scale is None or not (odd := odd_length(class_names(entry), report)):
         return exported
@@ -233,7 +233,7 @@ def load_planned_library(
 
 
 def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
-    limits = shape.part_limits.copy()
+    limits = shape.part_limits
     for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
         if bounds is None:
             continue
@@ -243,7 +243,7 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
                 path=config.folder / entry.path,
                 remedy=f"name its objects by `{part}`, or delete {part}_limits_deg",
             )
-        limits[shape.part_names.index(part)] = np.radians(bounds)
+        limits = np.where(np.array(shape.part_names)[:, None] == part, np.radians(bounds), limits)
     points = {
         key: (transform_points(shape.vehicle_from_file, np.array([point]))[0], None)
         for key, point in (entry.keypoints or {}).items()
@@ -341,14 +341,14 @@ def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> Non
 
 
 def class_names(entry: ModelEntry) -> tuple[str, str]:
-    """Return the names that may tell a vehicle's class; the first that does so counts."""
+    """Return the names that may tell a vehicle's class, the most reliable first."""
     return getattr(entry, "category", None) or "", entry.name
 
 
 def odd_length(names: Sequence[str], report: FileReport) -> tuple[str, tuple[float, float]] | None:
-    """Return the class that these names tell and its usual lengths, if a vehicle doesn't have them."""
-    kind = next((kind for name in names for kind in USUAL_LENGTHS if first_match(name, kind)), ANY_VEHICLE)
-    low, high = USUAL_LENGTHS.get(kind, ANY_LENGTH)
+    """Return the class by these names and its usual lengths, if the vehicle's length isn't usual."""
+    kind = next((kind for name in names for kind in USUAL_LENGTHS_M if first_match(name, kind)), ANY_VEHICLE)
+    low, high = USUAL_LENGTHS_M.get(kind, ANY_LENGTH)
     return None if low <= max(report.size) <= high else (kind[0], (low, high))
 
 

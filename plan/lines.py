@@ -77,7 +77,6 @@ class PlanFile(os.PathLike[str]):
         return self.header.images
 
     def __iter__(self) -> Iterator[Row]:
-        """Yield rows one at a time."""
         i, names = -1, _Names()
         with open_regular(self.path) as file:
             file.readline()
@@ -167,7 +166,7 @@ def _damage_error(path: Path, number: int, what: str) -> ConfigError:
 
 
 class _Names:
-    """File names of the images so far. Planned names follow from the index, so only other names take memory."""
+    """File names of the images so far; planned names follow from the index, so only others take memory."""
 
     def __init__(self) -> None:
         self._others: dict[str, int] = {}  # rows of names that aren't planned
@@ -218,7 +217,7 @@ class PlanWriter:
         return file
 
     def keep_rows(self, rows: int) -> None:
-        """Drop the rows after the first `rows`; call it before `write`."""
+        """Drop the rows after the first `rows`; call this before `write`."""
         end = int(self._starts[rows + 1])
         with self._name_file():
             self._file.truncate(end)
@@ -304,6 +303,6 @@ def _first_problem(record: dict[str, object], kind: type[Struct], path: str) -> 
 def _is_kind(value: object, kind: Any) -> bool:
     try:
         convert_value(value, kind, dec_hook=decoded_pose)
-    except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two: of integers without end
+    except (msgspec.ValidationError, ValueError, OverflowError, SystemError):  # the last two are for endless integers
         return False
     return True

@@ -13,7 +13,7 @@ from hulldown.placement.settle import PlaceRejection
 
 
 class Rejection(IntEnum):
-    """Reasons, each with a phrase that completes "of 100 tries 3 % ..."; 0 is an accepted try.
+    """Reasons of rejection, each with a phrase that completes "of 100 tries 3 % ..."; 0 is an accepted try.
 
     Those of a place come first, in the order of the checks, then those of a camera, then later additions.
     Codes and names are in plan files and never change.
@@ -77,7 +77,7 @@ def count_rejections(
 def first_accepted(
     rejection: UInt8[np.ndarray, "n t"], limit: Int[np.ndarray, " n"] | None = None
 ) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " q"], Int[np.ndarray, "n kinds"]]:
-    """Find the first accepted of t tries in each row, of which the first `limit` count."""
+    """Return the first accepted of t tries in each row, of which the first `limit` count."""
     n, t = rejection.shape
     number, limits = np.arange(t), np.full(n, t) if limit is None else np.minimum(limit, t)
     good = (rejection == Rejection.NONE) & (number < limits[:, None])
@@ -88,7 +88,7 @@ def first_accepted(
 
 
 def rejection_sentence(counts: Mapping[Rejection, int]) -> str:
-    """Put rejections of one kind into words, most frequent first: "of 10,000 tries 71 % were too steep, ..."."""
+    """Describe rejections of one kind, most frequent first: "of 10,000 tries 71 % were too steep, ..."."""
     total = sum(counts.values())
     present = sorted((r for r in counts if r and counts[r]), key=lambda r: (-counts[r], r))
     return f"of {total:,} tries " + ", ".join(f"{_format_percent(counts[r], total)} {r.phrase}" for r in present)

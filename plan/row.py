@@ -24,7 +24,7 @@ PLAN_FORMAT = 4
 
 
 def _round_to_decimals(decimals: int) -> Callable[[np.ndarray], np.ndarray]:
-    """Return a function that rounds to this number of decimals; adding zero turns -0.0 into 0.0."""
+    """Return a function that rounds to this many decimals; adding zero turns -0.0 into 0.0."""
     return lambda values: np.round(values, decimals) + 0.0
 
 
@@ -35,7 +35,7 @@ def _round_poses(values: np.ndarray) -> np.ndarray:
 
 
 def _round_boxes(values: np.ndarray) -> np.ndarray:
-    """Round both corners to 1e-6 pixels, so that a box that ends at the frame's side still does."""
+    """Round both corners to 1e-6 pixels, so that a box that ends at the frame's side still ends there."""
     low = _round_to_decimals(6)(values[..., :2])
     high = _round_to_decimals(6)(values[..., :2] + values[..., 2:])
     return np.concatenate([low, _round_to_decimals(6)(high - low)], axis=-1)
@@ -134,7 +134,7 @@ _Files = _field_kind("files by name")
 
 
 class FollowedPhotograph(Struct, frozen=True):
-    """File names of an image's sampled photograph, and of the one followed in its place; None: configured ranges."""
+    """File names of an image's sampled photograph and of the one that replaced it; None: configured ranges."""
 
     sampled: str
     photograph: str | None
@@ -218,17 +218,17 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
 
     @property
     def target(self) -> PlannedVehicle:
-        """The vehicle that the camera is framed on, in the picture or not."""
+        """The vehicle that the camera is framed on, even if the picture leaves it out."""
         return self.planned[0]
 
     @property
     def companions(self) -> list[PlannedVehicle]:
-        """Other vehicles."""
+        """The target's companions."""
         return [vehicle for vehicle in self.planned if vehicle.role == "companion"]
 
     @property
     def distractors(self) -> list[PlannedVehicle]:
-        """Distractors beside the target."""
+        """The distractors beside the target."""
         return [vehicle for vehicle in self.planned if vehicle.role == "distractor"]
 
     @property
@@ -270,7 +270,7 @@ class ScenerySource(GeometrySource, frozen=True, kw_only=True):
 
 
 class LeftOut(Struct, frozen=True, kw_only=True):
-    """A vehicle that isn't planned on a scenery, and the reason."""
+    """A vehicle that isn't planned on a scenery, and why."""
 
     vehicle: str
     scenery: str
@@ -321,7 +321,7 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 @dataclass(frozen=True, slots=True)
 class RowField:
-    """The declaration of one field."""
+    """How one field of rows or vehicles is declared."""
 
     expected: str
     to: str  # to, rounding: its rounding in words, empty if there is none, and as a function of arrays
@@ -350,12 +350,12 @@ def round_field(key: str, values: Float[np.ndarray, "..."]) -> Float[np.ndarray,
     return rounding(values)
 
 
-_ROTATION_TOLERANCE = 1e-6  # tolerance of rotations in a plan that was edited by hand
+_ROTATION_TOLERANCE = 1e-6  # for plans that were edited by hand
 _Matrix = tuple[tuple[float, float, float, float], ...]
 
 
 def decoded_pose(_: type, value: object) -> np.ndarray:
-    """Return a pose from JSON as an array, the only type here that msgspec doesn't have."""
+    """Decode a pose from JSON, the only type here that msgspec lacks."""
     try:
         (a, b, c, x), (d, e, f, y), (g, h, i, z), last = msgspec.convert(value, _Matrix)
     except (msgspec.ValidationError, ValueError, SystemError):  # SystemError: an integer beyond the largest float
@@ -381,7 +381,7 @@ _encoder = msgspec.json.Encoder(enc_hook=np.ndarray.tolist)
 
 
 def encode_line(record: Struct) -> bytes:
-    """Return a header, row, or vehicle as a line; floats have the fewest digits that read back exactly."""
+    """Encode a header, row, or vehicle as a line; floats have the fewest digits that read back exactly."""
     return _encoder.encode(record) + b"\n"
 
 

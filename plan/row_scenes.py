@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from hulldown.assets.plan_assets import content_key
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.plan.row import PlannedVehicle, Row
@@ -12,7 +13,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 
 
 class RowScenes:
-    """Makes scenes of rows, models prepared once; `fallback_z`: height of a plane in place of missing ground."""
+    """Makes scenes of rows, preparing each model once; a plane at `fallback_z` replaces missing ground."""
 
     def __init__(
         self,
@@ -22,19 +23,19 @@ class RowScenes:
         fallback_z: float | None = None,
     ) -> None:
         self._vehicles, self._sceneries, self._fallback_z = vehicles, sceneries, fallback_z
-        self._casters: dict[str, VehicleCaster] = {}
-        self._worlds: dict[str, Scene] = {}
+        self._casters: dict[tuple[int, ...], VehicleCaster] = {}
+        self._worlds: dict[tuple[int, ...], Scene] = {}
 
     def posed_vehicle(self, vehicle: PlannedVehicle) -> PosedVehicle:
         """Return a vehicle in its pose."""
-        name = vehicle.vehicle
-        if name not in self._casters:
-            self._casters[name] = VehicleCaster(self._vehicles[name])
-        return PosedVehicle(self._casters[name], vehicle.world_from_vehicle[None], vehicle.articulation)
+        shape = self._vehicles[vehicle.vehicle]
+        if (key := content_key(shape)) not in self._casters:
+            self._casters[key] = VehicleCaster(shape)
+        return PosedVehicle(self._casters[key], vehicle.world_from_vehicle[None], vehicle.articulation)
 
     def scene(self, row: Row) -> Scene:
         """Return a row's scenery with the vehicles in its picture."""
-        name = row.scenery
-        if name not in self._worlds:
-            self._worlds[name] = Scene.of(self._sceneries[name], fallback_z=self._fallback_z)
-        return self._worlds[name].with_vehicles([self.posed_vehicle(vehicle) for vehicle in row.vehicles])
+        scenery = self._sceneries[row.scenery]
+        if (key := content_key(scenery)) not in self._worlds:
+            self._worlds[key] = Scene.of(scenery, fallback_z=self._fallback_z)
+        return self._worlds[key].with_vehicles([self.posed_vehicle(vehicle) for vehicle in row.vehicles])

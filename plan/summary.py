@@ -40,9 +40,9 @@ HISTOGRAM_QUANTITIES: Mapping[str, tuple[str, Float[np.ndarray, " b"]]] = {
     "box_px": ("box size (root of its area, pixels)", np.logspace(0.0, 4.0, 65)),
 }
 _BAR_CHARACTERS = " ▁▂▃▄▅▆▇█"
-MIN_EXPECTED_IMAGES = 5.0  # expected images of a class below which values are merged
-FALSE_POSITIVE_RATE = 1e-4  # false positive rate for one variable
-MIN_CRAMERS_V = 0.1  # Cramér's V below which a dependency doesn't help a detector
+MIN_EXPECTED_IMAGES = 5.0  # values of a class with fewer are merged
+FALSE_POSITIVE_RATE = 1e-4  # for one variable
+MIN_CRAMERS_V = 0.1  # a weaker dependency doesn't help a detector
 REJECTION_REMEDIES = {
     "box height": 'camera.size_measure = "height" gives all classes the same',
     "scenery": "let all classes be planned on all sceneries",
@@ -53,7 +53,7 @@ Counts = Mapping[str, Mapping[str, Counter[str]]]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Histogram:
-    """Values of one quantity, and their counts in bins."""
+    """Counts of a quantity's values in bins."""
 
     title: str  # name and unit
     edges: Float[np.ndarray, " b_plus_1"]  # edges of the bins; values outside count in the first or last bin
@@ -66,7 +66,7 @@ class Histogram:
 
     @property
     def used_bins(self) -> slice:
-        """The bins from the first to the last with a value."""
+        """The bins from the first to the last that has a value."""
         bins = np.flatnonzero(self.bin_counts)
         return slice(bins[0], bins[-1] + 1) if len(bins) else slice(0, 0)
 
@@ -87,7 +87,7 @@ class Histogram:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Summary:
-    """Counts over a plan's images; classes, sizes, and histograms are of targets, without backgrounds."""
+    """Counts over a plan's images; classes, sizes, and histograms are of targets, backgrounds left out."""
 
     images: int
     positions: int
@@ -125,7 +125,7 @@ class Summary:
         return [self._class_table(), self._histogram_table(), self._rejection_table()]
 
     def notes(self) -> list[str]:
-        """Return a line for each wish of the config that the plan doesn't meet."""
+        """Return a line for each request of the config that the plan doesn't meet."""
         notes = [f"left out: {pair.why}" for pair in self.left_out] + list(self.shortcuts)
         if self.no_room:
             notes.append(f"left out: {self.no_room:,} companions and distractors without room at their position")
@@ -254,7 +254,7 @@ def _counts_line(counts: Iterable[tuple[str, int]]) -> str:
 
 
 def nuisance_values(row: Row) -> dict[str, str]:
-    """Return an image's nuisance variables; those that a position's images share are only in its first."""
+    """Return an image's nuisance variables; those that a position's images share only for the first image."""
     target = row.target
     assert target.bbox is not None  # a target has one
     step = math.floor(2.0 * math.log2(max(target.bbox.height, 1.0)))

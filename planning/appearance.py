@@ -27,11 +27,11 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
-MAX_EXAMINED_IMAGES = 1000  # images spread over the plan
+MAX_EXAMINED_IMAGES = 1000  # spread over the plan
 RAY_COLUMNS, RAY_ROWS = 24, 16  # rays through an image
-DOWNWARD_SINE = math.sin(math.radians(-1.0))  # height of a ray that should meet ground
-MIN_LAND_SHARE = 0.01  # share of an image above which the land counts as visible
-COMPANIONS, DISTRACTORS = 1, 65  # number in a row of the first of each; the target's is 0
+MAX_DOWNWARD_SINE = math.sin(math.radians(-1.0))  # a ray that points lower should meet ground
+MIN_LAND_SHARE = 0.01  # in an image with less, the land doesn't count as visible
+FIRST_COMPANION, FIRST_DISTRACTOR = 1, 65  # in a row; the target's number is 0
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:
@@ -67,7 +67,7 @@ def draw_lights(
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
 ) -> dict[str, Sequence[object]]:
-    """Draw light and exposure of images by weights of HDRIs; all but the HDRI don't depend on rotation and weather."""
+    """Draw light and exposure of images; all but the choice of HDRI is independent of rotation and weather."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     overcast = np.array(
@@ -99,7 +99,7 @@ def draw_lights(
 
 
 def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
-    """Return the number of images with an HDRI's land in place of terrain, and the number of examined images."""
+    """Return how many images show an HDRI's land in place of terrain, and how many were examined."""
     fallback_z = Config.of_plan(plan).ground.fallback_z
     chosen = even_sample(len(plan), MAX_EXAMINED_IMAGES).tolist()
     rows: dict[str, list[Row]] = defaultdict(list)
@@ -113,7 +113,7 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
         for row in of_scenery:
             camera = Cameras(row.intrinsics.with_size(RAY_COLUMNS, RAY_ROWS), row.world_from_camera)
             along = camera.rays(camera.lenses.pixel_centers)[1]
-            down = along[along[:, 2] < DOWNWARD_SINE]
+            down = along[along[:, 2] < MAX_DOWNWARD_SINE]
             missed = ~world.first_hits(RayList(np.tile(camera.position, (len(down), 1)), down)).hit
             count += int(missed.sum()) > MIN_LAND_SHARE * RAY_COLUMNS * RAY_ROWS
     return count, len(chosen)
@@ -122,7 +122,7 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
 def draw_coats(
     paint: Sequence[PaintEntry], draws: RandomStreams, *, position: Int[np.ndarray, " n"], place: ArrayLike
 ) -> list[list[Coat]]:
-    """Draw the coats of a vehicle at n positions; `place` is `COMPANIONS` + k, `DISTRACTORS` + k, or 0, the target."""
+    """Draw a vehicle's coats at n positions; `place`: 0 (target), `FIRST_COMPANION` + k, or `FIRST_DISTRACTOR` + k."""
     n, kinds = len(position), len(paint)
     if not kinds:
         return [[] for _ in range(n)]

@@ -16,17 +16,17 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.picture_names import picture_name
 from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import Bounds, Box, FollowedPhotograph, LabelState, OnMap, PlannedVehicle, Row, round_field
-from hulldown.planning.appearance import COMPANIONS, DISTRACTORS, draw_coats, draw_lights
+from hulldown.planning.appearance import FIRST_COMPANION, FIRST_DISTRACTOR, draw_coats, draw_lights
 from hulldown.planning.search.instance_table import Instances, articulated_boxes
 from hulldown.planning.search.likeness import Following
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
-from hulldown.planning.search.tables import MOST_EXTRAS, Block, InstanceRole, Views
+from hulldown.planning.search.tables import MAX_ROLE_EXTRAS, Block, InstanceRole, Views
 from hulldown.reading.scenery.geotiff import on_map
 
 _EXTRA_ROLES = {InstanceRole.COMPANION: "companion", InstanceRole.DISTRACTOR: "distractor"}
-LONGEST_CUT = 0.8  # default share of a labeled box that the frame may cut off, unless targets may lose more
+MAX_CUT_SHARE = 0.8  # of a labeled box that the frame cuts off, unless targets may lose more
 
 
 def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
@@ -96,7 +96,7 @@ def _in_images(
     roles: Iterable[str],
     labels: Iterable[str],
 ) -> list[PlannedVehicle]:
-    """Return n instances in images; `instances` are the columns of `_instance_columns`."""
+    """Return instances in images from the columns of `_instance_columns`."""
     of_instance = {key: [column[i] for i in instance.tolist()] for key, column in instances.items()}
     return row_objects(PlannedVehicle, {"role": roles, **of_instance, **view_columns(views), "label": labels})
 
@@ -104,7 +104,7 @@ def _in_images(
 def _image_extras(
     planned: Planned, instances: Mapping[str, Sequence[object]]
 ) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
-    """Return the extras in each image, by the image's row in the block and the role."""
+    """Return the extras in each image, by role and the image's row in the block."""
     seen, views = planned.extra_views, planned.extra_views.views
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
     labels = extra_labels(views, seen.pixels, planned.block.config)
@@ -120,7 +120,7 @@ def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -
     least_px, least_visible = given.min_box_px, given.min_visible_fraction
     most_cut = given.max_truncated_fraction
     if most_cut is None:
-        most_cut = max(LONGEST_CUT, camera.truncated_fraction[1])
+        most_cut = max(MAX_CUT_SHARE, camera.truncated_fraction[1])
     full = round_field("bbox", views.boxes.xywh)[:, 2:].min(axis=1) >= (
         camera.min_box_px if least_px is None else least_px
     )
@@ -135,7 +135,7 @@ def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -
 
 
 def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
-    """Return columns with the fields of each instance that don't depend on the camera."""
+    """Return columns of the fields of instances that don't depend on the camera."""
     block, table, settled = planned.block, planned.table, planned.table.settled
     turned = table.articulation() if block.config.placement.articulate else [{}] * len(table)
     models = [table.fleet.models[model] for model in table.model.tolist()]
@@ -157,7 +157,7 @@ def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
 
 def _track_numbers(planned: Planned) -> list[int | None]:
     block, table = planned.block, planned.table
-    number = 1 + (block.positions.number[table.row] * len(InstanceRole) + table.role) * MOST_EXTRAS + table.number
+    number = 1 + (block.positions.number[table.row] * len(InstanceRole) + table.role) * MAX_ROLE_EXTRAS + table.number
     named = block.given_poses(block.positions.first_image).in_sequence[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 
@@ -166,7 +166,7 @@ def _instance_coats(planned: Planned) -> list[list[Coat]]:
     """Draw the coats of each instance, by its number among the instances of its role with a place."""
     block, table = planned.block, planned.table
     places = np.zeros(len(table), dtype=np.int64)
-    for role, first in ((InstanceRole.COMPANION, COMPANIONS), (InstanceRole.DISTRACTOR, DISTRACTORS)):
+    for role, first in ((InstanceRole.COMPANION, FIRST_COMPANION), (InstanceRole.DISTRACTOR, FIRST_DISTRACTOR)):
         placed = np.flatnonzero(table.is_placed & (table.role == role))
         rank = np.arange(len(placed)) - np.searchsorted(table.row[placed], table.row[placed])
         places[placed] = first + rank
@@ -183,7 +183,7 @@ def _instance_coats(planned: Planned) -> list[list[Coat]]:
 
 
 def view_columns(views: Views) -> dict[str, Sequence[object]]:
-    """Return columns with the fields of vehicles that follow from their views."""
+    """Return columns of the fields of vehicles that follow from their views."""
     shares = {
         "visible_fraction": views.visible_fraction,
         "truncated_fraction": views.boxes.truncated_fraction,

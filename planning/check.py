@@ -22,7 +22,7 @@ from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import LabelState, PlannedVehicle, Row, encode_line, round_field, row_fields
 from hulldown.planning.block_rows import bounds_in_rows, extra_labels, geo_in_rows, view_columns
-from hulldown.planning.planner import BLOCK_POSITIONS, Planner
+from hulldown.planning.planner import POSITIONS_PER_BLOCK, Planner
 from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.placing import sees_sky
 from hulldown.planning.search.stage import PlanStage, Site
@@ -30,9 +30,9 @@ from hulldown.planning.search.tables import no_views
 from hulldown.planning.search.views import views_of_others
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
-NUMBER_TOLERANCE = 1e-6  # tolerance of numbers from other processors: meters, degrees, pixels, shares
-MOST_FINDINGS = 1000  # listed findings
-MAX_VALUE_CHARACTERS = 80  # characters of a value in a finding
+NUMBER_TOLERANCE = 1e-6  # for meters, degrees, pixels, and shares by other processors
+MAX_PLAN_FINDINGS = 1000
+MAX_VALUE_CHARACTERS = 80  # in a finding
 
 
 def check_plan(
@@ -67,7 +67,7 @@ def check_plan(
 
 
 def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
-    """`check_plan` with the planner of the plan's config, which plans can share."""
+    """Do `check_plan` with the planner of the plan's config, which plans can share."""
     budget, findings, hidden = planner.budget, [], 0
     if len(plan) != budget.n_images:
         findings.append(f"{len(plan)} images, the budget is {budget.n_images}")
@@ -75,14 +75,14 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
         findings.append("the header's left_out differs from what its config gives")
     rows, start, done = iter(plan), 0, 0
     while block := list(islice(rows, 1)):
-        stop = min(start + BLOCK_POSITIONS, budget.n_positions)
+        stop = min(start + POSITIONS_PER_BLOCK, budget.n_positions)
         wanted = planner.rows(start, stop) if start < stop else []
         block += islice(rows, max(len(wanted), 1) - 1)
         for row, planned in zip(block, wanted, strict=False):
             if encode_line(row) != encode_line(planned):
-                lines = list(_row_findings(row, planned, planner)) if len(findings) < MOST_FINDINGS else [""]
-                hidden += max(len(findings) + len(lines) - MOST_FINDINGS, 0)
-                findings += lines[: MOST_FINDINGS - len(findings)]
+                lines = list(_row_findings(row, planned, planner)) if len(findings) < MAX_PLAN_FINDINGS else [""]
+                hidden += max(len(findings) + len(lines) - MAX_PLAN_FINDINGS, 0)
+                findings += lines[: MAX_PLAN_FINDINGS - len(findings)]
         start, done = stop, done + len(block)
         if progress:
             progress(done, len(plan))
@@ -152,7 +152,7 @@ def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
 
 
 def relabel_row(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> Row:
-    """Return an edited row with new values that follow from its poses: boxes, shares, labels, gaps, and the like."""
+    """Return an edited row with all values that follow from its poses computed anew, such as boxes and shares."""
     columns = _label_columns(row, site, vehicles, stage)
     values = zip(row.planned, *columns.values(), strict=True)
     target, *extras = (replace(vehicle, **dict(zip(columns, own, strict=True))) for vehicle, *own in values)
@@ -161,7 +161,7 @@ def relabel_row(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> 
 
 
 def _in_the_dark(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]:
-    """Return which vehicles stand where the config allows none: in a closed hall, or in a hollow hill."""
+    """Return which vehicles are where the config allows none: in a closed hall, or inside a hill."""
     if stage.config.placement.indoors:
         return []
     return np.flatnonzero(~sees_sky(site, vehicles)).tolist()

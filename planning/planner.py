@@ -24,11 +24,11 @@ from hulldown.planning.search.random_streams import Purpose, RandomStreams, choo
 from hulldown.planning.search.stage import make_stage
 from hulldown.planning.search.tables import Block, scenery_extras, target_models
 
-BLOCK_POSITIONS = 2048  # positions planned together: large batches for each vehicle and scenery
+POSITIONS_PER_BLOCK = 2048  # gives large batches for each vehicle and scenery
 
 
 class Planner:
-    """Plans any run of positions; built once per process."""
+    """Plans any run of positions; each process builds one."""
 
     def __init__(
         self,

@@ -33,16 +33,16 @@ from hulldown.plan.lines import PLAN_MARK, PlanWriter
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import PLAN_FORMAT, Header, ModelSource, ScenerySource
 from hulldown.planning.inputs.poses import read_poses
-from hulldown.planning.planner import BLOCK_POSITIONS, Planner
+from hulldown.planning.planner import POSITIONS_PER_BLOCK, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.asset_report import refuse_lost
 from hulldown.reading.pieces.doubt import Doubt, file_warnings
 
 ReportProgress = Callable[[int, int], None]
-HEADER_PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # whose versions a header has
-_BLOCKS_AHEAD = 3  # blocks per worker that wait for a slow one; bounds memory
-_SMALLEST_BLOCK = 64
+HEADER_PACKAGES = ("hulldown", "bpy", "numpy", "scipy", "embreex")  # a header has their versions
+_BLOCKS_AHEAD_PER_WORKER = 3  # blocks that wait for a slow one; bounds memory
+_MIN_BLOCK_POSITIONS = 64
 
 
 def plan_dataset(
@@ -136,7 +136,7 @@ def plan_dataset(
 
 
 def new_doubts(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
-    """Return doubts by path without those that `init` wrote into the config."""
+    """Return doubts by path, without those that `init` wrote into the config."""
     from hulldown.planning.inputs.found_assets import stated_doubts
 
     stated = stated_doubts(config.path, config.folder / CACHE_NAME) if config.path else {}
@@ -157,7 +157,7 @@ def write_plan(
     photographs: Photographs | None = None,
     progress: ReportProgress | None = None,
 ) -> Plan:
-    """Plan with assets in memory and write the plan, or continue it; parameters as of `plan_dataset` and `Planner`."""
+    """Plan with assets in memory and write the plan, or continue it; parameters as for `plan_dataset` and `Planner`."""
     if workers < 1:
         raise ValueError(f"workers: expected at least 1, got {workers}")
     try:
@@ -170,7 +170,7 @@ def write_plan(
         start = _resume_position(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
-        size = min(max((budget.n_positions - start) // (2 * workers), _SMALLEST_BLOCK), BLOCK_POSITIONS)
+        size = min(max((budget.n_positions - start) // (2 * workers), _MIN_BLOCK_POSITIONS), POSITIONS_PER_BLOCK)
         blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
         workers = min(workers, max(len(blocks), 1))
         for lines, rows in _plan_blocks(planner, blocks, workers):
@@ -182,7 +182,7 @@ def write_plan(
 
 
 def make_header(planner: Planner, path: str | Path) -> Header:
-    """Return the first line of a planner's plan with this name."""
+    """Return the first line of a planner's plan that is written to this path."""
     config, assets = planner.config, planner.assets
 
     def recorded(kind: str, name: str) -> AssetSource:
@@ -247,7 +247,7 @@ def _plan_blocks(planner: Planner, blocks: list[tuple[int, int]], workers: int) 
     try:
         for block in blocks:
             running.append(pool.submit(_block_lines, *block))
-            if len(running) >= _BLOCKS_AHEAD * workers:
+            if len(running) >= _BLOCKS_AHEAD_PER_WORKER * workers:
                 yield running.popleft().result()
         while running:
             yield running.popleft().result()

@@ -17,21 +17,22 @@ from hulldown.geometry.seen_surface import seen_surface
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.footprint import contact_footprint, vehicle_underside
 from hulldown.reading.pieces.asset_report import PartRow, Thing, format_xyz
-from hulldown.reading.pieces.doubt import Doubt
+from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_role_pattern
 from hulldown.reading.scenery.shape import is_wide_and_level, level_share
-from hulldown.reading.vehicle.nose import forward_text
+from hulldown.reading.vehicle.nose import forward_text, mirror_gap
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.pivots import marked_points
-from hulldown.reading.vehicle.solids import MOST_SOLIDS, PlacedPieces
+from hulldown.reading.vehicle.solids import MAX_SOLIDS, PlacedPieces
 from hulldown.reading.vehicle.stance import Upright, find_nose, find_solids_again, vehicle_from_upright
 from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
 KILOMETER_M = 1000.0
+MAX_LYING_GAP_SHARE = 0.02  # of its height: a mirror image is this close to its original
 NAME_CLUES = (
     "write an object's whole name, with * a part of it; mesh:, collection: or material: before the name of one of those"
 )
@@ -54,7 +55,7 @@ class BuiltVehicle:
 
 
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
-    """Return the vehicle among the pieces; strays are proposed for `drop` if the rest has fewer doubts."""
+    """Build the vehicle from the pieces; strays are proposed for `drop` if the rest has fewer doubts."""
     built, strays = _build_vehicle(name, upright, options)
 
     def helps(stray: Stray) -> bool:
@@ -69,14 +70,14 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
 
 
 def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
-    """Return the vehicle with all other doubts, and what might not belong to it."""
+    """Build the vehicle with all other doubts, and return what might not belong to it."""
     pieces, meshes, markers = upright.drawn.pieces, upright.drawn.meshes, upright.drawn.markers
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
     kept = [i for i, role in enumerate(roles) if role.use == "vehicle"]
     if not kept:
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
-    if len(upright.solids) == MOST_SOLIDS:
+    if len(upright.solids) == MAX_SOLIDS:
         upright = find_solids_again(upright, kept)
     left_out: list[Doubt] = []
     while True:
@@ -147,10 +148,22 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
     shape = shape.with_keypoints(
         {key: (transform_points(from_file, at[None])[0], part) for key, (at, part) in marked.items()}
     )
+    lying = _lying_doubt(shape) if wheels is None and options.up is None else None
     things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
-    doubts = tuple(filter(None, (upright.up.doubt, forward.doubt, *several, *parts.doubts, *left_out)))
+    doubts = tuple(filter(None, (upright.up.doubt, lying, forward.doubt, *several, *parts.doubts, *left_out)))
     axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_text(forward.value)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, doubts, things), strays
+
+
+def _lying_doubt(shape: VehicleShape) -> Doubt | None:
+    """Return a doubt if a vehicle's mirror plane is level, as if it lay on its side."""
+    points, size = shape.surface[0].vertices, shape.size_xyz
+    gaps = [mirror_gap(points, axis) / max(float(size[axis]), 1e-30) for axis in (1, 2)]
+    if not gaps[1] < MAX_LYING_GAP_SHARE <= gaps[0]:
+        return None
+    axis = "xyz"[int(np.abs(shape.vehicle_from_file[1, :3]).argmax())]
+    text = f'it is alike above and below, and not on its left and right; set up = "{axis}" if it lies on its side'
+    return Doubt(DoubtKind.UP, text)
 
 
 def _compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
@@ -161,7 +174,7 @@ def _compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Me
 def build_scenery(
     name: str, drawn: Evaluated, roles: Sequence[PieceRole], *, meters: Float[np.ndarray, "4 4"], options: Options
 ) -> tuple[Scenery, tuple[str, ...]]:
-    """Ground and obstacles about an origin in whole kilometers, and ground pieces whose mesh is partly water."""
+    """Build ground and obstacles about an origin in whole kilometers; also return names of partly wet ground."""
     meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched_role_pattern(pieces, options):
         raise AssetError(
@@ -211,7 +224,7 @@ def build_scenery(
 
 
 def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "4 4"]) -> bool:
-    """Return whether the faces of ground with a material named like water are water: together wide and mostly level."""
+    """Return whether faces of ground with materials named like water are water: wide together, and mostly level."""
     if piece.mesh not in drawn.wet:
         return False
     part, meters_from_mesh = _water_faces(piece.mesh, drawn, wet=True), meters @ piece.pose

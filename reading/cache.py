@@ -33,7 +33,7 @@ from hulldown.reading.reader_process import Exported, export_asset, folder_expor
 
 EXPORTER_VERSION = 39
 NOTE_NAME = "entry.json"
-LARGEST_NOTE = 1 << 26  # bytes
+MAX_NOTE_BYTES = 1 << 26
 KEY_BYTES = 32
 Note = TypeVar("Note")
 FilePrint = tuple[int, int, str]  # of a file: its size, its time, and its content's digest
@@ -41,17 +41,17 @@ FilePrint = tuple[int, int, str]  # of a file: its size, its time, and its conte
 
 @dataclass(frozen=True, slots=True)
 class _Note:
-    """The asset's resolved path, its report, and what else the report depends on."""
+    """The asset's resolved path, its report, and other inputs that the report depends on."""
 
     path: str
     report: FileReport
-    files: dict[str, FilePrint | None]  # that it refers to; None: such a file can't be read
+    files: dict[str, FilePrint | None]  # files that the asset refers to; None for a file that can't be read
     namesakes: list[str]  # see `_namesakes`
 
 
 @dataclass(frozen=True, slots=True)
 class _Sealed:
-    """What an entry's seal is of: the entry's name, hashes of its files, and a note."""
+    """The content that an entry's seal covers: the entry's name, hashes of its files, and a note."""
 
     name: str
     content: dict[str, str]
@@ -108,7 +108,7 @@ def _valid_entry(entry: Path, path: Path) -> Exported | None:
 
 
 def _namesakes(path: Path, report: FileReport) -> list[str]:
-    """Return the files near an asset that are called as its missing ones, and so may be read in their place."""
+    """Return files near an asset with the names of its missing files, which may be read in their place."""
     names = {re.split(r"[/\\]", missing.path)[-1].lower() for missing in report.missing}
     return sorted(str(file) for file in nearby_files(path) if file.name.lower() in names) if names else []
 
@@ -131,12 +131,12 @@ def _entry_lock(entry: Path) -> AbstractContextManager[object]:
 
 
 def new_folder(cache: Path) -> tempfile.TemporaryDirectory[str]:
-    """Return a temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
+    """Yield a temporary folder in the cache for a new entry, removed after the block unless it was sealed."""
     return tempfile.TemporaryDirectory(prefix=".new-", dir=cache.resolve(), ignore_cleanup_errors=True)
 
 
 def entry_name(*parts: object) -> str:
-    """Return the name of the entry made from `parts`; different for every user."""
+    """Return the name of the entry made from `parts`; it's different for every user."""
     return hmac.digest(_secret_key(), json.dumps(parts).encode(), "sha256").hex()[:24]
 
 
@@ -159,7 +159,7 @@ def unseal_entry(entry: Path, kind: type[Note]) -> Note | None:
         if entry.is_symlink():
             return None
         with open_regular(entry / NOTE_NAME) as file:
-            line, body = file.readline(1 << 10), file.read(LARGEST_NOTE)
+            line, body = file.readline(1 << 10), file.read(MAX_NOTE_BYTES)
         if not hmac.compare_digest(line.strip(), _entry_seal(body)):
             return None
         sealed = parse_json(body, _Sealed)
@@ -194,7 +194,7 @@ def _secret_key() -> bytes:
 
 
 def _file_print(file: Path, asset: Path, *, known: FilePrint | None = None) -> FilePrint | None:
-    """Size, time, and content of a file that an asset refers to; None where the confined reader couldn't open it."""
+    """Return size, time, and content of a file that an asset refers to; None if the confined reader can't open it."""
     if not (unconfined_reason() or is_inside(file, asset_folders(asset))):
         return None
     try:

@@ -14,15 +14,15 @@ from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import first_match
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
-from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
+from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, as_key, quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, canopy_sheets, enclosing_piece
 
-LONGEST_VEHICLE = 60.0  # meters; the longest road trains
-SHORTEST_VEHICLE = 0.8
-SMALLEST_SCENERY = 20.0
-LARGEST_SCENERY = 200_000.0
-MAX_UPRIGHT_GROUND_SHARE = 0.05  # of a scenery's height and length: largest width of ground that stands upright
+MAX_VEHICLE_LENGTH_M = 60.0  # the longest road trains
+MIN_VEHICLE_LENGTH_M = 0.8
+MIN_SCENERY_EXTENT_M = 20.0
+MAX_SCENERY_EXTENT_M = 200_000.0
+MAX_UPRIGHT_GROUND_SHARE = 0.05  # of a scenery's height and length: narrower ground stands upright
 LIKELY_LENGTHS = (2.0, 20.0)
 UsedPieces = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
 # Words for things of known height, their usual median height in meters, and words for parts of such things.
@@ -45,7 +45,7 @@ def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
 def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     length, width, height = report.size
     longest, across = max(report.size), max(length, width)
-    if not SHORTEST_VEHICLE <= longest <= LONGEST_VEHICLE:
+    if not MIN_VEHICLE_LENGTH_M <= longest <= MAX_VEHICLE_LENGTH_M:
         hint = likely_scale(longest, report.unit)
         text = f"the vehicle is {format_length(longest)} long; set scale{hint} if that is wrong"
         yield Doubt(DoubtKind.SCALE, text)
@@ -100,7 +100,7 @@ def _role_doubts(
         yield Doubt(DoubtKind.NO_GROUND, f"{text}ground.fallback_z; {proposed}; in the file is {there}")
     if parked:
         objects = list(dict.fromkeys(name for own in parked.values() for name in own))
-        key = f"drop = {as_key(objects)}" if len(objects) <= MOST_NAMES else "their objects in drop"
+        key = f"drop = {as_key(objects)}" if len(objects) <= MAX_SENTENCE_NAMES else "their objects in drop"
         text = (
             f"vehicles stand in it and get no label: {quote_names(parked)}; if they're of your classes, set {key}, and "
         )
@@ -113,7 +113,7 @@ def _role_doubts(
         yield Doubt(DoubtKind.WATER, text)
     ground = [piece for piece, role in used if role.use == "ground" and options.water is None]
     dressed = [(p.name, m) for p in ground if p.name not in wet for m in p.materials if is_water_name(m)]
-    for name, material in list(dict.fromkeys(dressed))[:MOST_NAMES]:
+    for name, material in list(dict.fromkeys(dressed))[:MAX_SENTENCE_NAMES]:
         text = "if a part of it is water, make that an object of its own in Blender and name it in water"
         yield Doubt(DoubtKind.WATER, f"{name!r} is ground and wears {material!r}; {text}")
     for piece, role in used:
@@ -147,7 +147,7 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
 def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     *sides, height = report.size
     across, other = max(sides), "z" if report.up == "y" else "y"
-    if not SMALLEST_SCENERY <= across <= LARGEST_SCENERY:
+    if not MIN_SCENERY_EXTENT_M <= across <= MAX_SCENERY_EXTENT_M:
         text = (
             f"the scenery is {format_length(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
         )
@@ -164,7 +164,7 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
 
 
 def _height_doubts(used: UsedPieces, report: FileReport, options: Options) -> Iterator[Doubt]:
-    """Return a doubt about trees or houses of toys, as the unit of a game's world makes them."""
+    """Yield a doubt if trees or houses have unusual heights, as in a file with a toy's or a game's unit."""
     for words, (low, high) in USUAL_HEIGHTS.items() if options.scale is None else ():
         names = {p.name for p, _ in used if first_match(p.name, words) and not first_match(p.name, PARTS_OF_THINGS)}
         heights = [piece.size[2] for piece, role in used if role.use == "obstacle" and piece.name in names]
@@ -185,7 +185,7 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     for piece in able:
         families.setdefault(re.split(r"\d", piece.name, maxsplit=1)[0].rstrip("_- .") or piece.name, []).append(piece)
     stem, family = max(families.items(), key=lambda one: _level_area(one[1]))
-    if len(family) > MOST_NAMES and _level_area(family) > _level_area([widest]):
+    if len(family) > MAX_SENTENCE_NAMES and _level_area(family) > _level_area([widest]):
         return f"if it is the {len(family)} pieces {stem}..., give this scenery ground = {as_key([stem + '*'])}"
     return f"if it is {widest.name!r}, give this scenery ground = {as_key([widest.name])}"
 
@@ -201,7 +201,7 @@ def _missing_doubts(missing: Sequence[Missing]) -> Iterator[Doubt]:
 
 
 def likely_scale(longest: float, unit: float, usual: tuple[float, float] = LIKELY_LENGTHS) -> str:
-    """Return the usual unit that makes it a vehicle of a usual length, as " = 100 (now 1)"; without, if none does."""
+    """Return the usual unit that gives a vehicle a usual length, as " = 100 (now 1)", or only the present unit."""
     middle = math.sqrt(usual[0] * usual[1])
     best = min(USUAL_UNITS, key=lambda meters: abs(math.log(max(longest, 1e-9) / unit * meters / middle)))
     return f" = {best:g} (now {unit:g})" if usual[0] <= longest / unit * best <= usual[1] else f" (now {unit:g})"

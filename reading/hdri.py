@@ -23,24 +23,22 @@ from hulldown.reading.reader_process import Job, ask_reader, found_answer
 HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME = "mended.exr"
 CHECKS_VERSION = 8  # raised when the checks or repairs of a file change
-MAX_RADIANCE = 1e10  # of a pixel; the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
-MAX_INFINITE_SHARE = 1e-3  # of the pixels may be infinite: suns and their glare
-FEW_PIXELS = 4  # of a small picture
-MAX_NEGATIVE_SHARE = (
-    0.25  # of all light may be negative: of a small sun, resampling leaves up to 0.11 in files that are in use
-)
+MAX_RADIANCE = 1e10  # the sun's disc has 1.6e9 cd/m2, and what is brighter is as good as infinite
+MAX_INFINITE_SHARE = 1e-3  # of the pixels: suns and their glare
+ALLOWED_INFINITE_PIXELS = 4  # even in a small picture
+MAX_NEGATIVE_SHARE = 0.25  # of all light: resampling a small sun leaves up to 0.11 in files that are in use
 MEAN_RADIANCE_RANGE = (
     1e-4,
     1e5,
 )  # of the mean over the sphere: darker is a black picture at any strength, brighter a white one
 MAX_TINT_UV = 0.035  # CIE 1976 u'v': a card in the shade of a clear sky's darkest blue is 0.031 off daylight
 BACKDROP_REMEDY = '`light.backdrop` other than "hdri" hides it and keeps its light'
-BATCH_PICTURES = 16  # pictures that one process reads, one after the other
+PICTURES_PER_PROCESS = 16  # which reads one after the other
 
 
 @dataclass(frozen=True, slots=True)
 class FoundSky:
-    """What reading tells about an HDRI, as it's kept in the cache; its fields are those of `Hdri`."""
+    """What reading found in an HDRI, as the cache keeps it; its fields are those of `Hdri`."""
 
     light: SkyLight
     notes: tuple[str, ...]
@@ -80,7 +78,7 @@ class Hdri:
 
 
 def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
-    """Return a sky's usable radiance, linear Rec. 709, and its repairs, a sentence each."""
+    """Return a sky's usable radiance in linear Rec. 709, and a sentence about each repair."""
     height, width = pixels.shape[:2]
     if width != 2 * height:
         raise AssetError(f"is {width} x {height} pixels, but an HDRI of a whole sky is twice as wide as high")
@@ -89,7 +87,7 @@ def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray,
     notes = []
     endless = pixels > MAX_RADIANCE
     if suns := int(endless.any(axis=2).sum()):
-        if suns > max(FEW_PIXELS, MAX_INFINITE_SHARE * height * width):
+        if suns > max(ALLOWED_INFINITE_PIXELS, MAX_INFINITE_SHARE * height * width):
             raise AssetError(f"has {suns} of {height * width} pixels without end, above {MAX_RADIANCE:g}")
         largest = float(pixels[~endless].max(initial=0.0))
         pixels = np.where(endless, np.float32(largest), pixels)
@@ -111,7 +109,7 @@ def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray,
 
 
 def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
-    """Return mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
+    """Return the mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
     height = len(pixels)
     rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE_WEIGHTS
     weight = np.cos((np.arange(height) + 0.5) / height * np.pi - np.pi / 2)
@@ -125,15 +123,15 @@ def read_hdris(
     limits: ReadLimits = DEFAULT_LIMITS,
     progress: Callable[[str], None] | None = None,
 ) -> list[Hdri]:
-    """Read and check pictures, from `cache` if possible."""
+    """Read and check HDRIs, from `cache` if possible."""
     for path in paths:
         refuse_no_hdri(path)
     make_cache(cache)
     digests = [file_sha256(path) for path in paths]
     named = dict(zip(digests, paths, strict=True))
     todo = [(digest, path) for digest, path in named.items() if _cache_entry(path, digest, cache) is None]
-    for start in range(0, len(todo), BATCH_PICTURES):
-        batch = todo[start : start + BATCH_PICTURES]
+    for start in range(0, len(todo), PICTURES_PER_PROCESS):
+        batch = todo[start : start + PICTURES_PER_PROCESS]
         with new_folder(cache) as folder:
             jobs = [Job(str(path), str(Path(folder, digest)), "hdri") for digest, path in batch]
             for job in jobs:
@@ -154,7 +152,7 @@ def read_hdris(
 
 
 def refuse_no_hdri(path: Path) -> None:
-    """Raise if a file doesn't begin like an HDRI."""
+    """Refuse a file that doesn't begin like an HDRI."""
     if not first_bytes(path).startswith(HDRI_MAGIC):
         raise AssetError("isn't an OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 

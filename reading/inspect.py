@@ -30,7 +30,7 @@ ROLE_COLORS = np.array(
     [(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float
 )
 OBSTACLE_COLOR = np.array([150.0, 150.0, 150.0])
-FULL_SIZE_ASSETS = 12  # assets in one picture; more are drawn half as large
+MAX_FULL_SIZE_ASSETS = 12  # in one picture; more are drawn half as large
 FRONT_LEFT = "from the front left"
 # Name, direction of sight, direction that is up in the picture.
 SHEET_VIEWS = (
@@ -43,9 +43,9 @@ SHEET_VIEWS = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Inspected:
-    """An inspected file."""
+    """The report and picture of an inspected file."""
 
-    name: str  # of the vehicle, scenery, or HDRI
+    name: str  # name of the vehicle, scenery, or HDRI
     report: FileReport | SkyReport  # the report about its file
     picture: Image.Image | None = None  # a picture of it (see `draw_asset`); None if not requested, and of an HDRI
 
@@ -59,12 +59,12 @@ def sky_report(path: Path, hdri: Hdri) -> SkyReport:
 
 
 def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
-    """Write the pictures side by side, each under its name, or the only one."""
+    """Write the pictures side by side, each under its name, or one picture alone."""
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
     sheet = drawn[0][1]
     if len(drawn) > 1:
         names, pictures = zip(*drawn, strict=True)
-        columns = 3 if len(drawn) <= FULL_SIZE_ASSETS else 6
+        columns = 3 if len(drawn) <= MAX_FULL_SIZE_ASSETS else 6
         sheet = contact_sheet(pictures, columns=columns, tile_width=3 * sheet.width // columns, captions=names)
     try:
         save_picture(sheet, path)
@@ -129,7 +129,7 @@ def draw_asset(
 
 
 def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
-    """Return bounds of the ground and the objects on it, without hills on the horizon; of everything without ground."""
+    """Return bounds of the ground and the objects on it without hills on the horizon; of everything without ground."""
     if scenery.ground is not None:
         low, high = scenery.ground.bounds
         middle = boxes.mean(axis=1)

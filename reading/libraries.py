@@ -30,7 +30,7 @@ INSTALL_COMMAND = f"apt-get install {' '.join(SYSTEM_LIBRARIES.values())}"
 
 
 def missing_libraries() -> tuple[str, ...]:
-    """Libraries of `SYSTEM_LIBRARIES` that this process can't load."""
+    """Return libraries of `SYSTEM_LIBRARIES` that this process can't load."""
     if not sys.platform.startswith("linux"):
         return ()
     return tuple(library for library in SYSTEM_LIBRARIES if not _loads_library(library))
@@ -45,7 +45,7 @@ def _loads_library(library: str) -> bool:
 
 
 def library_remedy(output: str) -> str | None:
-    """Remedy for a Blender that ended with this output; None if it doesn't indicate a missing part."""
+    """Return the remedy for a Blender that ended with this output; None if it doesn't suggest a missing library."""
     if "No module named 'bpy'" in output:
         return "install hulldown[blender]"
     if re.search(r"ImportError: lib\S+: cannot open shared object file", output):
@@ -54,7 +54,7 @@ def library_remedy(output: str) -> str | None:
 
 
 def main() -> int:
-    """Install what is missing, or print the command that does and return 2."""
+    """Install missing libraries, or print the command for it and return 2."""
     if not (missing := missing_libraries()):
         return 0
     if os.geteuid() == 0 and shutil.which("apt-get"):

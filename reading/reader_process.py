@@ -36,7 +36,7 @@ class Job:
     # exists; everything is written into it: bundle and tidy twin of an asset, the map of an HDRI, the answer
     folder: str
     format: str  # "blend", "gltf", "fbx", "obj", "geotiff", or "hdri"
-    kind: str | None = None  # kind, options: of an asset; as of `export_asset`
+    kind: str | None = None  # kind, options: as for `export_asset`
     options: Options = field(default_factory=Options)
 
     def file(self, name: str) -> Path:
@@ -46,7 +46,7 @@ class Job:
 
 @dataclass(frozen=True, slots=True)
 class FoundAsset:
-    """What the reading process tells about an asset: the report, and absolute paths of all files it refers to."""
+    """The reading process's answer about an asset: the report, and absolute paths of all files it refers to."""
 
     report: FileReport
     files: tuple[str, ...]
@@ -54,7 +54,7 @@ class FoundAsset:
 
 @dataclass(frozen=True, slots=True)
 class Exported:
-    """The files and the report of one export."""
+    """The files and the report of an export."""
 
     report: FileReport  # the report about the file
     bundle: Path  # the geometry, for `assets.bundle.load_vehicle` or `load_scenery`
@@ -81,7 +81,7 @@ def export_asset(
 
 
 def reader_job(path: Path, folder: Path, *, kind: str | None, options: Options = DEFAULT_OPTIONS) -> Job:
-    """Return the reader's job; arguments as of `export_asset`."""
+    """Return the reader's job; arguments as for `export_asset`."""
     kind_of_file = file_format(path)
     refuse_odd_references(path, kind_of_file)
     if kind_of_file == "geotiff":
@@ -124,7 +124,7 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> N
 
 
 class Refused(TypedDict):
-    """Why the reading process refuses a file: the value of its answer's only key, "error"."""
+    """The reading process's refusal of a file: the value of its answer's only key, "error"."""
 
     problem: str
     path: str
@@ -132,7 +132,7 @@ class Refused(TypedDict):
 
 
 def found_answer(job: Job, kind: type[Found]) -> Found:
-    """Return what the reading process found in a file, as the type that it tells."""
+    """Return the reading process's answer about a file, as an object of this type."""
     # Its process had opened a file from outside.
     refuse = partial(AssetError, path=job.path, remedy="open it in Blender, save it again, or leave it out")
     answer = read_json(job.file(ANSWER_NAME), dict[str, object], refuse, what="readable: its process gave no answer")

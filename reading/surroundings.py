@@ -7,31 +7,29 @@ from jaxtyping import Float
 
 from hulldown.base.color import LUMINANCE_WEIGHTS
 
-MAP_ROWS = 128  # rows of the analyzed map: 1.4 degrees each
-MIN_JUDGED_ROWS = 32  # least rows for a judgment
+MAP_ROWS = 128  # 1.4 degrees each
+MIN_JUDGED_ROWS = 32
 # Darker than this share of the sky so many degrees above it means surroundings; an overcast sky's horizon has a
 # third of its zenith.
 MIN_DARK_SHARES = {(1.0, 25.0): 0.5, (25.0, 50.0): 0.3}
-MAX_BRIGHT_GAP_ROWS = 3  # rows of a street lamp's light, or of sky between two branches, that may be brighter
-TOP_DEG = 60.0  # higher things are overhead
-NEAR_DEG = 15.0  # things that reach higher, in a twentieth of all directions, are a street's or a wood's
-MAX_SKY_WARMTH = 1.0  # red over blue of what is overhead; the reddest sky had 0.9, rooms from 1.0 to 2.9
-BUSY, STEP = 0.3, 0.25  # share of neighbors overhead whose logarithms differ by that much; broken cloud had 0.23
+MAX_BRIGHT_GAP_ROWS = 3  # a street lamp's light, or sky between two branches
+MAX_HORIZON_DEG = 60.0  # higher things are overhead
+MAX_FAR_HORIZON_DEG = 15.0  # what reaches higher, in a twentieth of all directions, is a street's or a wood's
+MAX_SKY_WARMTH = 1.0  # red over blue overhead; the reddest sky had 0.9, rooms from 1.0 to 2.9
+MAX_BUSY_SHARE, MIN_BUSY_STEP = 0.3, 0.25  # of neighbors overhead whose logarithms differ so; broken cloud had 0.23
 
-MAX_PLAIN_VARIATION = (
-    0.2  # standard deviation over mean of what is below the horizon: 0 in painted skies, from 0.7 in photographs
-)
+MAX_PLAIN_VARIATION = 0.2  # deviation over mean below the horizon: 0 in painted skies, from 0.7 in photographs
 
 
 def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
-    """Return whether an HDRI shows more than one color below its horizon; parameters as of `backdrop_elevation`."""
+    """Return whether an HDRI shows more than one color below its horizon; parameters as for `backdrop_elevation`."""
     elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
     below = (sky @ LUMINANCE_WEIGHTS)[(elevation < -3.0) & (elevation > -30.0)]
     return bool(below.size and below.std() > MAX_PLAIN_VARIATION * below.mean())
 
 
 def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
-    """Means over squares of an equirectangular picture, about `MAP_ROWS` high; the zenith is in the first row."""
+    """Return means over squares of an equirectangular picture, about `MAP_ROWS` high, the zenith in the first row."""
     height, width = pixels.shape[:2]
     step = max(1, height // MAP_ROWS)
     cut = pixels[::-1][: height // step * step, : width // step * step]
@@ -39,21 +37,21 @@ def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
 
 
 def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
-    """Elevation in degrees up to which a `small_map` shows more than sky, and signs that it isn't open land."""
+    """Return the elevation in degrees up to which a `small_map` shows more than sky, and signs of closed land."""
     height = len(sky)
     if height < MIN_JUDGED_ROWS:  # too coarse to tell
-        return round(min(90.0 / height, TOP_DEG), 3), ()
+        return round(min(90.0 / height, MAX_HORIZON_DEG), 3), ()
     elevation = 90.0 - (np.arange(height) + 0.5) / height * 180.0
     gray = sky @ LUMINANCE_WEIGHTS
     gray += 1e-6 * gray.mean()
     tops = _dark_tops(gray, elevation)
     misfits = []
-    if (near := float(np.quantile(tops, 0.95))) > NEAR_DEG:
+    if (near := float(np.quantile(tops, 0.95))) > MAX_FAR_HORIZON_DEG:
         misfits.append(f"its surroundings reach {near:.0f} degrees above its horizon")
     overhead = (elevation > 30.0) & (elevation < 70.0)
     log = np.log(gray)
     steps = np.maximum(np.abs(np.diff(log, axis=0, append=log[-1:])), np.abs(log - np.roll(log, -1, axis=1)))
-    if (busy := float((steps[overhead] > STEP).mean())) > BUSY:
+    if (busy := float((steps[overhead] > MIN_BUSY_STEP).mean())) > MAX_BUSY_SHARE:
         misfits.append(f"{100 * busy:.0f} % of the sky overhead has edges, as roofs and treetops have")
     red, _, blue = np.median(sky[elevation > 45.0].reshape(-1, 3), axis=0).tolist()
     if red > MAX_SKY_WARMTH * blue:
@@ -62,10 +60,10 @@ def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[st
 
 
 def _dark_tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-    """Elevation in degrees of the top of dark surroundings in each column."""
+    """Return the elevation in degrees of the top of dark surroundings in each column."""
     tops = np.zeros(gray.shape[1])
     bright = np.zeros(gray.shape[1], dtype=int)  # rows since the last dark one
-    for row in np.flatnonzero((elevation > 0.0) & (elevation < TOP_DEG))[::-1]:
+    for row in np.flatnonzero((elevation > 0.0) & (elevation < MAX_HORIZON_DEG))[::-1]:
         dark = np.zeros(gray.shape[1], dtype=bool)
         for (low, high), share in MIN_DARK_SHARES.items():
             above = (elevation > elevation[row] + low) & (elevation < elevation[row] + high)

@@ -14,26 +14,26 @@ from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece, vehi
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.scenery.shape import is_open_land
 
-BIGGEST_VEHICLE = 30.0  # meters; larger files with ground count as sceneries
+MAX_GROUNDED_VEHICLE_M = 30.0  # larger files with ground count as sceneries
 
 
 def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
-    """Return "scenery" for ground with things wider than a vehicle, or for what is flat and wide; else "vehicle"."""
+    """Return "scenery" for ground with things wider than a vehicle, or for a flat, wide file; else "vehicle"."""
     if not pieces:
         return "vehicle"
     if not _ground_reason(pieces, options):
         length, width, height = _pieces_extent(pieces)
         across = max(length, width)
         sheet = height <= MAX_SHEET_THICKNESS_SHARE * across or (len(pieces) == 1 and is_open_land(pieces[0]))
-        return "scenery" if across > BIGGEST_VEHICLE and sheet else "vehicle"
+        return "scenery" if across > MAX_GROUNDED_VEHICLE_M and sheet else "vehicle"
     kept = _vehicle_reason(pieces)
     if 2 * sum(bool(first_match(p.name, VEHICLE_PART_WORDS)) for p in kept) > len(kept):
         return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground
-    return "scenery" if not kept or max(_pieces_extent(kept)) > BIGGEST_VEHICLE else "vehicle"
+    return "scenery" if not kept or max(_pieces_extent(kept)) > MAX_GROUNDED_VEHICLE_M else "vehicle"
 
 
 def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> Doubt | None:
-    """Refuse a file of the other kind, unless options describe it; return a doubt if it may be intended, or None."""
+    """Refuse a file of the other kind, unless options describe it; return a doubt if it may be intended."""
     if not pieces:
         return None
     if kind == "vehicle":
@@ -54,7 +54,7 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
         return None
     telling = next((p.name for p in pieces if first_match(p.name, VEHICLE_PART_WORDS)), None)
     longest = max(_pieces_extent(_vehicle_reason(pieces) or pieces))
-    if longest > BIGGEST_VEHICLE:
+    if longest > MAX_GROUNDED_VEHICLE_M:
         return None
     if telling:
         raise AssetError(

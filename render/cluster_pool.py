@@ -24,12 +24,12 @@ from hulldown.render.jobs import readable_paths
 from hulldown.render.pool import Engine
 from hulldown.render.process import Allowance, Blender, Confinement, Limits, Outcome
 
-AT_ONCE = 2  # tasks per worker: the current and the next one
+TASKS_PER_WORKER = 2  # the current and the next one
 LOST_WORKERS = "its workers were lost, the last ones while they had nothing else to do"
 SHARED_FOLDER_REMEDY = (
     "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
 )
-IDLE_S = 60.0  # of idling, after which Blender is ended to free memory
+MAX_IDLE_S = 60.0  # then Blender is ended to free memory
 
 
 class ClusterPool(Cluster):
@@ -47,10 +47,10 @@ class ClusterPool(Cluster):
         self._stopping = stopping
         self._setting = Setting(readable_paths(library), engine.device, engine.limits)
         refused = partial(refusal_reason, package_versions("bpy"), engine.require_confinement, shared_files(library))
-        super().__init__(scheduler, RENDER_RESOURCE, refused, at_once=AT_ONCE, say=say)
+        super().__init__(scheduler, RENDER_RESOURCE, refused, at_once=TASKS_PER_WORKER, say=say)
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
-        """Do all jobs; parameters and errors as of `render.pool.Pool.results`."""
+        """Do all jobs; parameters and errors as for `render.pool.Pool.results`."""
 
         def call(job: int) -> Callable[[], TaskResult[Outcome]]:
             return partial(render_row, self._setting, job_of(job))
@@ -63,7 +63,7 @@ class ClusterPool(Cluster):
 
 
 def shared_files(library: Library) -> dict[str, tuple[int, int]]:
-    """Size and time of each file within `render.jobs.readable_paths` that a plan's renders read, by absolute path."""
+    """Return size and time of each file in `render.jobs.readable_paths` that renders read, by absolute path."""
     read = (*library.models.values(), *library.sceneries.values())
     named = [hdri.path for hdri in library.hdris.values()]
     for exported in read:
@@ -77,7 +77,7 @@ def shared_files(library: Library) -> dict[str, tuple[int, int]]:
 
 
 def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
-    """Return the reason why this process can't render for a client with these `shared_files`; empty if it can."""
+    """Return why this process can't render for a client with these `shared_files`; empty if it can."""
     if package_versions("bpy")["bpy"] == NOT_INSTALLED:
         return "has no bpy"
     if wrong := version_difference({name: version for name, version in client.items() if version != NOT_INSTALLED}):
@@ -97,7 +97,7 @@ def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """The parameters of a plan's Blenders."""
+    """What a plan's Blenders start with."""
 
     readable: tuple[Path, ...]  # paths that they may read, by `render.jobs.readable_paths`
     device: str
@@ -126,7 +126,7 @@ def _open_blender() -> OpenBlender:
 class OpenBlender:
     """A Dask worker's Blender, from the first image to the process's end, and unsent `lines`; writes to `scratch`."""
 
-    blender: Blender  # for the setting of the last `busy`
+    blender: Blender  # for the setting of the last `use_blender`
 
     def __init__(self, scratch: Path) -> None:
         self._scratch, self.pictures = scratch, scratch / "pictures"
@@ -134,7 +134,7 @@ class OpenBlender:
         self._setting: Setting | None = None
         self.lines: list[str] = []
         self._busy = threading.Lock()
-        self._idle = threading.Timer(IDLE_S, self._end_idle)
+        self._idle = threading.Timer(MAX_IDLE_S, self._end_idle)
 
     def _end_idle(self) -> None:
         with self._busy:
@@ -143,7 +143,7 @@ class OpenBlender:
 
     @contextmanager
     def use_blender(self, setting: Setting) -> Iterator[None]:
-        """Have a Blender for a setting during the block; Blender stays open for `IDLE_S` after it."""
+        """Yield a Blender for a setting; it stays open for `MAX_IDLE_S` after the block."""
         self._idle.cancel()
         try:
             with self._busy:
@@ -151,7 +151,7 @@ class OpenBlender:
                     self._apply_setting(setting)
                 yield
         finally:
-            self._idle = threading.Timer(IDLE_S, self._end_idle)
+            self._idle = threading.Timer(MAX_IDLE_S, self._end_idle)
             self._idle.daemon = True
             self._idle.start()
 

@@ -33,9 +33,9 @@ from hulldown.render.outline import Outline
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
 
-ONE_PIXEL = 1.0  # largest difference between a box and a mask's box, whose sides are between pixel centers
-MIN_EQUAL_IOU = 0.99  # least IoU of masks that are equal up to float32 at their edges
-FEW_PIXELS = 2  # largest difference of masks so small that one pixel exceeds the IoU's limit
+MAX_BOX_DIFFERENCE_PX = 1.0  # between a box and a mask's box, whose sides are between pixel centers
+MIN_EQUAL_IOU = 0.99  # of masks that are equal up to float32 at their edges
+MAX_SMALL_DIFFERENCE_PX = 2  # of masks so small that one pixel exceeds the IoU's limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,7 +123,7 @@ def compare_masks(
     alone: Bool[np.ndarray, "h w"],
     visible: Bool[np.ndarray, "h w"],
 ) -> MaskRow:
-    """Compare a label with masks of its vehicle, alone and with its occluders."""
+    """Compare a label with masks of its vehicle alone and with its occluders."""
     box_error, outside, rendered = math.inf, 0.0, mask_box(alone)
     if rendered is not None:
         box = label.bbox
@@ -142,12 +142,12 @@ def compare_masks(
 
 def _mask_finding(row: MaskRow, annotated: float) -> Finding | None:
     where = f"{row.file_name}, {row.vehicle}"
-    if row.outside > ONE_PIXEL:
+    if row.outside > MAX_BOX_DIFFERENCE_PX:
         return Finding("error", where, f"reaches {row.outside:.1f} px out of its box in Cycles' mask")
     for overlap, what in ((row.mask_iou, "mask"), (row.amodal_iou, "amodal mask")):
-        if overlap < MIN_EQUAL_IOU and (1 - overlap) * max(annotated, row.pixels) > FEW_PIXELS:
+        if overlap < MIN_EQUAL_IOU and (1 - overlap) * max(annotated, row.pixels) > MAX_SMALL_DIFFERENCE_PX:
             return Finding("error", where, f"annotated and rendered {what} overlap by {overlap:.3f} only")
-    if row.box_error > ONE_PIXEL:
+    if row.box_error > MAX_BOX_DIFFERENCE_PX:
         return Finding(
             "warning", where, f"box is {row.box_error:.1f} px larger than Cycles' mask: a detail thinner than a pixel"
         )
@@ -155,7 +155,7 @@ def _mask_finding(row: MaskRow, annotated: float) -> Finding | None:
 
 
 def cycles_masks(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt8[np.ndarray, "_ h w"]]:
-    """Render the masks of all vehicles in some rows of a plan, as of `IndexPictures.index_maps` for each row."""
+    """Render the masks of all vehicles in some rows of a plan, for each row as by `IndexPictures.index_maps`."""
     maps: dict[int, UInt8[np.ndarray, "_ h w"]] = {}
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)

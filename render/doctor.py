@@ -29,7 +29,7 @@ print("@@" + json.dumps({"blender": bpy.app.version_string, "devices": available
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """What is found; no `problems` if the machine can plan and render; the kernel's version of `landlock`, 0: none."""
+    """What a machine has; without `problems` it can plan and render, and without Landlock `landlock` is 0."""
 
     python: str
     system: str
@@ -42,7 +42,7 @@ class Diagnosis:
 
     @property
     def confinement(self) -> str:
-        """The confinement of files from elsewhere on this machine."""
+        """How files from elsewhere are confined on this machine."""
         if unconfined_reason():
             return f"{describe_confinement()}; only hulldown's list of risky features protects this machine"
         return (

@@ -23,7 +23,7 @@ from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightI
 
 
 def readable_paths(library: Library) -> tuple[Path, ...]:
-    """Return the paths that Blender may read, by the config alone: folders of its files, of their twins, and HDRIs."""
+    """Return the paths that Blender may read, by the config alone: folders of its files and their twins, and HDRIs."""
     read = (*library.models.values(), *library.sceneries.values())
     files = [file for exported in read for file in (exported.tidy, exported.report.path)]
     folders = [folder for file in files for folder in asset_folders(Path(os.path.normpath(file)))]
@@ -61,7 +61,7 @@ def render_job(row: Row, library: Library, settings: CyclesSettings, output: Pat
 
 
 def mask_job(row: Row, library: Library, output: Path) -> MaskJob:
-    """Return the job of rendering a row's masks; parameters and errors as of `render_job`."""
+    """Return the job of rendering a row's masks; parameters and errors as for `render_job`."""
     vehicles = [_vehicle_input(structs.replace(vehicle, paint=[]), library, row) for vehicle in row.vehicles]
     return MaskJob(
         scenery=_scenery_input(row, library), vehicles=vehicles, camera=_camera_input(row), output=str(output)

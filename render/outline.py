@@ -20,7 +20,7 @@ OutlineRow = tuple[SortKey, int, int, str]  # with index, number of labels, and 
 
 
 class Outline:
-    """A plan's names, order, and numbers of labels, read completely before anything is written."""
+    """The names, order, and numbers of labels of a plan, which is read completely before anything is written."""
 
     def __init__(self, plan: Plan) -> None:
         self.stamp = file_stamp(plan.path)
@@ -76,12 +76,12 @@ WHOLE_PLAN = Part()
 
 
 def sort_key(row: Row) -> SortKey:
-    """Sort key of rows by what a change costs: scenery, vehicle, kind of weather, position with its vehicles, HDRI."""
+    """Return a row's sort key, the costliest change first: scenery, vehicle, weather, position with vehicles, HDRI."""
     return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.position, row.hdri
 
 
 def file_stamp(path: Path) -> tuple[int, int, int] | None:
-    """Identity, size, and modification time of a file; None if there is none."""
+    """Return identity, size, and modification time of a file; None if there is none."""
     try:
         stat = path.stat()
     except OSError:

@@ -20,9 +20,9 @@ from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
 from hulldown.cluster.scheduler import Scheduler
 from hulldown.render.blender.messages import MaskJob, RenderJob
-from hulldown.render.process import POLL_S, Allowance, Blender, Confinement, Limits, Outcome
+from hulldown.render.process import CHECK_INTERVAL_S, Allowance, Blender, Confinement, Limits, Outcome
 
-MOST_BLENDERS = 256  # Blenders
+MAX_BLENDERS = 256
 
 
 Device: TypeAlias = Literal["auto", "cpu", "gpu", "optix", "cuda", "hip", "oneapi", "metal"]
@@ -68,7 +68,7 @@ DEFAULT_ENGINE = Engine()
 
 
 class Pool:
-    """Several Blenders, each with its own thread, until the context ends; `confinement` None: unconfined."""
+    """Several Blenders, each with its own thread, until the context ends; without `confinement` they're unconfined."""
 
     def __init__(
         self,
@@ -83,12 +83,12 @@ class Pool:
             raise ValueError(f"workers: expected at least 1, got {engine.workers}")
         self._logs, self._engine = logs, engine
         self._say, self._stopping, self._confinement = say, stopping, confinement
-        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # of the threads
+        self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # from the threads
         self._allowance = Allowance(engine.limits)
         self._blenders: list[Blender] = []
         self._add_blenders(engine.workers or 1)
         self._left = Event()
-        self._threads = ThreadPoolExecutor(MOST_BLENDERS)
+        self._threads = ThreadPoolExecutor(MAX_BLENDERS)
 
     @property
     def working(self) -> int:
@@ -116,7 +116,7 @@ class Pool:
     def results(
         self, jobs: Sequence[int], job_of: Callable[[int], RenderJob | MaskJob]
     ) -> Iterator[tuple[int, Outcome]]:
-        """Do all jobs, neighbors, which should share assets, in one Blender; yields each with its outcome."""
+        """Do all jobs, neighbors in one Blender, since they should share assets; yield each with its outcome."""
         n = self.working
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]
         running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each, ended ones included
@@ -134,7 +134,7 @@ class Pool:
                     do = self._blenders[i].do
                     running[self._threads.submit(do, job_of(job), stopping=self._left.is_set)] = i, job
             if ended is None:
-                wait(running, timeout=POLL_S, return_when=FIRST_COMPLETED)
+                wait(running, timeout=CHECK_INTERVAL_S, return_when=FIRST_COMPLETED)
                 continue
             (_, job), outcome = running.pop(ended), ended.result()
             yield job, outcome  # all Blenders work meanwhile
@@ -154,7 +154,7 @@ class Pool:
 
 
 def _next_job(queues: Sequence[deque[int]], i: int) -> int | None:
-    """Return the next job of a queue; an empty queue takes half of the longest one's."""
+    """Take the next job of a queue; an empty queue takes half of the longest one's jobs."""
     if not queues[i]:
         longest = max(queues, key=len)
         half = [longest.pop() for _ in range((len(longest) + 1) // 2)]

@@ -22,13 +22,13 @@ from PIL.PngImagePlugin import PngImageFile
 from hulldown.base.arguments import Positive
 from hulldown.base.child import Child, Stopped, memory_limit
 from hulldown.base.errors import HulldownError
-from hulldown.base.outside import DATA, parse_json, read_file
+from hulldown.base.outside import MAX_DATA_BYTES, parse_json, read_file
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import BlendJob, Job, OutputJob, RenderJob, StartJob
 from hulldown.render.blender.reply import REPLY_PREFIX, Reply
 
 WORKER_SCRIPT = Path(__file__).with_name("blender") / "worker.py"
-STOP_S = 5.0  # for a worker to end by itself
+MAX_STOP_S = 5.0  # for a worker to end by itself
 # For glibc: from how many bytes on a block goes back to the system when it is freed. This is its own first value; left
 # alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
 # For OpenBLAS, whose threads busy-wait for products that are too small for them.
@@ -38,17 +38,17 @@ WORKER_ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1",
     "OCIO_DISABLE_PROCESSOR_CACHES": "1",
 }
-POLL_S = 0.2  # interval of checks of time and memory
+CHECK_INTERVAL_S = 0.2  # of time and memory
 REPLACE_MEMORY_SHARE = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
 GIB_BYTES = 2**30
-GPU_DEVICES = ("nvidia*", "dri", "kfd", "shm")  # of /dev
+GPU_DEVICES = ("nvidia*", "dri", "kfd", "shm")  # in /dev
 DRIVER_CACHES = (".nv", ".cache/cycles", ".cache/nvidia", ".cache/neo_compiler_cache", ".cache/mesa_shader_cache")
 MAX_ATTEMPTS = 3  # at a job, or at a start
-START_S = 300.0  # time limit of a start
-FIRST_JOBS = 5  # jobs that set the time limit of the others
-FIRST_JOBS_S = 3600.0  # their own time limit
-TIMES_LONGER = 20.0  # the longest of them is the others' time limit
-SHORTEST_S = 300.0  # least time limit, for loading another scenery
+MAX_START_S = 300.0
+FIRST_JOBS = 5  # they set the time limit of the others
+MAX_FIRST_JOB_S = 3600.0
+MAX_TIME_RATIO = 20.0  # the others' time limit over the longest first job's time
+MIN_TIME_LIMIT_S = 300.0  # for loading another scenery
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 PNG_NOTE_CHUNKS = (b"tEXt", b"zTXt", b"iTXt", b"eXIf", b"tIME")
 
@@ -72,7 +72,7 @@ class Limits:
 
 
 class Allowance:
-    """The resources of each of several Blenders on a machine."""
+    """The share of a machine's resources that each of several Blenders gets."""
 
     def __init__(self, limits: Limits, blenders: int = 1) -> None:
         self.limits, self.blenders = limits, blenders
@@ -80,34 +80,34 @@ class Allowance:
 
     @property
     def job_s(self) -> float:
-        """Seconds that the next job gets."""
+        """Time limit of the next job in seconds."""
         if self.limits.job_s is not None:
             return self.limits.job_s
         first = self.took[:FIRST_JOBS]
-        return max(SHORTEST_S, TIMES_LONGER * max(first)) if len(first) == FIRST_JOBS else FIRST_JOBS_S
+        return max(MIN_TIME_LIMIT_S, MAX_TIME_RATIO * max(first)) if len(first) == FIRST_JOBS else MAX_FIRST_JOB_S
 
     @property
     def memory(self) -> float:
-        """Bytes."""
+        """Bytes of memory for each Blender."""
         return memory_limit(self.limits.memory_bytes, self.blenders)
 
     @property
     def threads(self) -> int:
-        """Of the processor; 0 for all."""
+        """CPU threads for each Blender; 0: all."""
         return 0 if self.blenders == 1 else max(1, (psutil.cpu_count() or 1) // self.blenders)
 
 
 class AttemptFailed(Exception):
-    """A failed attempt at a job, with a reason for the user."""
+    """Raised when an attempt at a job fails, with a reason for the user."""
 
 
 class Lost(AttemptFailed):
-    """Blender has failed and must be restarted."""
+    """Raised when Blender has failed and must be restarted."""
 
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """The outcome of a job."""
+    """What a job gave: its output, or why it failed, and what did it."""
 
     seconds: Mapping[str, float] = field(default_factory=dict)  # duration of each part of a picture, as in `Reply`
     content: bytes = b""  # contents of the job's output file
@@ -119,7 +119,7 @@ class Outcome:
 
 @dataclass(frozen=True, slots=True)
 class Confinement:
-    """Paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`."""
+    """The paths that a worker may use, if the kernel has Landlock; see `reading.confinement.landlock`."""
 
     write: Path  # folder for output, which must exist at the start
     read: tuple[Path, ...]  # files and folders of its jobs
@@ -135,7 +135,7 @@ class Confinement:
 
 
 class Blender:
-    """A Blender that starts with its first job and stays open, perhaps confined. Leaving it as a context ends it."""
+    """A Blender that starts with its first job and stays open; confined or not. Leaving it as a context ends it."""
 
     def __init__(
         self,
@@ -161,11 +161,11 @@ class Blender:
 
     @property
     def process_id(self) -> int | None:
-        """Its process id; None if it isn't open."""
+        """Blender's process id; None if it isn't open."""
         return self._child.pid if self._child else None
 
     def do(self, job: OutputJob, *, stopping: Callable[[], bool] = lambda: False) -> Outcome:
-        """Do a job, with several attempts; returns when it's done or has finally failed."""
+        """Do a job, with several attempts; return when it's done or has finally failed."""
         self._stopping, self._restarts = stopping, 0
         reasons: list[str] = []
         try:
@@ -196,19 +196,19 @@ class Blender:
         if self._child.memory > REPLACE_MEMORY_SHARE * self._allowance.memory:
             self._say("has grown near its memory limit and is replaced")
             self._child.close_stdin()
-            self._child.wait(STOP_S)
+            self._child.wait(MAX_STOP_S)
             self.close()
         return reply, content
 
     def start_process(self) -> None:
-        """Start it if necessary, and choose the device."""
+        """Start Blender if necessary, and choose the device."""
         if self._child is not None:
             return
         for attempt in range(1, MAX_ATTEMPTS + 1):
             try:
                 self._launch_process()
-                version = self._next_reply(START_S).ready
-                reply = self._send_job(StartJob(self._device, self._number, self._allowance.threads), START_S)
+                version = self._next_reply(MAX_START_S).ready
+                reply = self._send_job(StartJob(self._device, self._number, self._allowance.threads), MAX_START_S)
             except Lost as lost:
                 self._end_lost(lost)
                 if attempt < MAX_ATTEMPTS:
@@ -266,7 +266,7 @@ class Blender:
             if self._stopping():
                 raise Stopped
             try:
-                reply = self._replies.get(timeout=POLL_S)
+                reply = self._replies.get(timeout=CHECK_INTERVAL_S)
             except queue.Empty:
                 limit = self._allowance.memory
                 if time.monotonic() > end:
@@ -287,7 +287,7 @@ class Blender:
         self._say(f"{lost}; it is started again")
 
     def close(self) -> None:
-        """End it now; the next job starts another."""
+        """Kill Blender; the next job starts another."""
         if self._child is not None:
             self._child.kill()
         self._child = None
@@ -316,7 +316,7 @@ def _output_content(job: OutputJob) -> bytes:
         size = job.camera.intrinsics
         if wrong := picture_damage(output, size.width, size.height):
             raise AttemptFailed(wrong)
-    return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=DATA)
+    return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=MAX_DATA_BYTES)
 
 
 def without_notes(data: bytes) -> bytes:
@@ -335,7 +335,7 @@ def without_notes(data: bytes) -> bytes:
 
 
 def picture_damage(picture: Path, width: int, height: int) -> str | None:
-    """Find damage in a picture by Blender; None if there is none."""
+    """Describe the damage in a picture by Blender; None if there is none."""
     try:
         # Not by `Image.open`, which refuses pictures above a size.
         with PngImageFile(picture) as image:

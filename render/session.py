@@ -36,12 +36,12 @@ from hulldown.render.process import Outcome, without_notes
 if TYPE_CHECKING:
     from hulldown.render.cluster_pool import ClusterPool
 
-GIVE_UP_AFTER = 30  # failed attempts in a row over all images, after which they aren't the cause
+MAX_FAILURES_IN_A_ROW = 30  # over all images; more aren't the images' fault
 
 
 @dataclass(frozen=True, slots=True)
 class RenderProgress:
-    """Progress of a run: finished, failed, and wanted pictures; a message, possibly empty; the workers."""
+    """A run's numbers of finished, failed, and wanted pictures, its workers, and a message, possibly empty."""
 
     finished: int
     failed: int
@@ -51,7 +51,7 @@ class RenderProgress:
 
 
 class Session:
-    """Sends rows to a pool and stores its results."""
+    """Sends rows to a pool, and stores its results."""
 
     def __init__(
         self,
@@ -97,7 +97,7 @@ class Session:
         self._progress(RenderProgress(self.already + self.rendered, len(self.failed), self.images, line, workers))
 
     def render(self, pool: Pool | ClusterPool) -> None:
-        """Render the remaining rows, and end the pool; errors as of `render.pool.Pool.results`."""
+        """Render the remaining rows, and end the pool; errors as for `render.pool.Pool.results`."""
         if self.unfinished.is_symlink() or self.unfinished.is_file():
             self.unfinished.unlink()  # not a link's target
         for wait in (0.1, 0.5, 2.0, 0.0):
@@ -127,7 +127,7 @@ class Session:
             return
         self._set_aside(index, outcome.reasons)
         self._failed_in_a_row += len(outcome.reasons)
-        if self._failed_in_a_row >= GIVE_UP_AFTER:
+        if self._failed_in_a_row >= MAX_FAILURES_IN_A_ROW:
             raise HulldownError(
                 f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
                 f"{outcome.reasons[-1]}",

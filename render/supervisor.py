@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RenderReport:
-    """The result of a run."""
+    """The outcome of a run: its images, restarts, and duration."""
 
     images: int  # number of wanted images of the plan
     already: int  # number of these that were in the dataset before
@@ -124,7 +124,7 @@ def _make_pool(
 
 @contextlib.contextmanager
 def render_bar() -> Iterator[Callable[[RenderProgress], None]]:
-    """Show a bar on stderr, with the messages above it; yield what `render_plan` calls."""
+    """Show a bar on stderr with messages above it; yield the function that `render_plan` calls."""
     with titled_bar(unit="images") as advance:
 
         def show(progress: RenderProgress) -> None:
@@ -222,7 +222,7 @@ def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
 
 @contextlib.contextmanager
 def _stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """On Ctrl-C or SIGTERM, end the run and its current pictures; a second one doesn't wait."""
+    """On Ctrl-C or SIGTERM, end the run and its current pictures; the second signal doesn't wait."""
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
         yield stop.is_set

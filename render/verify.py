@@ -9,7 +9,7 @@ from pathlib import Path
 
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import DatasetError, HulldownError
-from hulldown.base.outside import DATA, json_with_repeats, read_file
+from hulldown.base.outside import MAX_DATA_BYTES, json_with_repeats, read_file
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.record_checks import (
     Finding,
@@ -35,7 +35,7 @@ from hulldown.render.cycles_masks import MaskReport, verify_masks
 
 
 class Findings(list[Finding]):
-    """What is wrong with a dataset, and the comparison with masks if there is one."""
+    """The problems of a dataset, and its comparison with rendered masks, if there is one."""
 
     masks: MaskReport | None = None
 
@@ -131,7 +131,7 @@ def _check_keys(folder: Path) -> Iterator[Finding]:
         return
     refuse = partial(DatasetError, path=path)
     try:
-        _, repeated = json_with_repeats(read_file(path, refuse, most=DATA))
+        _, repeated = json_with_repeats(read_file(path, refuse, most=MAX_DATA_BYTES))
     except ValueError as error:  # it changed meanwhile
         raise refuse(f"isn't valid JSON ({error})") from None
     for key, times in repeated.items():

@@ -19,8 +19,8 @@ from hulldown.scene.rays import LocalRayBlock, RayBatch, RayBlock, RayPiece
 BATCH_RAYS = 4095
 # Parts of a beam along its length: their boxes enclose less empty space than one box.
 BEAM_LENGTHS = 8
-PAIRS_PER_BLOCK = 1 << 18  # pairs of ray and instance in memory at a time
-TILE_PX = 64  # pixels, each way, that are traced together
+RAY_PAIRS_PER_BLOCK = 1 << 18  # of ray and instance
+TILE_SIDE_PX = 64  # of rays that are traced together
 
 
 class CameraPencils(RayBatch):
@@ -91,7 +91,7 @@ class CameraPencils(RayBatch):
         view, instance = np.divmod(np.unique(part // BEAM_LENGTHS * k + instance), k)
         local = transform_points(self._camera_from_world[view], _bounds_corners(bounds, instance))
         box, nearest = box_at_unit_depth(local), local[..., 2].min(axis=1)
-        order, size = np.lexsort((nearest, view)), max(1, PAIRS_PER_BLOCK // self.count)
+        order, size = np.lexsort((nearest, view)), max(1, RAY_PAIRS_PER_BLOCK // self.count)
         for batch in rank_batches(view[order]):
             for block in (order[batch[i : i + size]] for i in range(0, len(batch), size)):
                 pair, ray = self._rays_through_boxes(box[block], view[block])
@@ -174,7 +174,7 @@ class CameraPencils(RayBatch):
 
 
 class PixelRays:
-    """Rays through all pixel centers of a camera, row by row, from its position; they hit from the near plane on."""
+    """Rays through all pixel centers of a camera, row by row, from its position; hits begin at the near plane."""
 
     def __init__(self, camera: Cameras) -> None:
         self.camera = camera
@@ -185,14 +185,14 @@ class PixelRays:
     def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
         """Return bands of tiles; beyond the picture's last row and column, tiles repeat them."""
         rows, columns = (
-            np.arange(-(-n // TILE_PX) * TILE_PX).clip(max=n - 1).reshape(-1, TILE_PX)
+            np.arange(-(-n // TILE_SIDE_PX) * TILE_SIDE_PX).clip(max=n - 1).reshape(-1, TILE_SIDE_PX)
             for n in (self.camera.lenses.height, self.camera.lenses.width)
         )
         return [partial(self._band, band, columns) for band in rows]
 
     def _band(self, band: Int[np.ndarray, " t"], columns: Int[np.ndarray, "b t"]) -> RayPiece:
         width = self.camera.lenses.width
-        pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE_PX * TILE_PX)
+        pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE_SIDE_PX * TILE_SIDE_PX)
         at = self.camera.lenses.at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
         u, v = np.ascontiguousarray(np.moveaxis(at, -1, 0))  # NumPy takes extremes along it many times faster
         low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)

@@ -15,10 +15,10 @@ from hulldown.geometry.alpha import HIT_OPACITY, Cut, TexelCounts
 from hulldown.geometry.meshes import Mesh
 from hulldown.scene.ray_caster import RayCaster, RayHits, checked_rays
 
-STEP_ULPS = 4  # units in the last place from a hit to the next start
-MIN_STEP_COSINE = 1e-3  # cosine to a face's normal below which the step no longer grows
-MIN_TRANSMITTANCE = 1e-3  # share of light below which a ray counts as blocked
-ON_PLANE = 1e-4  # cosine from which on a hit is where the ray meets the face's plane in float64
+STEP_ULPS = 4  # from a hit to the next start
+MIN_STEP_COSINE = 1e-3  # to a face's normal; below it the step no longer grows
+MIN_TRANSMITTANCE = 1e-3  # a ray with less counts as blocked
+MIN_PLANE_COSINE = 1e-4  # from here on a hit is where the ray meets the face's plane in float64
 
 
 def make_caster(mesh: Mesh) -> RayCaster:
@@ -53,7 +53,7 @@ class CutoutCaster(RayCaster):
             self._step = STEP_ULPS * float(np.spacing(np.float32(0.5 * np.linalg.norm(high - low))))
 
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
-        """Return the first face along each ray that hides where it is met; arguments as for `RayCaster.cast`."""
+        """Return the first face along each ray that hides where it's met; arguments are as for `RayCaster.cast`."""
         start, along, reach = checked_rays(origins, directions, max_distance)
         distance, face = np.full(len(start), np.inf), np.full(len(start), -1, dtype=np.int32)
         if self._opaque is not None:
@@ -67,13 +67,13 @@ class CutoutCaster(RayCaster):
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether anything that hides lies along each ray; arguments as for `RayCaster.cast`."""
+        """Return whether anything that hides blocks each ray; arguments as for `RayCaster.cast`."""
         return self._transmitted(origins, directions, max_distance, hard=True) == 0.0
 
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
-        """Return how much of the light along each ray gets through, from 0 to 1; arguments as for `RayCaster.cast`."""
+        """Return the share of light along each ray that gets through; arguments are as for `RayCaster.cast`."""
         return self._transmitted(origins, directions, max_distance, hard=False)
 
     def _transmitted(
@@ -95,7 +95,7 @@ class CutoutCaster(RayCaster):
         *,
         hard: bool,
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
-        """Return the light that mixed faces leave on each ray of unit direction; distance and face of its last hit."""
+        """Return the light that mixed faces leave on rays of unit direction, and their last hits' distance and face."""
         n = len(start)
         left, distance, hit = np.ones(n), np.full(n, np.inf), np.full(n, -1)
         if self._mixed is None:
@@ -128,11 +128,11 @@ class CutoutCaster(RayCaster):
         along: Float[np.ndarray, "k 3"],
         at: Float[np.ndarray, " k"],
     ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-        """Opacity of mixed faces where rays meet them, and how far beyond rays are safe from meeting the same point."""
+        """Return mixed faces' opacity where rays meet them, and how far beyond rays can't meet the same point."""
         texture = self._texture
         normal, off = texture.normal[face], start - texture.first[face]
         facing = _row_dot(normal, along)
-        steep = np.abs(facing) > ON_PLANE
+        steep = np.abs(facing) > MIN_PLANE_COSINE
         on_plane = -_row_dot(normal, off) / np.where(steep, facing, 1.0)
         uv = texture.uv(face, off + np.where(steep, on_plane, at)[:, None] * along)
         uv = np.clip(uv, texture.low[face], texture.high[face])
@@ -148,7 +148,7 @@ class CutoutCaster(RayCaster):
 
 
 class _Textured:
-    """Texture coordinates on faces, in float64: they are linear in the point of a face's plane."""
+    """Texture coordinates on faces in float64, linear in the point of a face's plane."""
 
     def __init__(self, mesh: Mesh) -> None:
         assert mesh.cutouts is not None
@@ -169,13 +169,13 @@ class _Textured:
         self.low, self.high = corners.min(axis=1), corners.max(axis=1)
 
     def uv(self, face: Int[np.ndarray, " k"], off: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "k 2"]:
-        """At points relative to the faces' first corners, anywhere on their planes or off them."""
+        """Return texture coordinates at points relative to the faces' first corners, on their planes or off them."""
         u, v = self.gradient[face].swapaxes(0, 1)
         return self._uv_first[face] + np.stack([_row_dot(u, off), _row_dot(v, off)], axis=1)
 
 
 class Solidity:
-    """Tells whether the part of a face inside a box is opaque anywhere. Immutable."""
+    """Finds out whether the part of a face inside a box is opaque anywhere. Immutable."""
 
     def __init__(self, mesh: Mesh) -> None:
         cutouts = mesh.cutouts
@@ -191,7 +191,7 @@ class Solidity:
         middle: Float[np.ndarray, "p 3"],
         half_sides: Float[np.ndarray, "p 3 3"],
     ) -> Bool[np.ndarray, " p"]:
-        """Tell whether a face may reach `HIT_OPACITY` somewhere in a box; true for faces without a texture.
+        """Return whether a face may reach `HIT_OPACITY` somewhere in a box; true for faces without a texture.
 
         `middle`, `half_sides`: middles and (p, 3, 3) halves of the three sides, as columns, of the boxes, in the
         mesh's frame.

@@ -14,7 +14,7 @@ from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, ray_reaches
 
 @dataclass(frozen=True, slots=True)
 class Plane:
-    """An infinite level ground of one face, for sceneries without ground; a caster as `RayCaster` is."""
+    """Infinite level ground of one face, for sceneries without ground; it has `RayCaster`'s methods."""
 
     z: float
 
@@ -29,13 +29,13 @@ class Plane:
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether the plane lies along each ray."""
+        """Return whether the plane blocks each ray."""
         return self.cast(origins, directions, max_distance=max_distance).hit
 
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
-        """0 where the plane lies along a ray, else 1."""
+        """Return 0 where the plane blocks a ray, else 1."""
         return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -59,7 +59,7 @@ class Ground:
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether the ground lies along each ray."""
+        """Return whether the ground blocks each ray."""
         hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
         for ray, start, along in rays.world_blocks(reach > -np.inf):
             hidden[ray] = self.caster.occluded(start, along, max_distance=reach[ray])

@@ -78,7 +78,7 @@ class InstancedScene:
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray."""
+        """Return whether anything blocks each ray."""
         hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
         for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
             for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):
@@ -114,7 +114,7 @@ class InstancedScene:
     def _mesh_rays(
         self, rays: RayBatch, ray: Int[np.ndarray, " p"], instance: Int[np.ndarray, " p"]
     ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-        """For each mesh met: its caster, which pairs meet it, and their rays in the mesh's frame, with the stretch."""
+        """For each mesh met: its caster, the pairs that meet it, and their rays and stretch in the mesh's frame."""
         which = self.instance_mesh[instance]
         order = np.argsort(which, kind="stable")
         for rows in np.split(order, np.flatnonzero(np.diff(which[order])) + 1):

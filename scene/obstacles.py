@@ -17,12 +17,12 @@ from hulldown.scene.cutouts import Solidity
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.rays import RayList
 
-ENCLOSURE_REACH_M = 100.0  # meters; a sky dome is farther away
-PAIRS_PER_BLOCK = 1 << 14  # pairs of box and triangle tested at a time
+ENCLOSURE_REACH_M = 100.0  # a sky dome is farther away
+BOX_PAIRS_PER_BLOCK = 1 << 14  # of box and triangle
 
 
 def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
-    """Straight up, then directions evenly over the upper half sphere by the golden angle, top down (Vogel, 1979)."""
+    """Return up, then directions spread over the upper half sphere by the golden angle, top down (Vogel, 1979)."""
     i = np.arange(n)
     z = 1.0 - i / (n - 0.5)
     sin, cos = sin_cos(i * (math.pi * (3.0 - math.sqrt(5.0))))
@@ -31,7 +31,7 @@ def _skyward_directions(n: int) -> Float[np.ndarray, "n 3"]:
 
 
 SKYWARD_DIRECTIONS = _skyward_directions(48)
-MIN_FREE_RAYS = 4  # free rays needed if the first is blocked; below a wide sheet, two level ones are free
+MIN_FREE_RAYS = 4  # needed if the first is blocked; below a wide sheet, two level ones are free
 
 
 def boxes_touch(
@@ -112,7 +112,7 @@ class Obstacles:
     def touches_boxes(
         self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether each box touches an opaque part of a triangle, or one instance shuts it in on all sides."""
+        """Return whether each box touches an opaque part of a triangle, or one instance encloses it on all sides."""
         center = world_from_box[:, :3, 3]
         reach = np.einsum("nij,nj->ni", np.abs(world_from_box[:, :3, :3]), half)
         box, instance = self._scene.overlapping_pairs(center - reach, center + reach)
@@ -130,7 +130,7 @@ class Obstacles:
         return touched
 
     def sees_sky(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return whether light reaches each world point: the ray upwards, or `MIN_FREE_RAYS` others, meet nothing."""
+        """Return whether light reaches each world point: the ray upward is free, or `MIN_FREE_RAYS` others."""
         is_open = np.zeros(len(point), dtype=bool)
         free = np.zeros(len(point), dtype=int)
         for begin, end in pairwise((0, 1, 13, len(SKYWARD_DIRECTIONS))):
@@ -147,7 +147,7 @@ class Obstacles:
         return is_open
 
     def stands_on_obstacle(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-        """Return whether the first thing below each point is an obstacle, and no dome around the ground."""
+        """Return whether the first thing below each point is an obstacle; domes around the ground don't count."""
         met = self._scene.first_hits(RayList(point, np.tile([0.0, 0.0, -1.0], (len(point), 1))))
         near, hit = met.distance <= ENCLOSURE_REACH_M, np.flatnonzero(met.instance >= 0)
         near[hit] |= ~self._around[met.instance[hit]]
@@ -180,8 +180,8 @@ class Obstacles:
         for batch in rank_batches(box[pair[order]], first=8, growth=8):
             left = order[batch]
             left = left[~touched[box[pair[left]]]]
-            for i in range(0, len(left), PAIRS_PER_BLOCK):
-                which, faces = pair[left[i : i + PAIRS_PER_BLOCK]], face[left[i : i + PAIRS_PER_BLOCK]]
+            for i in range(0, len(left), BOX_PAIRS_PER_BLOCK):
+                which, faces = pair[left[i : i + BOX_PAIRS_PER_BLOCK]], face[left[i : i + BOX_PAIRS_PER_BLOCK]]
                 into = moves[:, :, which]
                 moved = [
                     [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]

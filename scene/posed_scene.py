@@ -57,7 +57,7 @@ class Scene:
         return self.with_vehicles([vehicle.take(cameras) for vehicle in self.vehicles])
 
     def first_hits(self, rays: RaySet, *, max_distance: ArrayLike = np.inf, threads: int = 1) -> Hits:
-        """Return each ray's first surface, by `threads` threads; on ties ground, then obstacles, then vehicles."""
+        """Return each ray's first surface, with `threads` threads; on ties ground, then obstacles, then vehicles."""
         hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
 
         def trace(piece: Callable[[], RayPiece]) -> None:
@@ -74,7 +74,7 @@ class Scene:
         return hits
 
     def occlusion(self, rays: RaySet, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray."""
+        """Return whether anything blocks each ray."""
         hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
         for ray, batch, lead in (piece() for piece in rays.ray_pieces()):
             left = reach[ray] - lead

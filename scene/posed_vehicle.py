@@ -19,7 +19,7 @@ from hulldown.scene.cutouts import make_caster
 from hulldown.scene.ray_caster import RayCaster
 from hulldown.scene.rays import Hits, LocalRayBlock, RayBatch, SurfaceKind, ray_reaches
 
-MAX_HULL_VERTICES = 64  # hull vertices up to which the hull isn't simplified
+MAX_HULL_VERTICES = 64  # larger hulls are simplified
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -46,7 +46,7 @@ class VehicleCaster:
 
     @cached_property
     def at_rest(self) -> tuple[VehiclePart, ...]:
-        """The vehicle at rest as one part, which is faster if nothing is articulated."""
+        """The vehicle at rest as one part, which is faster for vehicles without articulation."""
         mesh = self.shape.mesh
         return self.parts if len(self.parts) == 1 else (_make_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
 
@@ -121,7 +121,7 @@ class PosedVehicle:
         return hits
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether the vehicle lies along each ray."""
+        """Return whether the vehicle blocks each ray."""
         return self.first_hits(rays, max_distance=max_distance).hit
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
@@ -151,7 +151,7 @@ class PosedVehicle:
 
 
 def bounding_points(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 3"]:
-    """Few points whose convex hull holds the vertices: their own hull, or the corners of a 26-sided one around it."""
+    """Return few points whose convex hull holds the vertices: their own hull's, or a 26-sided one's around it."""
     if len(vertices) <= MAX_HULL_VERTICES:
         return vertices
     low, high = vertices.min(axis=0), vertices.max(axis=0)

@@ -28,16 +28,14 @@ from hulldown.base.arrays import checked_array
 from hulldown.geometry.meshes import Mesh
 
 _UNLIMITED_DISTANCE = np.float32(1e37)  # embreex's value for no limit
-RAYS_PER_BLOCK = (
-    1 << 16
-)  # rays traced at a time: large enough to be coherent once sorted, small enough to stay in cache
-_WORTH_SORTING = 4096
-_MAX_COORDINATE = 1e30  # coordinates whose squares stay inside float64, and that stay inside float32 once centered
+RAYS_PER_BLOCK = 1 << 16  # large enough to be coherent once sorted, small enough to stay in cache
+_MIN_SORTED_RAYS = 4096
+_MAX_COORDINATE = 1e30  # squares stay inside float64, and centered coordinates inside float32
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RayHits:
-    """What n rays met first."""
+    """The first hits of n rays."""
 
     distance: Float[np.ndarray, " n"]  # meters from the origin; inf on a miss
     face: Int[np.ndarray, " n"]  # index of the face; -1 on a miss
@@ -97,7 +95,7 @@ class RayCaster:
     def occluded(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray; arguments as for `cast`."""
+        """Return whether anything blocks each ray; arguments as for `cast`."""
         start, unit, limit = checked_rays(origins, directions, max_distance)
         blocked = np.zeros(len(start), dtype=bool)
         for i, entry, along, reach, _ in self._ray_blocks(start, unit, limit):
@@ -108,7 +106,7 @@ class RayCaster:
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
-        """0 where anything lies along a ray, else 1; arguments as for `cast`."""
+        """Return 0 where anything blocks a ray, else 1; arguments are as for `cast`."""
         return 1.0 - self.occluded(origins, directions, max_distance=max_distance)
 
     def normals(self, face: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]:
@@ -116,7 +114,7 @@ class RayCaster:
         return self.mesh.normals(face)
 
     def top_face(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
-        """Return the topmost face under each point, or -1, in float32; neither checked nor sorted nor threaded."""
+        """Return the topmost face under each point, or -1, in float32; without checks, sorting, and threads."""
         return self._embree_scene.run(self._start_above(x, y), _DOWN_DIRECTION)
 
     def first_face_below(
@@ -151,14 +149,14 @@ class RayCaster:
         skipped = np.maximum(nearest - self._radius * (1 + 1e-6), 0.0)
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
         along, reach = unit.astype(np.float32), np.minimum(limit - skipped, _UNLIMITED_DISTANCE).astype(np.float32)
-        passing = relative if len(start) < _WORTH_SORTING else relative + np.maximum(nearest, 0.0)[:, None] * unit
+        passing = relative if len(start) < _MIN_SORTED_RAYS else relative + np.maximum(nearest, 0.0)[:, None] * unit
         for i in coherent_blocks(passing):
             yield i, entry[i], along[i], reach[i], skipped[i]
 
 
 @functools.cache
 def _process_device(process: int) -> EmbreeDevice:
-    """Return the only Embree device of a process; a forked child opens its own, as threads don't survive a fork."""
+    """Return a process's only Embree device; a forked child opens its own, since threads don't survive a fork."""
     return EmbreeDevice()
 
 
@@ -180,7 +178,7 @@ def checked_rays(
 
 
 def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
-    """Return the mesh's bounds; a ValueError if its coordinates are too large to compute with."""
+    """Return the mesh's bounds; raise ValueError if its coordinates are too large to compute with."""
     bounds = mesh.bounds
     if np.abs(bounds).max() > _MAX_COORDINATE:
         raise ValueError(f"mesh {mesh.name!r}: expected coordinates within 1e30 m, got bounds {bounds.tolist()}")
@@ -193,7 +191,7 @@ _DOWN_DIRECTION = np.array([[0, 0, -1]], dtype=np.float32)
 def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:
     """Yield indices of points in blocks along a Morton curve over the two widest axes, by 16-bit keys (radix sort)."""
     n = len(points)
-    if n < _WORTH_SORTING:
+    if n < _MIN_SORTED_RAYS:
         yield np.arange(n)
         return
     key = np.zeros(n, dtype=np.uint16)

@@ -19,11 +19,11 @@ from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.transforms import invert_rigid, rotate_vectors, transform_points
 from hulldown.scene.ray_caster import checked_rays
 
-RAYS_PER_BLOCK = 1 << 16  # rays whose crossings are in memory at a time
+RAYS_PER_BLOCK = 1 << 16  # their crossings are in memory together
 
 
 class SurfaceKind(IntEnum):
-    """Kind of surface that a ray hits."""
+    """The kind of surface that a ray hits."""
 
     NOTHING = 0
     GROUND = 1
@@ -33,7 +33,7 @@ class SurfaceKind(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Hits:
-    """What n rays hit first."""
+    """The first hits of n rays."""
 
     distance: Float[np.ndarray, " n"]  # meters from the ray's origin; inf on a miss
     kind: UInt8[np.ndarray, " n"]
@@ -63,7 +63,7 @@ class Hits:
 
 
 class RayBlock(NamedTuple):
-    """Some rays of a batch, by their indices, in the world."""
+    """Some rays of a batch, by index, in the world."""
 
     ray: Int[np.ndarray, " q"]
     origins: Float[np.ndarray, "q 3"]
@@ -80,7 +80,7 @@ class LocalRayBlock(NamedTuple):
 
 
 class RayPiece(NamedTuple):
-    """Some rays of a set, by their indices, that are traced at a time."""
+    """Some rays of a set, by index, that are traced together."""
 
     ray: Int[np.ndarray, " k"]
     batch: RayBatch
@@ -93,12 +93,12 @@ class RaySet(Protocol):
     def __len__(self) -> int: ...
 
     def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
-        """Return functions that make the batches."""
+        """Return functions that make the set's batches."""
         ...
 
 
 class RayBatch(ABC):
-    """n rays that are traced together. Where a ray's reach is -inf, it isn't cast."""
+    """n rays that are traced together; a ray whose reach is -inf isn't cast."""
 
     @property
     @abstractmethod
@@ -247,7 +247,7 @@ class RayTarget(Protocol):
         ...
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
-        """Return whether anything lies along each ray."""
+        """Return whether anything blocks each ray."""
         ...
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
@@ -260,5 +260,5 @@ class RayTarget(Protocol):
 
 
 def ray_reaches(rays: RaySet, max_distance: ArrayLike) -> Float[np.ndarray, " n"]:
-    """Return a new array of how far each ray looks."""
+    """Return how far each ray looks, as a new array."""
     return np.array(np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(rays)))

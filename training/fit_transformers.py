@@ -25,7 +25,7 @@ from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import Settings, rate_factor
 
 Batch = tuple[Tensor, list[dict[str, Tensor]]]
-CLIP_NORM = 0.1  # of gradients, as D-FINE was trained
+MAX_GRADIENT_NORM = 0.1  # as D-FINE was trained
 
 
 class TransformersModule(pl.LightningModule):
@@ -47,7 +47,7 @@ class TransformersModule(pl.LightningModule):
         return loss
 
     def configure_optimizers(self) -> dict[str, object]:
-        """AdamW with the run's schedule."""
+        """Return AdamW with the run's schedule."""
         settings = self._settings
         trained = [one for one in self.model.parameters() if one.requires_grad]
         optimizer = torch.optim.AdamW(trained, lr=settings.learning_rate, weight_decay=settings.weight_decay)
@@ -77,7 +77,7 @@ def transformers_trainee(settings: Settings, classes: Sequence[str], device: tor
     return Trainee(
         TransformersModule(network, settings),
         RFDETREMACallback(),
-        partial(pl.Trainer, accelerator="gpu" if device.type == "cuda" else "cpu", gradient_clip_val=CLIP_NORM),
+        partial(pl.Trainer, accelerator="gpu" if device.type == "cuda" else "cpu", gradient_clip_val=MAX_GRADIENT_NORM),
         collate=partial(collate_examples, processor),
         detector=lambda trained: TransformersDetector(trained, processor, device),
         save=save,

@@ -36,12 +36,12 @@ from hulldown.training.run_folder import RunFolder
 with silence_libraries():
     from rfdetr.training.callbacks.ema import RFDETREMACallback
 
-CURVE_POINTS = 10  # points of a run's curve; the last one is the result
+CURVE_POINTS = 10  # the last one is the result
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Trainee:
-    """A network with what fits, uses, and saves it."""
+    """A network, and the objects that fit, use, and save it."""
 
     module: pl.LightningModule  # its `model` is the network
     average: RFDETREMACallback
@@ -53,14 +53,14 @@ class Trainee:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Training:
-    """The parameters of a training."""
+    """The inputs of a training besides the network."""
 
     settings: Settings
     examples: DrawnExamples
     folder: RunFolder
     device: torch.device
     workers: int  # processes that read and augment pictures
-    checkpoint_every_s: float  # between checkpoints
+    checkpoint_every_s: float
     valid: Labels | None  # the labels of the validation set, if there is one
     progress: Callable[[str, int, int], None]  # called with (title, steps done, all)
 
@@ -117,7 +117,7 @@ class Recorder(pl.Callback):
     """Logs each step, stops a training that diverges, and validates the averaged weights."""
 
     def __init__(self, trainee: Trainee, training: Training) -> None:
-        self.losses: list[float] = []  # of the steps in this process
+        self.losses: list[float] = []  # of this process's steps
         self.seconds: list[float] = []
         self.best: dict[str, float] | None = None  # the last validation, or with `keep = "best"` the best one
         self.best_weights: Mapping[str, torch.Tensor] = {}
@@ -194,8 +194,6 @@ class AtomicCheckpointIO(TorchCheckpointIO):
 
 
 class _ErrorRaisingLoader(DataLoader[Any]):
-    """A loader that raises the errors among its batches."""
-
     def __iter__(self) -> Iterator[Any]:
         for batch in super().__iter__():
             if isinstance(batch, HulldownError):
@@ -210,7 +208,7 @@ def _collate_or_error(collate: Callable[[Sequence[Example]], Any], batch: Sequen
 
 
 def _run_loggers(kind: str | None, folder: Path) -> list[pl_loggers.Logger]:
-    """Return the loggers of a run: tables, with a new one after a stop, and another kind, which continues."""
+    """Return a run's loggers: tables, of which a stop starts a new one, and a kind that continues."""
     key = hashlib.sha256(str(folder.resolve()).encode()).hexdigest()[:16]
     made: dict[str, Callable[[], pl_loggers.Logger]] = {
         "tensorboard": partial(pl_loggers.TensorBoardLogger, save_dir=folder, name="tensorboard", version=""),

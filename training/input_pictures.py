@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     import cv2
 
 
-READER_THREADS = 2  # threads
-PICTURES_AHEAD = 16  # pictures that are read in advance
+READER_THREADS = 2
+PICTURES_AHEAD = 16
 Picture = UInt8[np.ndarray, "h w 3"]
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 # Where bytes of a container are in a file, and these bytes: MP4 and QuickTime, Matroska and WebM, AVI.
@@ -46,7 +46,7 @@ VIDEO_CONTAINERS = (
 # Names of codecs in files, in lower case.
 VIDEO_CODECS = {"avc1", "avc3", "h264", "x264", "hevc", "hev1", "hvc1", "av01", "vp80", "vp90", "vp09", "mp4v", "fmp4",
           "xvid", "dx50", "divx", "mpg4", "mjpg", "jpeg", "ffv1", "apcn", "apch", "apcs", "apco", "ap4h"}  # fmt: skip
-MAX_FRAME_PIXELS = 1 << 27  # pixels of a frame
+MAX_FRAME_PIXELS = 1 << 27
 _REMEDY = "convert it to MP4 (H.264)"
 
 
@@ -135,7 +135,7 @@ os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 
 
 class Video(NamedTuple):
-    """Width and height in pixels, frames that can be decoded, and frames per second."""
+    """A video's width and height in pixels, frames that can be decoded, and frames per second."""
 
     width: int
     height: int

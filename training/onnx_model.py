@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 INPUT_DESCRIPTION = "input: (1, 3, h, w) RGB, 0 to 1"
 NORMALIZED_INPUT = f"{INPUT_DESCRIPTION}, less ImageNet's mean, over its standard deviation"
-PRODUCER_FIELD = b"\x12\x08hulldown"  # ONNX's field for the name of the producer, among the first
+PRODUCER_FIELD = b"\x12\x08hulldown"  # ONNX's name of the producer, among the first fields
 OUTPUT_DESCRIPTION = (
     "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
 )
@@ -97,7 +97,7 @@ def _export_transformers(detector: TransformersDetector) -> bytes:
     content = io.BytesIO()
     with silence_libraries(), torch.no_grad():
         torch.onnx.export(
-            Found(), (torch.zeros(1, 3, height, width),), content, dynamo=False,  # whose successor needs onnxscript
+            Found(), (torch.zeros(1, 3, height, width),), content, dynamo=False,  # its successor needs onnxscript
             input_names=["input"], output_names=["dets", "labels"],
         )  # fmt: skip
     return content.getvalue()

@@ -26,9 +26,9 @@ class RunData(Struct, frozen=True):
 
 
 class RunConfig(Struct, frozen=True, kw_only=True):
-    """What determines a run's weights: the contents of config.json."""
+    """The contents of config.json, which determine a run's weights."""
 
-    settings: dict[str, object]  # of `training.inputs.settings.Settings`
+    settings: dict[str, object]  # fields of `training.inputs.settings.Settings`
     classes: list[str]
     data: dict[str, RunData]
     valid: RunData | None
@@ -36,7 +36,7 @@ class RunConfig(Struct, frozen=True, kw_only=True):
 
 
 class RunFolder:
-    """Paths of a run."""
+    """The paths in a run's folder."""
 
     def __init__(self, path: Path) -> None:
         self.path = path

@@ -18,8 +18,8 @@ from hulldown.training.inputs.extra import require_extra
 from hulldown.training.inputs.settings import load_settings
 from hulldown.training.inputs.sources import Sample, read_sources
 
-AUGMENTATIONS_PER_ROW = 8  # augmentations in a row
-WORK_SIZE = (512, 288)  # size of the pictures, as for a network of that size
+AUGMENTATIONS_PER_ROW = 8
+SHEET_PICTURE_SIZE = (512, 288)  # as for a network of that size
 TILE_WIDTH = 256
 
 
@@ -59,7 +59,7 @@ def augmentation_sheet(
     chosen = even_sample(len(source), rows)
     pictures = []
     for i in track_items("augmenting", chosen.tolist(), len(chosen)):
-        sample = at_work_size(source.sample(i, masks=source.masked), WORK_SIZE)
+        sample = at_work_size(source.sample(i, masks=source.masked), SHEET_PICTURE_SIZE)
         seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(AUGMENTATIONS_PER_ROW)]
         changed = [augment(sample, own_seed) for own_seed in seeds]
         pictures += [_draw_sample(one, classes) for one in (sample, *changed)]

@@ -28,7 +28,7 @@ FRACTIONS_PARSER = make_parser(
 
 
 def subset_name(fraction: float) -> str:
-    """Return the folder's name of a fraction: its percentage."""
+    """Return the name of a fraction's folder: its percentage."""
     return f"{100 * fraction:.10g}"
 
 
@@ -39,7 +39,7 @@ def nested_subsets(
     seed: int = 0,
     stratified: bool = False,
 ) -> list[list[int]]:
-    """Image ids of each share, prefixes of one order by seed and names alone, with whole positions, at least one."""
+    """Return image ids of each share, prefixes of one order by seed and names, of whole positions, at least one."""
     groups = group_positions(images)
     for members in groups.values():
         members.sort(key=lambda image: image.file_name)
@@ -120,7 +120,7 @@ def write_subsets(
 
 
 def _spread_classes(order: Sequence[list[Image]]) -> list[list[Image]]:
-    """Order groups so that classes are spread evenly: the i-th of n groups of a kind is at (i + 1/2) / n."""
+    """Order groups so that classes are evenly spread: the i-th of n groups of a kind is at (i + 1/2) / n."""
     kinds: dict[tuple[int, ...], list[list[Image]]] = {}
     for members in order:
         labels = {label.category_id for image in members for label in image.labels}

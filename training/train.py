@@ -137,7 +137,7 @@ def train_detector(
         raise ConfigError("two datasets have the same name", remedy="write --data NAME=DIR with other names")
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
-    Augmenter(settings.augmentation)  # refuses a wrong one before anything is written
+    Augmenter(settings.augmentation)  # refuses a wrong file before anything is written
     chosen = chosen_device(device)
     classes, sources = read_sources(data)
     shares = source_shares({source.name: len(source) for source in sources}, settings.shares)

@@ -20,7 +20,7 @@ from hulldown.base.terminal import print_message, print_warning
 from hulldown.verbs.output import DONE, print_report, show_json
 
 VERB_GROUPS = {"study": "Measure the worth of synthetic images when photographs are few."}
-NO_OPTIONS = ("assets", "library", "progress", "say")  # parameters of functions that are for Python alone
+PYTHON_PARAMETERS = ("assets", "library", "progress", "say")  # they aren't options of a verb
 JSON_OPTION = Annotated[bool, Parameter(help="Print the result as JSON on stdout.")]
 
 
@@ -29,18 +29,18 @@ class VerbOutput:
     """What a verb prints, and its exit code."""
 
     result: object  # on stdout with --json
-    shown: Sequence[str | Table] = ()  # on stdout without
+    shown: Sequence[str | Table] = ()  # on stdout without --json
     said: Sequence[str] = ()  # on stderr
-    warnings: Sequence[str] = ()  # on stderr, after these
+    warnings: Sequence[str] = ()  # on stderr, after `said`
     code: int = DONE
 
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """A verb of the command."""
+    """A verb of the command line: its function, and how its result is printed."""
 
     function: str  # of the API: "planning.check:check_plan"
-    answer: Callable[..., VerbOutput]  # of the function's result, and those of its arguments that it has names of
+    answer: Callable[..., VerbOutput]  # from the function's result, and arguments that it has names of
     resumes: bool = False  # whether the same command continues after a stop
 
     @property
@@ -54,7 +54,7 @@ class Verb:
         return " ".join(found[1].split())
 
     def command(self) -> Callable[..., int]:
-        """Return the function with --json and -o, which shows its result and returns the exit code."""
+        """Return the function with --json and -o; it shows its result and returns the exit code."""
         function = pkgutil.resolve_name(f"hulldown.{self.function}")
         signature = inspect.signature(function, eval_str=True)
         asked = list(inspect.signature(self.answer).parameters)[1:]
@@ -73,7 +73,7 @@ class Verb:
             return answer.code
 
         last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JSON_OPTION)
-        options = [_make_option(one) for name, one in signature.parameters.items() if name not in NO_OPTIONS]
+        options = [_make_option(one) for name, one in signature.parameters.items() if name not in PYTHON_PARAMETERS]
         options.sort(key=lambda one: one.kind)  # an output that isn't positional follows the inputs
         run.__doc__, run.__annotations__ = function.__doc__, {}
         vars(run)["__signature__"] = inspect.Signature([*options, last], return_annotation=int)
@@ -100,12 +100,12 @@ def _shown_default(value: object) -> str | None:
 
 
 def named_verb(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
-    """Return the verb that the words begin with; None if they have none."""
+    """Return the verb that the words begin with; None if there is none."""
     return next((name for name in verbs if list(words[: len(name.split())]) == name.split()), None)
 
 
 def parser_problem(error: CycloptsError) -> str:
-    """Return what is wrong with the words of a command, in one line."""
+    """Describe in one line what is wrong with a command's words."""
     if isinstance(error, MissingArgumentError) and (argument := error.argument) and not error.tokens_so_far:
         name = argument.names[0].lstrip("-").upper()
         if error.keyword is not None:
@@ -124,7 +124,7 @@ def run_command(words: Sequence[str], verbs: Mapping[str, Verb]) -> int:
 
 
 def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
-    """Return the command; only the verb in `words` is imported, the others are for the list of verbs."""
+    """Return the command; only the verb in `words` is imported, and the list of verbs has the others."""
     app = App(
         name="hulldown",
         help="Plan, render and annotate synthetic detection datasets of vehicles on terrain.",

@@ -18,8 +18,8 @@ from rich.table import Table
 from hulldown.base.terminal import Terminal, print_warning
 
 STDOUT_TERMINAL = Terminal(highlight=False)
-MAX_TABLE_CHARACTERS = 10_000  # characters of a table in a file or a pipe
-STDOUT_NAME = "stdout"  # names it in errors
+MAX_TABLE_WIDTH = 10_000  # characters, in a file or a pipe
+STDOUT_NAME = "stdout"  # in errors
 DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
 
@@ -41,7 +41,7 @@ def warnings_in_one_line() -> Iterator[None]:
 
 
 def silence_stdout() -> None:
-    """Discard buffered output, which must not fail again when Python ends."""
+    """Discard buffered output, which would fail again when Python ends."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
@@ -56,14 +56,14 @@ def _naming_stdout() -> Iterator[None]:
 
 @_naming_stdout()
 def print_report(*results: str | Table) -> None:
-    """Print lines and tables on stdout: lines unbroken in a narrow terminal, tables whole in a file or a pipe."""
+    """Print lines and tables on stdout: lines aren't broken in a narrow terminal, nor tables in a file or pipe."""
     for result in results:
         if isinstance(result, str):
             STDOUT_TERMINAL.print(escape(result), soft_wrap=True)
         elif STDOUT_TERMINAL.is_terminal:
             STDOUT_TERMINAL.print(result)
         else:
-            Terminal(file=STDOUT_TERMINAL.file, width=MAX_TABLE_CHARACTERS, highlight=False).print(result)
+            Terminal(file=STDOUT_TERMINAL.file, width=MAX_TABLE_WIDTH, highlight=False).print(result)
 
 
 @_naming_stdout()

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from hulldown.base.portable import exp, log
 from hulldown.weather.kinds import CONTRAST_THRESHOLD, air_extinction
 
-MIN_LABEL_CONTRAST = 0.05  # share of contrast: the World Meteorological Organization's limit of visibility by day
-WETTING_MM_H = 2.0  # a rain of this rate keeps surfaces at 63 % of the wettest
-_MAX_OPTICAL_DEPTH = 700.0  # optical depth: nothing is left, and an exponential still has a value
+MIN_LABEL_CONTRAST = 0.05  # the World Meteorological Organization's limit of visibility by day
+WETTING_RAIN_MM_H = 2.0  # a rain of this rate keeps surfaces at 63 % of the wettest
+_MAX_OPTICAL_DEPTH = 700.0  # nothing is left, and an exponential still has a value
 
 
 def rain_extinction(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
@@ -34,13 +34,13 @@ def rain_extinction(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
 
 
 def rain_visibility_m(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Meteorological visibility in rain of these rates, in mm/h."""
+    """Return the meteorological visibility in rain of these rates in mm/h."""
     return np.asarray(-np.log(CONTRAST_THRESHOLD) / rain_extinction(rate_mm_h))
 
 
 def surface_wetness(rate_mm_h: ArrayLike) -> Float[np.ndarray, "..."]:
-    """Wetness of surfaces, 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice without a source."""
-    return np.asarray(1.0 - exp(-np.asarray(rate_mm_h, dtype=np.float64) / WETTING_MM_H))
+    """Return the wetness of surfaces, 0 to 1, in rain of these rates: 1 - exp(-R / 2), a choice without a source."""
+    return np.asarray(1.0 - exp(-np.asarray(rate_mm_h, dtype=np.float64) / WETTING_RAIN_MM_H))
 
 
 def air_contrast(visibility_m: ArrayLike, distance_m: ArrayLike) -> Float[np.ndarray, "..."]:

@@ -22,15 +22,15 @@ from hulldown.weather.precipitation import Sizes, rain_sizes, snow_sizes
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
 # The fog is a box around the camera.
 FOG_REACH = 1.5  # visibilities from the camera to the side of the fog: 0.3 % of what is behind shows through
-FOG_SIDE = 2000.0  # meters, at most: what an HDRI shows on the horizon is seldom farther away
-FOG_ABOVE = 0.25  # visibilities from the camera to its top: the sky overhead keeps 38 %, the horizon nothing
-FOG_TOP = 300.0  # meters, at most: haze of kilometers leaves the zenith blue
-DUST_LAYERS = 2  # of equal extinction, whose tops follow an exponential decay with height
+MAX_FOG_REACH_M = 2000.0  # what an HDRI shows on the horizon is seldom farther away
+FOG_HEIGHT = 0.25  # visibilities above the camera: the sky overhead keeps 38 %, the horizon nothing
+MAX_FOG_HEIGHT_M = 300.0  # haze of kilometers leaves the zenith blue
+DUST_LAYERS = 2  # of equal extinction; their tops follow an exponential decay with height
 # Of thick dust under an even white sky: (1 - s) (1 - 0.139 s) / (1 + 1.17 s), s^2 = (1 - w) / (1 - 0.7 w), where the
 # single-scattering albedo w is 0.98 in red, 0.955 in green, 0.93 in blue.
 DUSTY_AIR_ALBEDO = (0.56, 0.42, 0.34)
-DAYLIGHT_K = 5000.0  # kelvin of the warmest light in which fog is gray
-FOG_KEEPS = (0.02, 0.05)  # CIE 1976 u'v' off daylight from which fog has some of the light's color, and all
+WARMEST_GRAY_FOG_K = 5000.0
+FOG_COLOR_UV = (0.02, 0.05)  # CIE 1976 u'v' off daylight from which fog has some of the light's color, and all
 
 
 def air_extinction(visibility_m: float) -> float:
@@ -46,7 +46,7 @@ def air_extinction(visibility_m: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Weather:
-    """Weather of an image: visibility, precipitation, wind, and covers."""
+    """An image's weather: visibility, precipitation, wind, and covers."""
 
     visibility_m: float  # meteorological visibility in meters
     kind: str
@@ -67,7 +67,7 @@ class Weather:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class WeatherKind:
-    """A kind of weather: its keys in the config's `[weather]`, that of its share being its name, and its effects."""
+    """A kind of weather: its keys in the config's `[weather]`, of which its share's is its name, and its effects."""
 
     # visibility, rate: keys of the range of visibilities, or of the rates of rain that visibility and wetness follow
     # from
@@ -135,13 +135,13 @@ class AirLayer(NamedTuple):
 
 
 def air_layers(kind: str, visibility_m: float) -> list[AirLayer]:
-    """Nested layers of air with equal extinction, lowest first.
+    """Return nested layers of air with equal extinction, lowest first.
 
     Most kinds are one layer. Dust gets thinner by ``exp(-z / h)`` above the camera, where h is the height of a layer of
     fog: in steps, each as high as the mean of its part of the decay, so that as much of it is overhead. From the camera
     down it is whole, so that targets lose contrast as `air_extinction` says.
     """
-    top, reach = min(FOG_ABOVE * visibility_m, FOG_TOP), min(FOG_REACH * visibility_m, FOG_SIDE)
+    top, reach = min(FOG_HEIGHT * visibility_m, MAX_FOG_HEIGHT_M), min(FOG_REACH * visibility_m, MAX_FOG_REACH_M)
     tops, layers = [top], WEATHER_KINDS[kind].layers
     if layers > 1:
         parts = [part / layers for part in range(layers + 1)]
@@ -163,13 +163,13 @@ def airlight_radiance(kind: str, sky: np.ndarray) -> np.ndarray:
     if luminance <= 0.0:
         return sky
     # Fog is white under a blue sky, since many scatterings mix all light, and orange in an evening's.
-    low, high = FOG_KEEPS
-    kept = np.clip((off_daylight(sky, warmest=DAYLIGHT_K) - low) / (high - low), 0.0, 1.0)
+    low, high = FOG_COLOR_UV
+    kept = np.clip((off_daylight(sky, warmest=WARMEST_GRAY_FOG_K) - low) / (high - low), 0.0, 1.0)
     return np.asarray(luminance + kept * (sky - luminance))
 
 
 def even_sky(sky: np.ndarray) -> np.ndarray:
-    """Radiance (3,) of an even sky that lights level ground as a map of radiance does, the zenith in its first row."""
+    """Return the radiance (3,) of an even sky that lights level ground as `sky` does, whose first row is the zenith."""
     elevation = math.pi / 2 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)
     return np.asarray((sky.mean(axis=1) * weight[:, None]).sum(axis=0) / weight.sum())

@@ -20,24 +20,24 @@ import numpy as np
 
 from hulldown.camera.intrinsics import Intrinsics
 
-EXTINCTION_EFFICIENCY = 2.0  # of extinction: drops and flakes are far larger than a wavelength of light
-RAIN_MM = (0.3, 6.0)  # diameters: smaller drops are never seen, larger ones break up
-SNOW_MM = (0.5, 8.0)
-FLAKE_MM = 1.5  # mean diameter of the flakes' exponential distribution
-DIAMETER_CLASSES = 100  # of diameters
-FLUTTER_M_S = 0.2  # m/s, standard deviation of each component of a flake's own motion
-NEAREST, FARTHEST = 0.4, 10.0  # meters from the camera; the veil alone contains farther drops
-MIN_DROP_OPACITY = 0.01  # least opacity of a drawn drop; the veil alone contains fainter ones
-MOST_DROPS = 40_000  # drops in an image: where more would be seen, the faintest are left out
-MOST_ON_A_RAY = 0.15  # quads that a pixel's ray meets, as a mean: Cycles shades each, and the air before it
-MIN_DISC_RADIUS_PX = 0.75  # pixels: the least radius of a drawn disc, so that a finer one fades instead of flickering
+EXTINCTION_EFFICIENCY = 2.0  # drops and flakes are far larger than a wavelength of light
+RAIN_DIAMETERS_MM = (0.3, 6.0)  # smaller drops are never seen, larger ones break up
+SNOW_DIAMETERS_MM = (0.5, 8.0)
+MEAN_FLAKE_MM = 1.5  # of the diameters' exponential distribution
+DIAMETER_CLASSES = 100
+FLUTTER_M_S = 0.2  # standard deviation of each component of a flake's own motion
+NEAREST_M, FARTHEST_M = 0.4, 10.0  # from the camera; the veil alone contains farther drops
+MIN_DROP_OPACITY = 0.01  # the veil alone contains fainter drops
+MAX_DROPS = 40_000  # in an image; the faintest are left out
+MAX_QUADS_PER_RAY = 0.15  # the mean over pixels: Cycles shades each quad, and the air before it
+MIN_DISC_RADIUS_PX = 0.75  # of a drawn disc, so that a finer one fades instead of flickering
 
-OF_DROPS = 0x57EA  # sets their draw apart from others by an image's seed
+DROPS_STREAM = 0x57EA  # sets their draw apart from others by an image's seed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sizes:
-    """Size classes of drops or flakes: number density and motion."""
+    """Size classes of drops or flakes, with number density and motion."""
 
     edges: np.ndarray  # the classes' bounds: diameters in meters
     number: np.ndarray  # in a cubic meter of air
@@ -76,7 +76,7 @@ class Streaks:
 
 
 def symmetric_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> PrecipitationView:
-    """Return the symmetric view around a camera's image, whose principal point may be off-center."""
+    """Return a symmetric view that contains a camera's image, whose principal point may be off-center."""
     half = intrinsics.half_tangents
     pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
     return PrecipitationView(world_from_camera[:3, :3], half, pixel, exposure_s)
@@ -84,7 +84,7 @@ def symmetric_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposu
 
 def rain_sizes(rate_mm_h: float) -> Sizes:
     """Return drops: N(D) = 8000 exp(-4.1 R^-0.21 D) (Marshall and Palmer), falling as Gunn and Kinzer measured."""
-    edges = np.linspace(*RAIN_MM, DIAMETER_CLASSES + 1)
+    edges = np.linspace(*RAIN_DIAMETERS_MM, DIAMETER_CLASSES + 1)
     slope = 4.1 * max(rate_mm_h, 1e-9) ** -0.21
     number = -8000.0 / slope * np.diff(np.exp(-slope * edges))
     middle = (edges[1:] + edges[:-1]) / 2.0
@@ -92,10 +92,10 @@ def rain_sizes(rate_mm_h: float) -> Sizes:
 
 
 def snow_sizes(extinction: float) -> Sizes:
-    """Flakes of snow: as many as give the extinction, falling as Locatelli and Hobbs' aggregates."""
-    edges = np.linspace(*SNOW_MM, DIAMETER_CLASSES + 1)
+    """Return flakes: as many as give the extinction, falling as Locatelli and Hobbs measured for aggregates."""
+    edges = np.linspace(*SNOW_DIAMETERS_MM, DIAMETER_CLASSES + 1)
     middle = (edges[1:] + edges[:-1]) / 2.0
-    share = -np.diff(np.exp(-edges / FLAKE_MM))
+    share = -np.diff(np.exp(-edges / MEAN_FLAKE_MM))
     area = np.pi / 4.0 * (middle / 1000.0) ** 2
     number = share * extinction / (EXTINCTION_EFFICIENCY * share @ area)
     return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER_M_S)
@@ -103,14 +103,14 @@ def snow_sizes(extinction: float) -> Sizes:
 
 def drops_in_view(sizes: Sizes, view: PrecipitationView, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
     """Draw drops that are large enough in the image to be seen, uniform in the air in front of the camera."""
-    rng = np.random.default_rng([seed, OF_DROPS])
+    rng = np.random.default_rng([seed, DROPS_STREAM])
     speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
     behind = float(speed.max()) * view.exposure_s / 2.0 / min(view.half)  # streaks reach into the image from outside
     reach = _class_reaches(sizes, speed, view, behind)
     count = rng.poisson(sizes.number * _pyramid_volume(view, reach, behind))
     of = np.repeat(np.arange(len(count)), count)
     u = rng.random((len(of), 4))
-    near, far = (NEAREST + behind) ** 3, (reach[of] + behind) ** 3
+    near, far = (NEAREST_M + behind) ** 3, (reach[of] + behind) ** 3
     depth = np.cbrt(near + u[:, 0] * (far - near))
     sides = (2.0 * u[:, 1:3] - 1.0) * depth[:, None] * np.array(view.half)
     centers = np.column_stack([sides, depth - behind]) @ view.axes.T
@@ -120,12 +120,12 @@ def drops_in_view(sizes: Sizes, view: PrecipitationView, wind_m_s: tuple[float, 
 
 
 def _pyramid_volume(view: PrecipitationView, reach: np.ndarray, behind: float) -> np.ndarray:
-    """Volume of the view pyramid between the nearest and the farthest drop; its apex is `behind` the eye."""
-    return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST + behind) ** 3, 0.0)
+    """Return the volume of the view pyramid between the nearest and farthest drop; its apex is `behind` the eye."""
+    return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST_M + behind) ** 3, 0.0)
 
 
 def _class_reaches(sizes: Sizes, speed: np.ndarray, view: PrecipitationView, behind: float) -> np.ndarray:
-    distances = np.geomspace(NEAREST, FARTHEST, 100)
+    distances = np.geomspace(NEAREST_M, FARTHEST_M, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
     wide = np.maximum(radius, MIN_DISC_RADIUS_PX * view.pixel * distances)
     way = np.maximum(speed[:, None] * view.exposure_s / 2.0 / wide, 1e-3)
@@ -136,7 +136,7 @@ def _class_reaches(sizes: Sizes, speed: np.ndarray, view: PrecipitationView, beh
         reach = distances[np.maximum(seen - 1, 0)]
         met = np.where(distances <= reach[:, None], 4.0 * wide**2 * (way + 1.0), 0.0)  # area of quads, by distance
         crowd = sizes.number @ (met[:, 1:] @ np.diff(distances))
-        if sizes.number @ _pyramid_volume(view, reach, behind) <= MOST_DROPS and crowd <= MOST_ON_A_RAY:
+        if sizes.number @ _pyramid_volume(view, reach, behind) <= MAX_DROPS and crowd <= MAX_QUADS_PER_RAY:
             break
     return reach
 

@@ -13,7 +13,7 @@ from hulldown.annotate.records import Category, Image, Label, overhang_px
 
 
 class SurfaceBox(LabelType):
-    """The box of all of the surface in front of the camera; `bbox`, which all labels have, is inside the image."""
+    """The box of the whole surface in front of the camera; `bbox`, which all labels have, is inside the image."""
 
     bbox_amodal: Annotated[Box | None, Meta(description="[box](boxes.md) of the whole vehicle, cut off or not")] = None
 

@@ -97,7 +97,7 @@ class BoxInCamera(LabelType):
         }
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
-        """Find a box without size, a rotation that is none, another distance, and corners that aren't the box's."""
+        """Find a box without size, an invalid rotation, a wrong distance, and corners that aren't the box's."""
         if (box := self.bbox_3d) is None:
             return
         center, size, rotation = (np.array(values) for values in (box.center, box.size, box.rotation))

@@ -47,7 +47,7 @@ class Keypoints(LabelType):
         return {"keypoints": flat, "num_keypoints": sum(int(v > 0) for _, _, v in listed)}
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
-        """Find keypoints with a wrong number, outside of their image, or with a wrong count."""
+        """Find keypoints that are too few or too many, outside their image, or counted wrong."""
         if (keypoints := self.keypoints) is None:
             return
         names = category.keypoints if category is not None else None

@@ -18,7 +18,7 @@ MAX_MASK_OVERHANG_PX = 1.0  # a mask may reach this far out of its box
 
 
 class VisibleMask(LabelType):
-    """The mask of what is visible, and its area."""
+    """The mask of a vehicle's visible pixels, and its area."""
 
     # In one of the forms that `annotate.masks.decode_mask` checks.
     segmentation: Annotated[object, Meta(description="[mask](boxes.md#masks) of what is visible in the image")] = None
@@ -32,7 +32,7 @@ class VisibleMask(LabelType):
         return {"segmentation": encode_mask(traced.visible), "area": int(np.count_nonzero(traced.visible))}
 
     def problems(self, label: Label, image: Image, category: Category | None) -> Iterator[str]:
-        """Find a damaged mask, one outside of its box, and another number of pixels."""
+        """Find a damaged mask, one outside of its box, and a wrong number of pixels."""
         if not (mask := self.segmentation):
             return
         try:
@@ -79,13 +79,13 @@ class AmodalMask(LabelType):
 
 
 def label_area(label: Label) -> float:
-    """Return a label's area in pixels: that in its record, or without one its box's."""
+    """Return a label's area in pixels: its record's, or without one its box's."""
     area = label.read(VisibleMask).area
     return float(label.bbox[2] * label.bbox[3]) if area is None else area
 
 
 def _find_overhang(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
-    """Find a mask, by its extent as of `annotate.masks.area_and_box`, that reaches out of the label's box."""
+    """Find a mask that reaches out of the label's box; `extent` is from `annotate.masks.area_and_box`."""
     if extent is None:
         return
     x, y, w, h = label.bbox

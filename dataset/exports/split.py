@@ -23,7 +23,7 @@ def assign_splits(
     fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
     seed: int = 0,
 ) -> dict[int, str]:
-    """Return a split for every image id: whole groups, in proportion (Sechidis et al., ECML PKDD 2011, algorithm 1)."""
+    """Assign whole groups of images to splits in proportion (Sechidis et al., ECML PKDD 2011, algorithm 1)."""
     # nan fails each comparison.
     if len(fractions) != 3 or not all(f >= 0.0 for f in fractions) or not abs(sum(fractions) - 1.0) <= 1e-6:
         raise ValueError(f"fractions: expected three shares that are not negative and add up to 1, got {fractions}")
@@ -40,7 +40,7 @@ def assign_splits(
 
 
 def _stratified_labels(images: Iterable[Image]) -> list[tuple[int, int]]:
-    """(class, 1) to (class, k) for k objects of a class, and the same for images and for images without objects."""
+    """Return (class, 1) to (class, k) for k objects of a class, and the same for images, and images without objects."""
     counts: Counter[int] = Counter()
     for image in images:
         counts.update([label.category_id for label in image.labels] or [_WITHOUT])

@@ -18,12 +18,12 @@ INK, SOFT, BLUE, RED, GREEN = "#1d2126", "#9aa3ab", "#0072b2", "#d55e00", "#009e
 SERIES_COLORS = (BLUE, RED, GREEN, "#cc79a7", "#e69f00", "#56b4e9")  # color-blind readers can tell them apart
 MAX_NAME_CHARACTERS = 24  # beside an axis
 HISTOGRAM_BINS = 24
-MOST_NAMES = 12
+MAX_CHART_NAMES = 12
 MAX_MAP_DOTS = 2_000  # more would overlap
 
 
 def make_axes(title: str, width: float = 3.6, height: float = 2.2) -> tuple[Figure, Axes]:
-    """Axes of a chart, sized in inches at 100 pixels each."""
+    """Return the axes of a chart; its size is in inches of 100 pixels."""
     figure = Figure(figsize=(width, height), layout="constrained")
     axes = figure.subplots()
     axes.set_title(title)
@@ -44,7 +44,7 @@ def shorten_name(name: str) -> str:
 
 
 def chart_svg(figure: Figure) -> bytes:
-    """Return a chart as SVG, with the same bytes each time."""
+    """Return a chart as SVG; equal charts have equal bytes."""
     file = io.BytesIO()
     for axes in figure.axes:
         axes.title.set_fontsize(9)
@@ -56,7 +56,7 @@ def chart_svg(figure: Figure) -> bytes:
 
 
 def draw_histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = False) -> Figure:
-    """Histogram of the known numbers."""
+    """Draw a histogram of the known numbers."""
     figure, axes = make_axes(title)
     known = values[np.isfinite(values) & ((values > 0) | (not log))]
     axes.hist(known, bins=_bin_edges(axes, known, log=log), color=BLUE)
@@ -66,7 +66,7 @@ def draw_histogram(title: str, values: Float[np.ndarray, " n"], *, log: bool = F
 def two_histograms(
     title: str, own: Float[np.ndarray, " n"], photographs: Float[np.ndarray, " m"], *, log: bool = False
 ) -> Figure:
-    """Histograms of a dataset (filled) and of photographs (a line) in the same bins."""
+    """Draw histograms of a dataset (filled) and of photographs (a line) in the same bins."""
     figure, axes = make_axes(title)
     edges = _bin_edges(axes, np.concatenate([own, photographs]), log=log)
     weights = [np.full(len(values), 100.0 / len(values)) for values in (own, photographs)]
@@ -89,7 +89,7 @@ def _bin_edges(axes: Axes, values: Float[np.ndarray, " n"], *, log: bool) -> lis
 
 
 def draw_azimuths(values: Float[np.ndarray, " n"]) -> Figure:
-    """Histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
+    """Draw a histogram of the side that targets are seen from, in degrees counterclockwise from straight ahead."""
     figure, axes = make_axes("side seen")
     axes.hist(values[np.isfinite(values)], bins=np.linspace(-180.0, 180.0, HISTOGRAM_BINS + 1).tolist(), color=BLUE)
     axes.set_xticks([-180, -90, 0, 90, 180], ["rear", "right", "front", "left", "rear"])
@@ -97,7 +97,7 @@ def draw_azimuths(values: Float[np.ndarray, " n"]) -> Figure:
 
 
 def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Figure:
-    """Positions of labels' centers, in shares of width and height."""
+    """Draw the centers of labels, in shares of width and height."""
     figure, axes = make_axes("label positions")
     counts, _, _ = np.histogram2d(centers[:, 1], centers[:, 0], bins=(14, 24), range=((0, 1), (0, 1)))
     axes.imshow(counts, extent=(0, 1, 1, 0), aspect="auto", cmap="Blues", interpolation="nearest")
@@ -106,10 +106,10 @@ def places_in_pictures(centers: Float[np.ndarray, "n 2"]) -> Figure:
 
 
 def draw_shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
-    """Frequency of each name, most frequent on top."""
+    """Draw the frequency of each name, most frequent on top."""
     counts = Counter(name for name in names.tolist() if name).most_common()
-    if rest := counts[MOST_NAMES:]:
-        counts[MOST_NAMES:] = [(f"{len(rest)} others", sum(n for _, n in rest))]
+    if rest := counts[MAX_CHART_NAMES:]:
+        counts[MAX_CHART_NAMES:] = [(f"{len(rest)} others", sum(n for _, n in rest))]
     figure, axes = make_axes(title, 3.6, 0.7 + 0.24 * max(len(counts), 3))
     axes.barh(range(len(counts)), [n for _, n in counts], color=BLUE, height=0.62)
     axes.set_yticks(range(len(counts)), [shorten_name(name) for name, _ in counts])
@@ -118,7 +118,7 @@ def draw_shares(title: str, names: Shaped[np.ndarray, " n"]) -> Figure:
 
 
 def place_map(name: str, cameras: Float[np.ndarray, "n 2"], vehicles: Float[np.ndarray, "n 2"]) -> Figure:
-    """Map of a scenery: each camera with a line to its target, in meters."""
+    """Draw a map of a scenery: each camera with a line to its target, in meters."""
     figure, axes = make_axes(f"{shorten_name(name)} ({len(cameras):,} images)", 4.6, 4.2)
     some = even_sample(len(cameras), MAX_MAP_DOTS)
     cameras, vehicles = cameras[some], vehicles[some]

@@ -242,7 +242,7 @@ REPORT_FEATURES = {
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Comparison:
-    """A dataset's values and those of photographs, of each feature that both have."""
+    """The values of each feature that a dataset and photographs have."""
 
     own: Values
     wanted: Values
@@ -271,7 +271,7 @@ class Comparison:
 
 
 def compare_with_photographs(dataset: Dataset, photographs: Photographs, *, pixels: bool) -> Comparison:
-    """Compare a dataset or a plan with photographs, feature by feature; pictures only with `pixels`."""
+    """Compare a dataset or plan with photographs, feature by feature; features of pictures only if `pixels` is true."""
     boxes = dataset_boxes(dataset)
     for each in (photographs, boxes):
         if not len(each.image):

@@ -22,7 +22,7 @@ PAGE_TEMPLATE = "dataset/reports/page.html"
 
 @dataclass(frozen=True, slots=True)
 class Tile:
-    """A thumbnail."""
+    """A thumbnail with its caption and its values by facet."""
 
     picture: bytes
     caption: Sequence[str]  # lines below it; the first is emphasized
@@ -30,7 +30,7 @@ class Tile:
 
 
 def render_page(template: str, data: Mapping[str, object]) -> str:
-    """Return a page."""
+    """Render a page from a template."""
     return _page_environment().get_template(template).render(data, layout=PAGE_TEMPLATE)
 
 
@@ -52,7 +52,7 @@ def format_interval(value: float | int | None, ends: Sequence[float | None] | No
 
 
 def facet_counts(tiles: Sequence[Tile]) -> dict[str, dict[str, int]]:
-    """Return the number of tiles of each value, of the facets in which tiles differ."""
+    """Return the number of tiles with each value, for facets in which tiles differ."""
     counts = {key: Counter(value for tile in tiles for value in tile.values[key]) for key in tiles[0].values}
     return {key: dict(sorted(of.items())) for key, of in counts.items() if set(of.values()) - {len(tiles)}}
 

@@ -21,7 +21,15 @@ from hulldown.annotate.coco_types import Coco, Record
 from hulldown.base.code import package_version
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
-from hulldown.base.outside import DATA, convert_value, describe_path, json_parts, json_records, parse_json, read_file
+from hulldown.base.outside import (
+    MAX_DATA_BYTES,
+    convert_value,
+    describe_path,
+    json_parts,
+    json_records,
+    parse_json,
+    read_file,
+)
 from hulldown.dataset.foreign_labels import foreign_reader, refuse_known_folder
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import last_merged, read_journal, replace_journal
@@ -39,7 +47,7 @@ JOURNAL_KEYS = {"categories", "run", "image", "annotations", "merged", "line_sha
 
 @dataclass(slots=True)
 class Records:
-    """Records of a kind as JSON in the order of the file, each with its id."""
+    """JSON records of one kind, in the order of the file, with their ids."""
 
     rows: list[tuple[int, bytes]] = field(default_factory=list)
     ids: set[int] = field(default_factory=set)
@@ -62,13 +70,13 @@ class Records:
         self.highest = max(self.highest, record["id"])
 
     def in_order(self, offsets: Iterable[int]) -> Iterator[bytes]:
-        """Return records, those above the lowest offset by id, so the order of finished images doesn't matter."""
+        """Return records; those above the lowest offset are sorted by id, since images may finish in any order."""
         lowest = min(offsets, default=math.inf)
         return (record for _, record in sorted(self.rows, key=lambda row: max(row[0], lowest)))
 
 
 class Document:
-    """A COCO document that grows line by line; empty at first."""
+    """A COCO document that grows line by line; it's empty at first."""
 
     def __init__(self) -> None:
         self.head: Record = {}
@@ -80,11 +88,11 @@ class Document:
 
     @property
     def category_ids(self) -> dict[str, int]:
-        """The id of each name: the first of two with the same name, so that reopening doesn't change the choice."""
+        """The id of each name; of two equal names the first, so that reopening doesn't change the choice."""
         return {str(record.get("name")): record["id"] for record in reversed(self.categories)}
 
     def new_categories(self, records: Iterable[Record]) -> list[Record]:
-        """Return the records with new names, each once, with the next ids."""
+        """Return records with the next ids for new names, each once."""
         known = self.category_ids
         new: dict[str, Record] = {}
         for record in records:
@@ -127,7 +135,7 @@ class Document:
         self.annotations.highest = max(self.annotations.highest, new.annotation_offset + new.annotations)
 
     def to_dict(self) -> Coco:
-        """Return the whole as one COCO dictionary, in the order it is written."""
+        """Return the document as a COCO dictionary, in the order of the file."""
         head, *records = self._other_parts()
         images, annotations = ([orjson.loads(record) for record in of_kind] for of_kind in records)
         return cast(Coco, {**head, "images": images, "annotations": annotations})
@@ -200,14 +208,14 @@ def read_document(folder: Path) -> Document:
 
 @cache
 def rendered_info() -> dict[str, str]:
-    """COCO's `info` of rendered datasets, without a date, so that the same plan gives the same file."""
+    """Return COCO's `info` of rendered datasets; it has no date, so that the same plan gives the same file."""
     version = package_version("hulldown")
     by = f"hulldown {version}" if version else "hulldown"  # run from its folder
     return {"description": "Vehicles rendered by hulldown, with boxes and masks from planned poses", "version": by}
 
 
 def is_own(folder: Path) -> bool:
-    """Return whether a folder has a dataset in hulldown's form, possibly unfinished."""
+    """Return whether a folder has a dataset in hulldown's form, even an unfinished one."""
     return (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
 
 
@@ -251,9 +259,9 @@ def _with_pictures_found(coco: Coco, folder: Path, stem: str) -> Coco:
 
 
 def _read_annotations(path: Path) -> Document:
-    """Read a COCO file, record by record, which takes less than half the memory of a parser of the whole."""
+    """Read a COCO file record by record, which takes less than half the memory of parsing it as a whole."""
     document = Document()
-    content = read_file(path, partial(_unusable_error, path), most=DATA)
+    content = read_file(path, partial(_unusable_error, path), most=MAX_DATA_BYTES)
     try:
         parts = json_parts(content)
         categories, images, annotations = (

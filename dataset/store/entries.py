@@ -73,7 +73,7 @@ def new_category(name: str) -> Record:
 
 
 def free_id(record: Record, name: str, following: int, *used: Container[int]) -> int:
-    """Return the record's requested id, if it's free, or the next one without a request."""
+    """Return the id that the record requests, if it's free, or the next one without a request."""
     wanted = record.get("id")
     if wanted is None:
         return following

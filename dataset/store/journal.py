@@ -22,7 +22,7 @@ JOURNAL_OPTIONS = orjson.OPT_APPEND_NEWLINE | orjson.OPT_SERIALIZE_NUMPY
 
 
 class Journal:
-    """An append-only file of JSON lines, on disk before `append` returns; opening drops a line without its newline."""
+    """An append-only file of JSON lines, on disk when `append` returns; opening drops an unfinished last line."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -71,7 +71,7 @@ class Journal:
 
 
 def read_journal(path: Path) -> Iterator[Record]:
-    """Yield the records of a journal in order, without a last line that lacks its newline; empty without a file."""
+    """Yield the records of a journal in order, without an unfinished last line; none without a file."""
     if not path.exists():
         return
     with _open_journal(path) as file:
@@ -94,14 +94,14 @@ def last_merged(path: Path) -> int:
 
 @contextmanager
 def replace_journal(path: Path) -> Iterator[BinaryIO]:
-    """Open a temporary file that replaces the one at `path` in one step when it's complete."""
+    """Open a temporary file that replaces the file at `path` in one step when it's complete."""
     remedy = "free some space and run the same command again, which goes on from here"
     with DatasetError.raise_for_system("cannot be written", path=path, remedy=remedy), atomic_writer(path) as file:
         yield file
 
 
 def lacks_newline(path: Path) -> bool:
-    """Return whether a journal's last line has no newline; false if there is no journal."""
+    """Return whether a journal's last line is unfinished; false without a journal."""
     return path.exists() and _whole_lines(path) < path.stat().st_size
 
 

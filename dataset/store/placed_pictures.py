@@ -17,7 +17,7 @@ PLACING_SUFFIX = ".joining"  # a picture has it until it's renamed
 
 
 def path_inside(folder: Path, name: str) -> Path:
-    """Return `folder / name` if it's in the folder."""
+    """Return `folder / name`, which must be in the folder."""
     path = folder / name
     real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
     if not stays_inside(name) or not real.is_relative_to(folder.resolve()):
@@ -56,7 +56,7 @@ def place_picture(picture: Path, folder: Path, name: str) -> None:
 
 
 def resolve_own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
-    """Return the file of a dataset's picture with links resolved, which must be in an allowed folder."""
+    """Return the file of a dataset's picture, links resolved; it must be in an allowed folder."""
     path, remedy = folder / name, "put it there or delete its record"
     try:
         real = path.resolve(strict=True)
@@ -77,7 +77,7 @@ def resolve_own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -
 
 
 def refuse_links(folder: Path, names: Iterable[str], allowed: Sequence[Path] = ()) -> None:
-    """Refuse special files, and links that lead out of a dataset and the allowed folders; pictures may be missing."""
+    """Refuse special files, and links out of a dataset and the allowed folders; pictures may be missing."""
     root, inside = folder.resolve(), dict[str, bool]()
     for name in names:
         path = os.path.join(folder, name)
@@ -92,7 +92,7 @@ def refuse_links(folder: Path, names: Iterable[str], allowed: Sequence[Path] = (
 
 
 def link_or_copy(source: Path, target: Path) -> None:
-    """Give a file another, new name, as a hard link, or as a copy if the disk has none."""
+    """Give a file another name that doesn't exist yet, as a hard link, or as a copy if the disk has none."""
     try:
         os.link(source, target)
     except (FileNotFoundError, FileExistsError):
@@ -102,6 +102,6 @@ def link_or_copy(source: Path, target: Path) -> None:
 
 
 def picture_writing(folder: Path, name: str) -> AbstractContextManager[None]:
-    """Return a block that writes a picture: its OSErrors become `DatasetError`."""
+    """Return a context in which a picture is written; its OSErrors become `DatasetError`."""
     remedy = "make room and run the same command again, which goes on from here"
     return DatasetError.raise_for_system(f"{name} cannot be written", path=folder, remedy=remedy)

@@ -25,25 +25,25 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     annotations: _Count
 
     def file_name(self, planned: str) -> str:
-        """Return the name in the dataset of an image with the name `planned` in the plan."""
+        """Return the dataset's name of an image that is `planned` in the plan."""
         path = PurePosixPath(planned)
         return str(path.with_name(self.prefix + path.name))
 
     def planned(self, file_name: str) -> str:
-        """Return the name in the plan of an image with the name `file_name` in the dataset."""
+        """Return the plan's name of an image that is `file_name` in the dataset."""
         path = PurePosixPath(file_name)
         return str(path.with_name(path.name.removeprefix(self.prefix)))
 
     def has_image(self, image_id: int) -> bool:
-        """Return whether an image's id is reserved here."""
+        """Return whether this reserves an image's id."""
         return self.image_offset < image_id <= self.image_offset + self.images
 
     def owns_image(self, image_id: int, file_name: str) -> bool:
-        """Return whether an image is the plan's: its id and name are both reserved here."""
+        """Return whether an image is the plan's: this reserves both its id and its name."""
         return self.has_image(image_id) and PurePosixPath(file_name).name.startswith(self.prefix)
 
     def has_annotation(self, annotation_id: int) -> bool:
-        """Return whether an annotation's id is reserved here."""
+        """Return whether this reserves an annotation's id."""
         return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations
 
 
@@ -53,7 +53,7 @@ def plan_key(plan: Path) -> str:
 
 
 def read_reservations(coco: Record) -> list[Reservation]:
-    """Return the reservations for plans in a COCO dictionary; ValueError if they were damaged."""
+    """Return the reservations for plans in a COCO dictionary; ValueError if they are damaged."""
     info = coco.get("info")
     return convert_value(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Reservation])
 

@@ -39,13 +39,15 @@ MIN_TEXTURE_DEVIATION_LEVELS = 2.0  # of 255: a picture with less has nothing to
 MIN_CONTRAST_LEVELS = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
 CLEAR_CONTRAST_LEVELS = 8.0  # of 255: a target with less is hard to make out; sound renders had 20.9 and more
 MIN_BRIGHTEST, MAX_DARKEST = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
+# Of the pixels: Blender's color of missing pictures as AgX shows it, in light from 0.05 to 1, white or warm.
+MAX_MAGENTA_SHARE, MAX_MAGENTA_GREEN, MIN_MAGENTA_BALANCE, MIN_MAGENTA_LEVEL = 0.01, 0.62, 0.8, 40
 SURROUNDINGS_WIDTH_SHARE = 0.25  # of the mask's longer side
 
 
 def check_pictures(
     folder: Path, coco: Coco, sound: Mapping[int, Image], *, fast: bool, progress: Callable[[int, int], None]
 ) -> Iterator[Finding]:
-    """Find problems with a dataset's picture files; `sound` are its images whose records fit, by id."""
+    """Find problems with a dataset's picture files; `sound` has its valid images by id."""
     images = coco["images"]
     contents: dict[str, str] = {}
     digests: list[str | None] = []
@@ -81,7 +83,7 @@ def _check_picture(
     folder: Path, record: Record, image: Image | None, *, fast: bool
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
     name = record.get("file_name")
-    if not stays_inside(name):  # found among records
+    if not stays_inside(name):  # the check of records finds it
         return [], None, None
     try:
         path = resolve_own_picture(folder, name)
@@ -99,6 +101,9 @@ def _check_picture(
         findings.append(Finding("error", name, size_problem(picture, stated)))
     elif picture.pixels is not None and is_rendered(record) and image is not None:
         findings += check_appearances(image, picture.pixels)
+        if (share := magenta_share(picture.pixels)) > MAX_MAGENTA_SHARE:
+            problem = f"{100 * share:.0f} % of it is magenta, Blender's color of missing pictures: look for them, and "
+            findings.append(Finding("error", name, f"{problem}render again", share))
     actual = hashlib.sha256(picture.content).hexdigest()
     recorded = record.get(PICTURE_HASH_KEY)
     if recorded is not None and recorded != actual:
@@ -152,7 +157,7 @@ class TargetAppearance:
 
 
 def is_rendered(image: Record) -> bool:
-    """Return whether an image record is of a rendered picture: photographs' records lack two keys."""
+    """Return whether an image record is of a render; photographs' records lack two keys."""
     return any(image.get(key) is not None for key in (PICTURE_HASH_KEY, "world_from_camera"))
 
 
@@ -161,7 +166,7 @@ def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Itera
     height, width = pixels.shape[:2]
     masked = []
     for label in image.labels:
-        with contextlib.suppress(ValueError):  # found elsewhere
+        with contextlib.suppress(ValueError):  # another check finds it
             masked.append((label, decode_mask(label.read(VisibleMask).segmentation, width, height)))
     covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
     for label, mask in masked:
@@ -182,10 +187,18 @@ def _appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding
         yield Finding("warning", where, problem, seen.contrast)
 
 
+def magenta_share(picture: UInt8[np.ndarray, "h w 3"]) -> float:
+    """Return the share of a picture's pixels that have Blender's color of missing pictures, on a vehicle or ground."""
+    red, green, blue = np.moveaxis(picture[::2, ::2].astype(np.float32), -1, 0)
+    low, high = np.minimum(red, blue), np.maximum(red, blue)
+    found = (green < MAX_MAGENTA_GREEN * low) & (low > MIN_MAGENTA_BALANCE * high) & (low > MIN_MAGENTA_LEVEL)
+    return float(found.mean())
+
+
 def target_appearance(
     picture: UInt8[np.ndarray, "h w 3"], mask: Bool[np.ndarray, "h w"], others: Bool[np.ndarray, "h w"]
 ) -> TargetAppearance | None:
-    """Measure the look of a target's pixels; None without any. Pixels of `others` don't count as surroundings."""
+    """Measure the look of a target's pixels, None without any; pixels of `others` don't count as surroundings."""
     if not mask.any():
         return None
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))

@@ -27,7 +27,7 @@ MAX_MASK_DIFFERENCE_PX = 2  # on another kind of processor, rays on an edge may 
 
 
 def check_planned(coco: Coco, plan: Plan, assets: Callable[[], Library] | None) -> Iterator[Finding]:
-    """Find differences of images and labels from a plan's rows, which are errors; missing ones are warnings."""
+    """Find images and labels that differ from a plan's rows (errors), and missing ones (warnings)."""
     reservation = find_reservation(coco, plan_key(plan.path))
     if reservation is None:
         yield Finding("error", plan.path.name, "nothing here was rendered from this file, as it is now")

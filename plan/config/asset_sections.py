@@ -13,10 +13,10 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from hulldown.base.arrays import are_numbers
 from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, range_check
-from hulldown.reading.pieces.options import TEXTURE_SIZE
+from hulldown.reading.pieces.options import DEFAULT_TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
-OWN_COLOR = "own"  # color of a material in its file
+OWN_COLOR = "own"  # keeps a material's color in its file
 
 
 def _check_forward(value: Any) -> str | float | Pair | None:
@@ -84,7 +84,7 @@ class FileEntry(Section):
 
 
 class ModelEntry(FileEntry):
-    """A file, and how the vehicle in it is found and posed."""
+    """A file with a vehicle, and how that is found and posed in it."""
 
     allow_missing: bool = False
     """plan it even if textures or libraries are missing, which renders magenta"""
@@ -126,7 +126,7 @@ class ModelEntry(FileEntry):
     """patterns of its sceneries; empty: all"""
 
     def matches_vehicle(self, scenery: str) -> bool:
-        """Return whether it may be placed on the scenery of this name."""
+        """Return whether the vehicle may be placed on the scenery of this name."""
         return not self.sceneries or any(fnmatchcase(scenery, pattern) for pattern in self.sceneries)
 
 
@@ -193,7 +193,7 @@ class AssetsSection(Section):
 
     cache: str = CACHE_NAME
     """folder for what was read"""
-    texture_size: int = Field(default=TEXTURE_SIZE, ge=1, le=16384)
+    texture_size: int = Field(default=DEFAULT_TEXTURE_SIZE, ge=1, le=16384)
     """longer side, in texels, of stored leaf textures"""
     hdris: Annotated[tuple[str, ...], Field(strict=False, min_length=1)] = ("hdris/*.exr",)
     """patterns of .exr or .hdr files: light and backdrop"""

@@ -25,20 +25,20 @@ ENTRY_SECTIONS: Mapping[str, type[Section]] = MappingProxyType(
 )
 _BOUND_SIGNS = {"exclusiveMinimum": ">", "minimum": ">=", "exclusiveMaximum": "<", "maximum": "<="}
 _LINE_WIDTH = 120
-_MAX_COMMENTED_WIDTH = 60  # of a line with a comment beside it
+_MAX_COMMENTED_WIDTH = 60  # a wider line has its comment above
 # One of two alternatives must be given, so the first one gets a value. A detector that has seen no picture without its
 # class finds it in cars (docs/study.md).
 _GIVEN = MappingProxyType(
     {"budget.images_per_class": 140, "budget.background_share": 0.25, "budget.background_distractors": 1.0}
 )
-_BY_PROFILE = frozenset(f"render.{key}" for key in RENDER_PROFILES["paper"])  # a profile gives their defaults
+_PROFILE_KEYS = frozenset(f"render.{key}" for key in RENDER_PROFILES["paper"])  # a profile gives their defaults
 _ASSET_LISTS = MappingProxyType({"vehicle": "vehicles", "distractor": "distractors", "scenery": "sceneries"})
-_LISTED_KEYS = ("hdris", *_ASSET_LISTS.values())  # keys of [assets] that get their own format
+_LISTED_KEYS = ("hdris", *_ASSET_LISTS.values())  # these keys of [assets] have their own format
 
 
 @dataclass(frozen=True, slots=True)
 class DocumentedKey:
-    """A key of a section, with its meaning."""
+    """A key of a section, with its default or example, range, and meaning."""
 
     name: str
     default: str | None  # default, example: its default as TOML, None for a key without, and the example of such a key
@@ -87,7 +87,7 @@ def _key_row(name: str, field: FieldInfo, declared: JsonSchemaValue) -> Document
 
 
 def _allowed_values(declared: JsonSchemaValue) -> str:
-    """Return the range or the choices of a key, given its JSON schema; empty for a key of several types."""
+    """Return the range or the choices in a key's JSON schema; empty for a key of several types."""
     (kind, *others) = [kind for kind in declared.get("anyOf", [declared]) if kind != {"type": "null"}]
     if others:
         return ""
@@ -148,11 +148,11 @@ def config_text(
 
 
 def _key_lines(keys: Sequence[DocumentedKey], section: str, given: dict[str, object]) -> str:
-    """Return a line for each key, commented out if it has no default; removes the values it uses from `given`."""
+    """Return a line for each key, commented out if it has no default; used values are removed from `given`."""
     pairs = []
     for key in keys:
         path = f"{section}.{key.name}".lstrip(".")
-        off = "# " if path not in given and (key.default is None or path in _BY_PROFILE) else ""
+        off = "# " if path not in given and (key.default is None or path in _PROFILE_KEYS) else ""
         value = toml_value(given.pop(path)) if path in given else key.default or key.example
         pairs.append((f"{off}{key.name} = {value}", key))
     return _align_comments(pairs)
@@ -204,7 +204,7 @@ def _entry_text(name: str, entry: Mapping[str, object]) -> str:
 
 
 def bare_text(values: Mapping[str, object] = MappingProxyType({})) -> str:
-    """Return a config with the names of example files; `values` as in `config_text`."""
+    """Return a config with the names of example files; `values` are as for `config_text`."""
     return config_text(
         vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
         sceneries=[{"path": "sceneries/hills.blend"}],
@@ -231,7 +231,7 @@ def _escape_markdown(text: str) -> str:
 
 
 def filled_page(text: str) -> str:
-    """Return the page with the tables below its comments, such as <!-- keys of camera -->, written anew."""
+    """Return the page with new tables below its comments, such as <!-- keys of camera -->."""
 
     def filled(found: re.Match[str]) -> str:
         name = found[1]

@@ -9,14 +9,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, model_validator
 
 from hulldown.base.arrays import are_numbers
-from hulldown.camera.response import COOLEST, MAX_EV, WARMEST
+from hulldown.camera.response import MAX_BALANCE_ERROR_K, MAX_EV, MIN_BALANCE_ERROR_K
 from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.weather.kinds import WEATHER_KINDS
 
 LIKE_SHARE, LIKE_SPREAD = 0.7, 0.2
-MOST_IMAGES = 1_000_000_000  # of a class
-MAX_SIDE_PX = 65536  # pixels of a side
+MAX_CLASS_IMAGES = 1_000_000_000
+MAX_IMAGE_SIDE_PX = 65536
 RENDER_PROFILES: Mapping[str, Mapping[str, object]] = {
     "paper": {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12},
     "fast": {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
@@ -71,7 +71,7 @@ class PlacementSection(Section):
 
 
 class CameraMatrix(Section):
-    """OpenCV's camera matrix K, in pixels."""
+    """OpenCV's camera matrix K in pixels."""
 
     fx: float = Field(gt=0, le=1e9)
     fy: float = Field(gt=0, le=1e9)
@@ -142,7 +142,7 @@ class CameraSection(Section):
 
 
 class AnnotateSection(Section):
-    """The least that a labeled vehicle must show; by default, the camera's limits for targets apply."""
+    """The least that a labeled vehicle must show; by default, the camera's limits for targets."""
 
     min_box_px: AtLeastZero | None = Field(default=None, examples=[8.0])
     """least width and height of its box, pixels; default: camera.min_box_px"""
@@ -162,8 +162,8 @@ class AnnotateSection(Section):
 def _per_class(value: object) -> object:
     """Check a number of images for every class, or a table of numbers by class."""
     counts = list(value.values()) if isinstance(value, dict) else [value]
-    if value is not None and any(type(n) is not int or not 0 <= n <= MOST_IMAGES for n in counts):
-        raise ValueError(f"expected a whole number from 0 to {MOST_IMAGES}, or a table of them by class")
+    if value is not None and any(type(n) is not int or not 0 <= n <= MAX_CLASS_IMAGES for n in counts):
+        raise ValueError(f"expected a whole number from 0 to {MAX_CLASS_IMAGES}, or a table of them by class")
     return value
 
 
@@ -171,11 +171,11 @@ PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
 
 
 class BudgetSection(Section):
-    """How many images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
+    """The number of images: per class (paper, section 2.1.8), or by positions per vehicle (equation 1)."""
 
     images_per_class: PerClass = Field(default=None, examples=[140])
     """a number, or a table such as { tank = 200, truck = 100 }; a class's models take turns"""
-    positions_per_vehicle: int | None = Field(default=None, ge=0, le=MOST_IMAGES, examples=[28])
+    positions_per_vehicle: int | None = Field(default=None, ge=0, le=MAX_CLASS_IMAGES, examples=[28])
     """instead: vehicles x positions x images_per_position images (equation 1)"""
     images_per_position: int = Field(default=5, ge=1, le=1_000_000)
     """images of each position"""
@@ -230,7 +230,7 @@ class LightSection(Section):
     """"auto": a gray card on open land comes out mid-gray; or EV for all images"""
     exposure_error_ev: Annotated[Pair, range_check(-10.0, 10.0)] = (-1.0, 1.0)
     """error of the exposure, EV"""
-    white_balance_error_k: Annotated[Pair, range_check(COOLEST, WARMEST)] = (0.0, 0.0)
+    white_balance_error_k: Annotated[Pair, range_check(MIN_BALANCE_ERROR_K, MAX_BALANCE_ERROR_K)] = (0.0, 0.0)
     """white balance minus 6500 K; more is warmer"""
     overcast: Patterns = ()
     """patterns of HDRIs for rain and snow; empty: as for other weather"""
@@ -283,9 +283,9 @@ class RenderSection(Section):
 
     profile: Literal["paper", "fast", "train"] = "paper"
     """sets the last four keys; "fast" is for a look, "train" for many images in little time"""
-    width: int = Field(default=1920, ge=1, le=MAX_SIDE_PX)
+    width: int = Field(default=1920, ge=1, le=MAX_IMAGE_SIDE_PX)
     """pixels"""
-    height: int = Field(default=1080, ge=1, le=MAX_SIDE_PX)
+    height: int = Field(default=1080, ge=1, le=MAX_IMAGE_SIDE_PX)
     """pixels"""
     samples: int = Field(default=128, ge=1, le=1_000_000)
     """rays per pixel"""

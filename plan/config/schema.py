@@ -178,6 +178,6 @@ class Config(Section):
         return self.calibrated or Intrinsics(self.render.width, self.render.height, np.radians(fov_x_deg))
 
     def vehicle_paint(self, vehicle: str) -> tuple[PaintEntry, ...]:
-        """Return the paint of the vehicle or distractor of this name; empty for an unknown name."""
+        """Return the paint of the vehicle or distractor with this name; empty for an unknown name."""
         entries = (*self.assets.vehicles, *self.assets.distractors)
         return next((entry.paint for entry in entries if entry.name == vehicle), ())

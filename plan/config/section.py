@@ -24,7 +24,7 @@ class Section(BaseModel):
 
 
 def range_check(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
-    """Check [low, high]. A single number is a range of one value; None is allowed if `optional`."""
+    """Return a check of [low, high]; one number is a range of one value, and None is allowed if `optional`."""
     noun = "a whole number" if kind is int else "a number"
     allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
 
@@ -45,5 +45,5 @@ Lengths = Annotated[Pair, range_check(0.0, 1e6)]
 
 
 def is_absent(value: object) -> bool:
-    """Return whether an optional key has its default, and is left out of a plan's header."""
+    """Return whether an optional key has its default, so that a plan's header leaves it out."""
     return value is None or value == (0.0, 0.0)

@@ -43,12 +43,12 @@ PASS_MEANINGS = {
     "category": ("panoptic", ".png"),
 }
 STUFF_CLASSES = ("ground", "obstacle", "water", "distractor", "sky")  # classes without instances in COCO panoptic
-STUFF_SEGMENT = 1 << 16  # first segment number of stuff; segments of vehicles have their instance numbers
-MOST_INSTANCES = (1 << 16) - 1
+FIRST_STUFF_SEGMENT = 1 << 16  # segments of vehicles have their instance numbers
+MAX_INSTANCES = (1 << 16) - 1
 
 
 class Instance(Struct, frozen=True):
-    """A vehicle or a surface in an image, numbered from 1; class and label are a vehicle's."""
+    """A vehicle or surface in an image, numbered from 1; only vehicles have a class and a label."""
 
     id: int
     kind: str
@@ -93,7 +93,7 @@ class PanopticLabel(Struct, frozen=True):
 
 
 class PanopticClass(Struct, frozen=True):
-    """A class of segments; those of things are instances."""
+    """A class of segments; the segments of "things" are instances."""
 
     id: int
     name: str
@@ -109,7 +109,7 @@ class Panoptic(Struct, frozen=True):
 
 
 class WrittenPasses(Struct, frozen=True):
-    """The file that lists an image's written passes, for the row with this hash."""
+    """A file that lists the passes that were written for the row with this hash."""
 
     row_sha256: str
     passes: list[str]
@@ -124,7 +124,7 @@ class SurfacePixels:
     # axis, ray: meters along the optical axis, and along the ray from the pinhole; inf for the sky
     axis: Float32[np.ndarray, "h w"]
     ray: Float32[np.ndarray, "h w"]
-    normal: Float32[np.ndarray, "h w 3"]  # of the face, in the world, toward the camera; nan for the sky
+    normal: Float32[np.ndarray, "h w 3"]  # the face's normal in the world, toward the camera; nan for the sky
     # 0 for the sky; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
     instance: UInt16[np.ndarray, "h w"]
     part: UInt16[np.ndarray, "h w"]  # number in `part_table`; 0 for other surfaces than vehicles
@@ -166,7 +166,7 @@ def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np
     for i in shown.tolist():
         what = "water" if scenery.instance_is_water[i] else "obstacle"
         table.append(Instance(len(table) + 1, what, scenery.instance_names[i]))
-    if len(table) > MOST_INSTANCES:
+    if len(table) > MAX_INSTANCES:
         raise ConfigError(f"image {row.index} shows {len(table):,} instances, more than 16-bit pictures can tell apart")
     return instance.astype(np.uint16), table
 
@@ -188,7 +188,7 @@ def panoptic_segments(
             segment[i], category[i], crowd[i] = i, class_ids[one.category], one.label != "full"
         else:
             stuff = STUFF_CLASSES.index("distractor" if one.kind == "vehicle" else one.kind)
-            segment[i], category[i] = STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
+            segment[i], category[i] = FIRST_STUFF_SEGMENT + stuff, len(class_ids) + 1 + stuff
     numbers = segment[pixels.instance]
     colors = np.stack([numbers & 255, numbers >> 8 & 255, numbers >> 16], axis=-1).astype(np.uint8)
     segments = []
@@ -270,7 +270,7 @@ def write_passes(
 
 
 def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
-    """Write an image's passes, then their table, which lists the complete ones, and return its segments."""
+    """Write an image's passes, then a table of the complete ones; return its segments."""
     stem, digest = _image_stem(row), hashlib.sha256(encode_line(row)).hexdigest()
     path, complete = output / "tables" / f"{stem}.json", set[str]()
     places = {name: output / folder / f"{stem}{suffix}" for name, (folder, suffix) in PASS_MEANINGS.items()}

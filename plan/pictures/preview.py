@@ -31,7 +31,7 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.weather.kinds import Weather
 
 TILE_WIDTH = 448  # a multiple of the tiles that rays are traced in
-MAX_HEIGHT_RATIO = 4  # largest ratio of a preview's height to its width
+MAX_HEIGHT_RATIO = 4  # of a preview's height to its width
 
 
 def preview_sheet(
@@ -91,7 +91,7 @@ def _weather_words(weather: Weather | None) -> str:
 
 
 class Artist:
-    """Draws rows of a plan with the assets that it was made from."""
+    """Draws rows of a plan with its assets."""
 
     def __init__(self, plan: PlanFile, assets: Assets) -> None:
         self._plan, self._assets = plan, assets

@@ -21,9 +21,9 @@ from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
 
 _ZENITH, _HORIZON = np.array([0.36, 0.55, 0.82]), np.array([0.78, 0.84, 0.92])
 _EARTH, _LEAVES = np.array([0.52, 0.49, 0.36]), np.array([0.25, 0.36, 0.19])
-_AMBIENT_SHARE = 0.45  # share of the light from the whole sky; the rest is the sun's
+_AMBIENT_SHARE = 0.45  # light from the whole sky; the rest is the sun's
 _SUN_ELEVATION = math.radians(40.0)
-_TILES_M = 5.0  # width of the ground's faint checkers, which show sizes
+_CHECKER_WIDTH_M = 5.0  # faint checkers on the ground show sizes
 
 
 def shade_pixels(
@@ -93,7 +93,7 @@ def _surface_albedo(
     points: Float[np.ndarray, "n 3"],
     paints: Sequence[Float[np.ndarray, "3"]],
 ) -> Float[np.ndarray, "n 3"]:
-    odd = np.floor(points[:, :2] / _TILES_M).sum(axis=1) % 2.0
+    odd = np.floor(points[:, :2] / _CHECKER_WIDTH_M).sum(axis=1) % 2.0
     albedo = _EARTH * (1.0 - 0.07 * odd)[:, None]
     albedo[kind == SurfaceKind.OBSTACLE] = _LEAVES
     for i, paint in enumerate(paints):
@@ -102,7 +102,7 @@ def _surface_albedo(
 
 
 def sun_direction(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
-    """Return a direction for the sun that differs between HDRIs and turns with them; it isn't the HDRI's sun."""
+    """Return a direction for the sun that differs between HDRIs and turns with them; the HDRI's sun is elsewhere."""
     azimuth = 2.0 * math.pi * _name_hash(hdri) + math.radians(yaw_deg)
     flat = math.cos(_SUN_ELEVATION)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(_SUN_ELEVATION)])
@@ -117,7 +117,7 @@ def preview_paint(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray
 
 
 def coated_color(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
-    """Return the linear color of a vehicle in a preview: that of its first coat, or its own."""
+    """Return the linear color of a vehicle in a preview: its first coat's, or its own."""
     color = coats[0].color if coats else None
     return own if color is None else np.array(linear_color(color))
 

@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 from hulldown.base.errors import ConfigError
 from hulldown.base.outside import parse_value, parse_yaml, read_text
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.plan.config.scene_sections import MAX_SIDE_PX, CameraMatrix, Distortion
+from hulldown.plan.config.scene_sections import MAX_IMAGE_SIDE_PX, CameraMatrix, Distortion
 
 # Names in files of OpenCV's samples and of ROS, in lower case without underscores.
 _MATRIX_KEYS = ("cameramatrix", "k", "intrinsicmatrix", "mtx")
@@ -64,7 +64,7 @@ def read_camera(path: Path) -> dict[str, object]:
     if len(matrix) != 9 or matrix[[1, 3, 6, 7]].any() or any(len(side) != 1 or side % 1 for side in size):
         raise ConfigError("its camera matrix isn't [fx, 0, cx, 0, fy, cy, 0, 0, 1]", path=path, remedy=_REMEDY)
     width, height = (int(side[0]) for side in size)
-    if not (1 <= width <= MAX_SIDE_PX and 1 <= height <= MAX_SIDE_PX):
+    if not (1 <= width <= MAX_IMAGE_SIDE_PX and 1 <= height <= MAX_IMAGE_SIDE_PX):
         raise ConfigError(f"isn't a camera: {width} x {height} pixels", path=path, remedy="calibrate it again")
     fx, fy, cx, cy = (float(value) for value in matrix[[0, 4, 2, 5]] + np.array([0.0, 0.0, 0.5, 0.5]))
     coefficients = np.pad(lens[:5], (0, max(0, 5 - len(lens)))).tolist()

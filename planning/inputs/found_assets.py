@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
@@ -22,7 +23,7 @@ from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.formats import FORMAT_SUFFIXES, HDRI_SUFFIXES
+from hulldown.reading.pieces.formats import FORMAT_SUFFIXES, HDRI_SUFFIXES, OTHER_SUFFIXES
 from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
 
 # Folder names that tell the kind of the files in them; in other folders, the contents decide.
@@ -34,7 +35,7 @@ FOUND_KINDS = {
     "distractors": "distractor",
 }
 NO_CATEGORY = ("assets", "models", *FOUND_KINDS)
-MAX_GROUND_NAMES = 4  # names of ground objects in a comment
+MAX_GROUND_NAMES = 4  # in a comment
 EXAMPLE_COLOR = "#4b5320"  # of paint
 _PREFERRED_SUFFIXES = (*FORMAT_SUFFIXES, *HDRI_SUFFIXES)  # of files with one name in several formats, the first is used
 NEEDED_KINDS = {"vehicle": "vehicle", "scenery": "scenery", "hdri": "HDRI"}
@@ -60,15 +61,17 @@ class FoundFile:
 
 def asset_files(folder: Path) -> list[Path]:
     """Return the paths of files with suffixes of assets, relative to `folder`, without hidden files and folders."""
-    files = []
+    files, others = list[Path](), list[Path]()
     for inside, folders, names in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
         place = Path(inside).relative_to(folder)
-        files += [
-            place / name
-            for name in sorted(names)
-            if Path(name).suffix.lower() in _PREFERRED_SUFFIXES and name[0] != "."
-        ]
+        paths = [place / name for name in sorted(names) if name[0] != "."]
+        files += [path for path in paths if path.suffix.lower() in _PREFERRED_SUFFIXES]
+        others += [path for path in paths if path.suffix.lower() in OTHER_SUFFIXES]
+    if others:
+        kinds = ", ".join(sorted({path.suffix.lower() for path in others}))
+        text = f"{len(others)} files are of formats that aren't read ({kinds}), such as {others[0]}"
+        warnings.warn(f"{text}; save them as .blend in Blender", stacklevel=2)
     if not files:
         what = f"holds no {', '.join(_PREFERRED_SUFFIXES)} file" if folder.is_dir() else "is no folder"
         raise AssetError(what, path=folder, remedy="name the folder of your vehicles, sceneries and HDRIs by --from")
@@ -82,7 +85,7 @@ def read_found(
     *,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[FoundFile]:
-    """Tell the kind of each file: by the name of a folder that it's in, else by its contents."""
+    """Find the kind of each file: by the name of a folder around it, or else by its contents."""
     limits.check_confinement()
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
@@ -123,7 +126,7 @@ def _found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> Fo
 
 
 def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
-    """Return a file's vehicles, as it's read by the keys that it needs, or its scenery."""
+    """Return a file's vehicles, read with the keys that it needs, or its scenery."""
     folder_kind = next(
         (FOUND_KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in FOUND_KINDS), None
     )
@@ -162,7 +165,7 @@ def _ground_comment(report: FileReport) -> list[str]:
 
 
 def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
-    """Return the needed kinds of assets that were not found."""
+    """Return the required kinds of assets that weren't found."""
     return [word for kind, word in NEEDED_KINDS.items() if all(file.kind != kind for file in found)]
 
 
@@ -214,7 +217,7 @@ def _propose_paint(material: str) -> dict[str, object]:
 
 
 def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: Path) -> None:
-    """Keep in a cache which doubts about the files of `folder` a config's comments state."""
+    """Record in a cache which doubts about the files of `folder` a config's comments state."""
     doubts: dict[str, list[Doubt]] = {}
     for file in found:
         doubts.setdefault(str((folder / file.path).resolve()), []).extend(file.doubts)
@@ -223,7 +226,7 @@ def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: P
 
 
 def stated_doubts(config: Path, cache: Path) -> dict[str, list[Doubt]]:
-    """Return the doubts, by resolved path, that `keep_doubts` kept for a config; none for other configs."""
+    """Return the doubts, by resolved path, that `keep_doubts` recorded for a config; none for other configs."""
     return unseal_entry(_write_entry(config, cache), dict[str, list[Doubt]]) or {}
 
 

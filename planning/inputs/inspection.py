@@ -30,10 +30,10 @@ from hulldown.reading.reader_process import Exported, export_asset
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Inspection:
-    """What was found in files."""
+    """The reports about files, and a picture of what was read."""
 
     reports: list[FileReport | SkyReport]
-    picture: Path | None  # the written one
+    picture: Path | None  # the file that was written
     refused: int  # number of unusable files, each of which gave a warning
 
 
@@ -95,7 +95,7 @@ def inspect_file(
     progress: Callable[[str], None] | None = None,
     limits: ReadLimits = DEFAULT_LIMITS,
 ) -> list[Inspected]:
-    """Inspect an asset or HDRI as its kind (None: by its contents), without a cache, or all assets of a config."""
+    """Inspect an asset or HDRI of this kind (None: by its contents) without a cache, or all assets of a config."""
     if _is_config(path):
         library = load_library(Config.read(path), strict=strict, progress=progress, limits=limits)
         models = library.shapes

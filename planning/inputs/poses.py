@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.outside import DOCUMENT, read_text
+from hulldown.base.outside import MAX_DOCUMENT_BYTES, read_text
 from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses, PoseLine, Vector
 
 NAME_COLUMNS = ("scenery", "vehicle", "sequence")
@@ -20,13 +20,13 @@ NUMBER_COLUMNS = (
     *("camera_x", "camera_y", "camera_z"),
     *("look_at_x", "look_at_y", "look_at_z"),
 )
-SEQUENCE_COLUMNS = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # columns that are equal in all lines of a sequence
+SEQUENCE_COLUMNS = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # equal in all lines of a sequence
 CAMERA, LOOK_AT = NUMBER_COLUMNS[4:7], NUMBER_COLUMNS[7:]
 
 
 def read_poses(path: Path) -> GivenPoses:
     """Read the poses in a CSV file with commas or semicolons between its columns."""
-    text = read_text(path, partial(ConfigError, path=path, remedy="name a CSV file"), most=DOCUMENT)
+    text = read_text(path, partial(ConfigError, path=path, remedy="name a CSV file"), most=MAX_DOCUMENT_BYTES)
     header = text.partition("\n")[0]
     table = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in header else ",", strict=True)
     try:
@@ -100,7 +100,7 @@ def _join_vector(values: Mapping[str, float], names: tuple[str, ...]) -> Vector 
 
 
 def _check_sequences(lines: list[PoseLine], path: Path) -> None:
-    """Check that the lines of a sequence are successive, and give the same vehicle in the same place."""
+    """Check that the lines of a sequence follow each other, and have the same vehicle in the same place."""
     ended: set[str | None] = set()
     for before, line in pairwise(lines):
         if line.sequence != before.sequence:

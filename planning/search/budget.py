@@ -24,7 +24,7 @@ from hulldown.plan.given_poses import GivenPoses
 from hulldown.planning.inputs.poses import line_error
 from hulldown.planning.search.stage import Site
 
-SHARE_ROUNDING = 1e-9  # of shares of a class's images
+SHARE_ROUNDING = 1e-9  # rounding error of the shares of a class's images
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -39,13 +39,13 @@ class Positions:
 
     @property
     def background(self) -> Bool[np.ndarray, " n"]:
-        """Whether a position holds backgrounds."""
+        """Whether a position's images are backgrounds."""
         return self.vehicle < 0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Budget:
-    """Counts of images of every vehicle, and the positions of a plan."""
+    """The number of images of every vehicle, and the positions of a plan."""
 
     vehicles: tuple[str, ...]  # names, grouped by class, in the order of the config
     class_starts: Int[np.ndarray, " c_plus_1"]  # index in `vehicles` of each class's first, and their number
@@ -55,12 +55,12 @@ class Budget:
 
     @property
     def n_images(self) -> int:
-        """Images in all."""
+        """The number of all images."""
         return int(self.positions.shots.sum())
 
     @property
     def n_positions(self) -> int:
-        """Positions in all."""
+        """The number of all positions."""
         return len(self.positions.shots)
 
 
@@ -129,14 +129,14 @@ def _plan_positions(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Given:
-    """Given poses of n images, in the worlds of their sceneries; what isn't given is 0, and is planned."""
+    """Given poses of n images in their sceneries' worlds; missing values are 0 and will be planned."""
 
     xyz: Float[np.ndarray, "n 3"]  # xyz, yaw: meters and (n,) radians of the vehicles
     yaw: Float[np.ndarray, " n"]
     camera: Float[np.ndarray, "n 3"]  # camera, look_at: meters
     look_at: Float[np.ndarray, "n 3"]
     first: Int[np.ndarray, " n"]  # index of the first image of each image's sequence
-    name: np.ndarray  # the sequence's; None without one
+    name: np.ndarray  # name of the sequence; None without one
     has_position: Bool[np.ndarray, " n"]  # whether x and y of the vehicle are given
     has_height: Bool[np.ndarray, " n"]  # whether z of the vehicle is given
     has_heading: Bool[np.ndarray, " n"]
@@ -146,17 +146,17 @@ class Given:
 
     @property
     def has_place(self) -> Bool[np.ndarray, " n"]:
-        """Whether position and heading of an image's vehicle are given: every try is the same."""
+        """Whether position and heading of an image's vehicle are given, so that every try is the same."""
         return self.has_position & self.has_heading
 
     @property
     def has_view(self) -> Bool[np.ndarray, " n"]:
-        """Whether the camera's place or direction is given: it follows no photograph."""
+        """Whether the camera's place or direction is given, so that it follows no photograph."""
         return self.has_camera | self.has_look_at
 
 
 def nothing_given(n: int) -> Given:
-    """Return n images without given poses."""
+    """Return the `Given` of n images without given poses."""
     points = np.zeros((3, n, 3))
     return Given(
         points[0], np.zeros(n), points[1], points[2], np.zeros(n, dtype=np.int64), np.full(n, None),
@@ -192,7 +192,7 @@ def pose_arrays(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray
 
 
 def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
-    """Return the budget of a file's lines, a position for each sequence or other line; missing vehicles go by turns."""
+    """Return the budget of a file's lines, a position per sequence or single line; missing vehicles go by turns."""
     names = [line.sequence for line in poses.lines]
     starts = np.array([i for i, name in enumerate(names) if not i or name is None or name != names[i - 1]])
     shots = np.diff(np.append(starts, len(names)))

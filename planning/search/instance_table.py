@@ -65,7 +65,7 @@ class Instances:
         return Instances(self.fleet, *(column[index] for column in columns))
 
     def in_own_rows(self) -> Instances:
-        """Return the instances in rows 0, 1, ...: each is that of the camera with its index."""
+        """Return the instances in rows 0, 1, ..., so that each belongs to the camera with its index."""
         return replace(self, row=np.arange(len(self)))
 
     def repeat_rows(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
@@ -153,7 +153,7 @@ def drawn_angles(
 
 
 def image_size(measure: Measure, render: RenderSection) -> float:
-    """Height, width, or diagonal of the image in pixels, or its area in square pixels."""
+    """Return height, width, or diagonal of the image in pixels, or its area in square pixels."""
     sizes = {
         "height": render.height,
         "width": render.width,
@@ -172,7 +172,7 @@ def filled_fraction(
 
 
 def no_boxes(n: int) -> Boxes:
-    """Allocate n boxes: nan."""
+    """Allocate n boxes of nan."""
     return Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
 
 
@@ -197,7 +197,7 @@ def size_cameras(
     roll: Float[np.ndarray, " n"],
     frame: Callable[[Cameras], Cameras],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
-    """Return cameras in these directions, framed at distances with the wanted box sizes; nan where there is none."""
+    """Return framed cameras in these directions, at distances with the wanted box sizes; nan where there is none."""
     centers = targets.centers
     level = Cameras(lenses, camera_pose(centers, 1.0, azimuth, elevation))
     outward = -level.world_from_camera[:, :3, 2]

@@ -32,23 +32,23 @@ from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowS
 from hulldown.planning.search.stage import Fleet
 
 MIN_CLASS_BOXES = 20  # with fewer boxes of a class, those of all classes are used
-MAX_CORNER_CUT = 0.5  # share of the height assumed to be cut off from a box over a corner of the photograph
+MAX_CORNER_CUT_SHARE = 0.5  # of a box's height that is assumed to be cut off over a corner of the photograph
 # Of the largest `truncated_fraction`, aimed for: what the frame leaves fills less than its share of the box.
 TRUNCATION_MARGIN = 0.8
-LARGEST_RANK = np.nextafter(1.0, 0.0)
+MAX_RANK = np.nextafter(1.0, 0.0)
 QUARTER_PLACES = 10  # places without a camera that count as a quarter of an image's tries
 MIN_STEEP_RADIANS = math.radians(
     15.0
 )  # elevation from which level ground tells a companion's distance better than its box
-MIN_RAY_FALL = 0.05  # of a ray that's followed to the ground, relative to its length
+MIN_RAY_FALL_SHARE = 0.05  # of the length of a ray that's followed to the ground
 GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
-CAMERA_DIRECTIONS = 24  # candidates for each camera
-MIN_ASPECT_TOLERANCE = 0.03  # relative, of aspect ratios: no vehicle has exactly the sampled one
-MAX_DISTANCE_ERROR = 2.0  # largest factor by which estimated distances are wrong
+DIRECTIONS_PER_CAMERA = 24
+MIN_ASPECT_TOLERANCE = 0.03  # relative: no vehicle has exactly the sampled aspect ratio
+MAX_DISTANCE_RATIO = 2.0  # estimated distances are wrong by at most this factor
 
 
 class Following(IntEnum):
-    """What a camera follows."""
+    """What a try of a camera follows."""
 
     RANGES = 0  # the configured ranges
     INSTEAD = 1  # the configured ranges, since the photograph that was sampled for the image can't be followed
@@ -81,14 +81,14 @@ class TargetBoxes:
         return self.cut[:, 1] | self.cut[:, 3]
 
     def least_kept(self, most_truncated: float) -> Float[np.ndarray, "n 2"]:
-        """Least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
+        """Return least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
         share = np.minimum((1.0 - TRUNCATION_MARGIN * most_truncated) / self.kept, 1.0)
         return np.stack([np.where(self.horizontal_cut, share, 0.0), np.where(self.horizontal_cut, 0.0, share)], axis=1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PhotographedPoses:
-    """Places and headings of n companions as photographs show them, relative to targets."""
+    """Places and headings of n companions in photographs, relative to targets."""
 
     xy_yaw: Float[np.ndarray, "n 3"]  # on level ground: meters from the target, and radians
     is_shown: Bool[np.ndarray, " n"]  # whether the photograph shows this companion
@@ -133,7 +133,7 @@ class Likeness:
     def sample_boxes(
         self, draws: RandomStreams, fleet: Fleet, *, model: Int[np.ndarray, " n"], image: Int[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Sample a box for each image, by its target's model; return whether images follow it, too."""
+        """Sample a box for each image, by its target's model; return whether images follow it too."""
         share, rank = draws.uniform(Purpose.LIKE, image, 0, count=2).T
         return self._boxes_at_ranks(fleet, model, rank), share < self.camera.like_share
 
@@ -157,7 +157,7 @@ class Likeness:
     ) -> Int[np.ndarray, " n"]:
         """Return boxes of about the height of the sampled ones: half of them within an eighth of all ranks."""
         rank = np.abs(draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1] + (2.0 * uniform - 1.0) ** 3)
-        reflected = np.where(rank < 1.0, rank, 2.0 - rank).clip(0.0, LARGEST_RANK)  # at both ends
+        reflected = np.where(rank < 1.0, rank, 2.0 - rank).clip(0.0, MAX_RANK)  # at both ends
         return self._boxes_at_ranks(targets.fleet, targets.model, reflected)
 
     def companion_counts(self, box: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
@@ -217,14 +217,14 @@ class Likeness:
     def _kept_heights(self, box: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Draw the share of the height that is left of boxes over a corner of the photograph; 1 for others."""
         most_truncated = TRUNCATION_MARGIN * self.camera.truncated_fraction[1]
-        largest_cut = min(MAX_CORNER_CUT, 1.0 - math.sqrt(1.0 - most_truncated))
+        largest_cut = min(MAX_CORNER_CUT_SHARE, 1.0 - math.sqrt(1.0 - most_truncated))
         return np.where(np.logical_and(*self._axis_cuts(box)), 1.0 - largest_cut * uniform, 1.0)
 
 
 def usable_boxes(
     photographs: Photographs, camera: CameraSection, image_height: int
 ) -> tuple[Bool[np.ndarray, " n"], Counter[str]]:
-    """Return whether each box is within the limits of cameras, and the numbers of others by reason."""
+    """Return whether each box is within the cameras' limits, and the numbers of the other boxes by reason."""
     pixels = photographs.height * image_height
     cut, (least, most) = photographs.cut.any(axis=1), camera.truncated_fraction
     unused = {
@@ -243,9 +243,9 @@ def usable_boxes(
 def candidate_directions(
     draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]
 ) -> RowStreams:
-    """Return the generator for the candidate directions of these tries."""
-    tries = attempt[:, None] * CAMERA_DIRECTIONS + np.arange(CAMERA_DIRECTIONS)
-    return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, CAMERA_DIRECTIONS), tries.ravel())
+    """Return the random numbers for the candidate directions of these tries."""
+    tries = attempt[:, None] * DIRECTIONS_PER_CAMERA + np.arange(DIRECTIONS_PER_CAMERA)
+    return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, DIRECTIONS_PER_CAMERA), tries.ravel())
 
 
 def match_cameras(
@@ -263,7 +263,7 @@ def match_cameras(
     poses = np.full((n, 4, 4), np.nan)
     least, most = limits.distance_m
     # Estimated distances far beyond the limits are rejected without solving.
-    possible = np.flatnonzero((distance > least / MAX_DISTANCE_ERROR) & (distance < most * MAX_DISTANCE_ERROR))
+    possible = np.flatnonzero((distance > least / MAX_DISTANCE_RATIO) & (distance < most * MAX_DISTANCE_RATIO))
     for model, of_model in targets.take(possible).by_model():
         of_model = possible[of_model]
         hull = posed_hull(model, targets.world_from_vehicle[of_model], targets.model_angles(model, of_model))
@@ -300,9 +300,9 @@ def choose_directions(
     """Sample configured elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance."""
     n = len(targets)
     low, high = (math.radians(angle) for angle in limits.elevation_deg)
-    azimuth = draw_azimuth(n * CAMERA_DIRECTIONS, rng=rng).reshape(n, CAMERA_DIRECTIONS)
-    elevation = draw_elevation(n * CAMERA_DIRECTIONS, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
-    elevation = np.repeat(elevation.reshape(n, CAMERA_DIRECTIONS)[:, :1], CAMERA_DIRECTIONS, axis=1)
+    azimuth = draw_azimuth(n * DIRECTIONS_PER_CAMERA, rng=rng).reshape(n, DIRECTIONS_PER_CAMERA)
+    elevation = draw_elevation(n * DIRECTIONS_PER_CAMERA, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
+    elevation = np.repeat(elevation.reshape(n, DIRECTIONS_PER_CAMERA)[:, :1], DIRECTIONS_PER_CAMERA, axis=1)
     axes = shell_axes(azimuth, elevation)[1]
     local = targets.box_corners() - targets.centers[:, None]
     # Explicit sums, which have the same bits on every processor.
@@ -330,7 +330,7 @@ def choose_directions(
 def choose_fitting(
     misfit: Float[np.ndarray, "n d"], limits: CameraSection, choice: Float[np.ndarray, " n"]
 ) -> Int[np.ndarray, " n"]:
-    """Choose a direction for each row by the misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
+    """Choose a direction for each row by its misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
     exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, MIN_ASPECT_TOLERANCE)) ** 2
     return choose_weighted(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)
 
@@ -345,11 +345,11 @@ def companion_poses(
     lenses: Intrinsics,
     rng: RowStreams,
 ) -> PhotographedPoses:
-    """Return places on the rays through boxes' centers, and headings, at which companions fill photographs' boxes."""
+    """Return places on the rays through boxes' centers, and headings, where companions fill photographs' boxes."""
     photographs, limits = likeness.photographs, likeness.camera
     poses = np.zeros((len(number), 3))
     azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)
-    uniform = rng.random((len(number) * CAMERA_DIRECTIONS,)).reshape(-1, CAMERA_DIRECTIONS)
+    uniform = rng.random((len(number) * DIRECTIONS_PER_CAMERA,)).reshape(-1, DIRECTIONS_PER_CAMERA)
     # Companions of an image have the same random numbers.
     yaw = 2.0 * math.pi * (uniform + GOLDEN_RATIO * number[:, None])
     is_shown = (boxes.following == Following.PHOTOGRAPH) & (number < likeness.companion_counts(boxes.box))
@@ -367,8 +367,8 @@ def companion_poses(
     ray = rotate_vectors(turn, lenses.pixel_directions((photographs.center[box] * lenses.size)[:, None]))[:, 0]
     ray /= np.sqrt((ray * ray).sum(axis=1, keepdims=True))
     by_height = distance * size[:, 2] / tall[:, 2] * photographs.height[of_target] / photographs.height[box]
-    to_ground = (level[:, 2, 3] + (tall[:, 2] - size[:, 2]) / 2.0) / np.maximum(-ray[:, 2], MIN_RAY_FALL)
-    steep = (elevation[has] > MIN_STEEP_RADIANS) & (ray[:, 2] < -MIN_RAY_FALL)
+    to_ground = (level[:, 2, 3] + (tall[:, 2] - size[:, 2]) / 2.0) / np.maximum(-ray[:, 2], MIN_RAY_FALL_SHARE)
+    steep = (elevation[has] > MIN_STEEP_RADIANS) & (ray[:, 2] < -MIN_RAY_FALL_SHARE)
     away = np.where(steep, to_ground, by_height)[:, None] * ray
 
     sy, cy = (part[..., None] for part in sin_cos(yaw))

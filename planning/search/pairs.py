@@ -26,7 +26,7 @@ _FIRST_TRIAL = 2**40
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Pairs:
-    """Weights of sceneries."""
+    """The weights of sceneries for each vehicle and for backgrounds."""
 
     # weight of each scenery for each vehicle of the budget; 0 for a pair that isn't planned
     weights: Float[np.ndarray, "v s"]
@@ -35,7 +35,7 @@ class Pairs:
 
 
 def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict: bool) -> Pairs:
-    """Try every pair that the config allows."""
+    """Try every pair of vehicle and scenery that the config allows, and weight those that work."""
     config, weights, left_out = stage.config, np.zeros((len(budget.vehicles), len(stage.sites))), []
     listed = {entry.name: entry.weight for entry in config.assets.sceneries}
     of_sites = {site.name: listed.get(site.name, 1.0) for site in stage.sites}
@@ -90,7 +90,7 @@ def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]
 def _trial_problems(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " v"], draws: RandomStreams
 ) -> list[ConfigError | None]:
-    """Return for each of these vehicles why most of its trial positions fail, or None."""
+    """Return for each of these vehicles why most of its trial positions fail; None if they don't."""
     problems: list[ConfigError | None] = [
         _too_large(site, stage.fleet.models[i], stage.config) for i in models.tolist()
     ]
@@ -106,7 +106,7 @@ def _trial_problems(
 def _plan_trials(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " n"], draws: RandomStreams, *, number: int
 ) -> Mapping[int, HopelessPosition]:
-    """Plan a trial position for each of these vehicles, and return the errors of those without a place."""
+    """Plan a trial position for each of these vehicles; return the errors of those without a place."""
     n = len(models)
     if not n:
         return {}

@@ -21,13 +21,13 @@ from hulldown.planning.search.stage import Site, settle_rules
 from hulldown.planning.search.tables import InstanceRole
 from hulldown.scene.obstacles import boxes_touch
 
-SKY_RAY_CLEARANCE_M = 0.05  # meters above a vehicle's box at which rays to the sky start
+SKY_RAY_CLEARANCE_M = 0.05  # rays to the sky start this far above a vehicle's box
 
 
 def extra_offsets(
     role: Int[np.ndarray, " n"], limits: PlacementSection, uniform: Float[np.ndarray, "n 2"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Return offsets in meters to extras for numbers in [0, 1): companions uniform in distance, distractors in area."""
+    """Return offsets in meters to extras, by uniform numbers: companions even in distance, distractors in area."""
     of_roles = np.array([(0.0, 0.0), limits.companion_distance, limits.distractor_distance])
     low, high = of_roles[role].T
     by_distance = scale_uniform(low, high, uniform[:, 0])
@@ -46,7 +46,7 @@ def settle_clear(
     upright: Bool[np.ndarray, " n"] | None = None,
     z: Float[np.ndarray, " n"] | None = None,
 ) -> Settled:
-    """Settle n vehicles, meters and radians, upright where `z` isn't nan, or reject those beyond the limits."""
+    """Settle n vehicles (meters, radians), upright where `z` isn't nan; reject those beyond the limits."""
     fleet, rules = instances.fleet, settle_rules(limits)
     settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     if upright is not None and z is not None:
@@ -72,7 +72,7 @@ def settle_clear(
 
 
 def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
-    """Greatest depth of each vehicle's underside below water, meters; 0 on dry ground."""
+    """Return the greatest depth of each vehicle's underside below water in meters; 0 on dry ground."""
     if site.water is None:
         return np.zeros(len(instances))
     samples = instances.fleet.contacts.take(instances.model)
@@ -80,7 +80,7 @@ def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
 
 
 def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
-    """Return whether light of the sky reaches the top of each vehicle."""
+    """Return whether light from the sky reaches the top of each vehicle."""
     fleet, model = instances.fleet, instances.model
     top = fleet.center[model].copy()
     top[:, 2] += fleet.size[model, 2] / 2 + SKY_RAY_CLEARANCE_M
@@ -99,7 +99,7 @@ def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bo
 
 
 def clear_of_vehicles(instances: Instances, others: Instances, clearance: float) -> Bool[np.ndarray, " p"]:
-    """Tell which of p pairs of vehicles keep the clearance, which extends sideways and upward from both."""
+    """Return which of p pairs of vehicles keep the clearance, which extends sideways and upward from both."""
     clear = np.ones(len(instances), dtype=bool)
     # Pairs whose bounding spheres don't meet need no boxes.
     reach = instances.fleet.reach[instances.model] + others.fleet.reach[others.model] + 2.0 * clearance

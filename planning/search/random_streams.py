@@ -20,7 +20,7 @@ _TO_UNIT = 2.0**-53
 
 
 class Purpose(IntEnum):
-    """The purpose of random numbers; streams of different purposes are independent."""
+    """What random numbers are for; streams of different purposes are independent."""
 
     SCENERY = 1
     PLACE = 2
@@ -43,7 +43,7 @@ class Purpose(IntEnum):
 
 
 class RandomStreams:
-    """All random numbers of one plan."""
+    """The random numbers of a plan, by purpose, item, and attempt."""
 
     __slots__ = ("_key",)
 
@@ -75,7 +75,7 @@ class RandomStreams:
 
 
 class RowStreams:
-    """A generator for functions that draw n rows at a time: row i comes from the stream of item i."""
+    """A generator for functions that draw n rows at a time; row i is from the stream of item i."""
 
     def __init__(self, draws: RandomStreams, purpose: Purpose, item: ArrayLike, attempt: ArrayLike) -> None:
         self._states = draws.first_states(purpose, item, attempt)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.boxes import VehicleBoxes
-from hulldown.assets.plan_assets import Assets
+from hulldown.assets.plan_assets import Assets, content_key
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.geometry.hulls import extreme_points
@@ -27,13 +27,13 @@ from hulldown.scene.obstacles import Obstacles
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import VehicleCaster
 
-_BARE_EXTENT = 50.0  # meters to each side of the origin, for a scenery without ground and obstacles
+_BARE_EXTENT_M = 50.0  # to each side of the origin, for a scenery without ground and obstacles
 _BOUND_FUNCTIONS = (np.min, np.max)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Site:
-    """A scenery with its query objects."""
+    """A scenery, prepared for queries."""
 
     name: str
     terrain: Terrain  # top hits on its ground, or on the fallback plane
@@ -49,7 +49,7 @@ class Site:
 
 @dataclass(frozen=True, eq=False)
 class FleetModel:
-    """A vehicle with its query objects."""
+    """A vehicle or distractor, prepared for queries."""
 
     shape: VehicleShape  # shape, category: the vehicle and its class; None for a distractor without one
     category: str | None
@@ -59,7 +59,7 @@ class FleetModel:
 
     @cached_property
     def part_hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
-        """Vertices of the convex hull of what can be seen of each part of `caster`; of all of it, if nothing can."""
+        """Vertices of the convex hull of each part's visible vertices; of all of `caster`'s, if none are visible."""
         if self.shape.seen is None:
             return tuple(part.hull for part in self.caster.parts)
         seen = [(part, self.shape.seen_vertices(part.index)) for part in self.caster.parts]
@@ -67,7 +67,7 @@ class FleetModel:
 
 
 class Fleet:
-    """All vehicles and distractors; tables of their parts' boxes (vehicle frame, at rest), padded by the first."""
+    """All vehicles and distractors, with tables of their parts' boxes (vehicle frame, at rest), padded by the first."""
 
     def __init__(self, models: tuple[FleetModel, ...]) -> None:
         self.models = models
@@ -92,7 +92,7 @@ class Fleet:
 
 
 def _sphere_radius(shape: VehicleShape) -> float:
-    """Radius of a sphere about the origin that contains all parts in any articulation."""
+    """Return the radius of a sphere about the origin that contains all parts in any articulation."""
     reach = 0.0
     for part in range(len(shape.part_names)):
         part_vertices = shape.seen_vertices(part)
@@ -120,11 +120,18 @@ class PlanStage:
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
-    """Build the query objects of all assets."""
-    models = [_make_model(shape, assets.categories[name], config) for name, shape in assets.vehicles.items()]
-    others = [_make_model(assets.distractors[e.name], e.category, config) for e in config.assets.distractors]
-    sites = tuple(_make_site(scenery, config.ground.fallback_z) for scenery in assets.sceneries.values())
-    return PlanStage(config, sites, Fleet((*models, *others)), len(models))
+    """Prepare all assets for queries."""
+    listed: list[tuple[VehicleShape, str | None]] = [
+        (v, assets.categories[name]) for name, v in assets.vehicles.items()
+    ]
+    listed += [(assets.distractors[entry.name], entry.category) for entry in config.assets.distractors]
+    shapes = {content_key(shape): shape for shape, _ in listed}
+    models = {key: _make_model(shape, config) for key, shape in shapes.items()}
+    fleet = Fleet(tuple(replace(models[content_key(shape)], shape=shape, category=name) for shape, name in listed))
+    lands = {content_key(scenery): scenery for scenery in assets.sceneries.values()}
+    sites = {key: _make_site(scenery, config.ground.fallback_z) for key, scenery in lands.items()}
+    of_sceneries = tuple(replace(sites[content_key(land)], name=name) for name, land in assets.sceneries.items())
+    return PlanStage(config, of_sceneries, fleet, len(assets.vehicles))
 
 
 def _make_site(scenery: Scenery, fallback_z: float) -> Site:
@@ -136,7 +143,7 @@ def _make_site(scenery: Scenery, fallback_z: float) -> Site:
     water = Terrain(surface) if surface else None
     bounds = terrain.bounds[:, :2]
     if not np.isfinite(bounds).all():
-        bounds = np.array([[-_BARE_EXTENT] * 2, [_BARE_EXTENT] * 2])
+        bounds = np.array([[-_BARE_EXTENT_M] * 2, [_BARE_EXTENT_M] * 2])
         if len(scene.bounds):
             bounds = np.stack([scene.bounds[:, 0, :2].min(axis=0), scene.bounds[:, 1, :2].max(axis=0)])
     obstacles = Obstacles(scene, solid=scenery.solid_instances, extent=bounds)
@@ -163,10 +170,10 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
     )
 
 
-def _make_model(shape: VehicleShape, category: str | None, config: Config) -> FleetModel:
+def _make_model(shape: VehicleShape, config: Config) -> FleetModel:
     return FleetModel(
         shape=shape,
-        category=category,
+        category=None,
         boxes=VehicleBoxes(shape),
         caster=VehicleCaster(shape),
         footing=Footing.of(vehicle_underside(shape.surface[0], known=shape.underside), settle_rules(config.placement)),

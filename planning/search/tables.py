@@ -28,8 +28,8 @@ from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
-MOST_EXTRAS = 64  # extras of one role in an image; streams of random numbers are numbered by it
-_NUMBERS_PER_EXTRA = 1 + MOST_EXTRAS  # random numbers of each extra: its model, its articulation
+MAX_ROLE_EXTRAS = 64  # in an image; streams of random numbers are numbered by it
+_NUMBERS_PER_EXTRA = 1 + MAX_ROLE_EXTRAS  # random numbers of each extra: its model, its articulation
 WEATHER_NAMES = tuple(WEATHER_KINDS)
 CLEAR_WEATHER = len(WEATHER_NAMES)
 
@@ -44,7 +44,7 @@ class InstanceRole(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Extras:
-    """The companions or distractors that may occur at a position."""
+    """The companions or distractors that may be at a position."""
 
     role: InstanceRole
     models: Int[np.ndarray, " m"]  # models, weights: candidates as indices in the fleet, and their weights
@@ -72,7 +72,7 @@ class Extras:
 
 
 def scenery_extras(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
-    """Return companions, drawn by `of_vehicles`, and distractors on a scenery, by whether it's for backgrounds."""
+    """Return a scenery's companions, drawn by `of_vehicles`, and distractors, by whether they're for backgrounds."""
     limits, (least, most) = stage.config.placement, stage.config.placement.vehicles_per_image
     companions = Extras(InstanceRole.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
     extras: dict[bool, list[Extras]] = {False: [companions], True: []}
@@ -96,7 +96,7 @@ def scenery_distractors(
 def target_models(
     budget: Budget, stage: PlanStage, draws: RandomStreams, *, positions: Positions, site: Site
 ) -> Int[np.ndarray, " n"]:
-    """Return the model framed at each position; in backgrounds a drawn vehicle or a distractor without a class."""
+    """Return each position's framed model: for backgrounds a drawn vehicle, or a distractor without a class."""
     index = np.array([stage.fleet.index[name] for name in budget.vehicles])
     model, rows = index[positions.vehicle], np.flatnonzero(positions.background)
     uniform = draws.uniform(Purpose.BACKGROUND, positions.number[rows], 0, count=2)
@@ -148,7 +148,7 @@ def draw_weathers(
 
 
 class CameraRule(IntEnum):
-    """What determines the place of a try's camera."""
+    """What determines a camera's place in a try."""
 
     GIVEN = 0  # the user; the camera is then turned to frame the target
     EQUATION = 1  # the paper's distance; the camera is then turned to frame the target
@@ -158,7 +158,7 @@ class CameraRule(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CameraTries:
-    """n tries of cameras; row i of every field is try i."""
+    """n tries of cameras; row i of every field belongs to try i."""
 
     targets: Instances
     others: Instances  # the vehicles beside the targets, by `Instances.row`
@@ -171,14 +171,14 @@ class CameraTries:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CameraDraws:
-    """What is drawn for n tries, besides the places of the cameras."""
+    """Random lenses, directions, and sizes of n tries of cameras."""
 
     lenses: Intrinsics  # one for all, or n
     azimuth: Float[np.ndarray, " n"]  # azimuth, elevation: direction from the target's center, radians
     elevation: Float[np.ndarray, " n"]
     roll: Float[np.ndarray, " n"]  # about the optical axis, radians
     fraction: Float[np.ndarray, " n"]  # share of the image that the target should fill
-    factor: Float[np.ndarray, " n"]  # of the paper's distance
+    factor: Float[np.ndarray, " n"]  # factor on the paper's distance
     boxes: TargetBoxes | None  # the boxes of photographs; None without photographs
 
 
@@ -205,7 +205,7 @@ class CameraCandidates:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Views:
-    """n cameras and what each sees of one vehicle; nan for values after a rejection."""
+    """n cameras and what each sees of one vehicle; values after a rejection are nan."""
 
     # world_from_camera, fov_x_deg: poses, and (n,) horizontal fields of view
     world_from_camera: Float[np.ndarray, "n 4 4"]
@@ -236,7 +236,7 @@ class ExtraViews:
 
 
 def no_views(n: int) -> Views:
-    """Allocate n views: nan, and no rejection."""
+    """Allocate n views of nan, without rejections."""
     return Views(
         np.full((n, 4, 4), np.nan),
         np.full(n, np.nan),
@@ -272,7 +272,7 @@ class Block:
 
     @property
     def empty(self) -> Bool[np.ndarray, " n"]:
-        """Whether the vehicle that a position's images are framed on is left out."""
+        """Whether a position's images leave out the vehicle that they are framed on."""
         return self.positions.background & self.stage.fleet.classed[self.model]
 
     @property
@@ -282,7 +282,7 @@ class Block:
 
     @property
     def shot(self) -> Int[np.ndarray, " m"]:
-        """Number of each image at its position."""
+        """Number of each image among those of its position."""
         return group_and_rank(self.positions.shots)[1]
 
     @property
@@ -302,7 +302,7 @@ class Block:
 
 
 class PlaceState(IntEnum):
-    """Whether an instance has a place."""
+    """Whether an instance has a place, or why it has none."""
 
     PENDING = 0  # not yet
     PLACED = 1
@@ -312,7 +312,7 @@ class PlaceState(IntEnum):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class InstanceTable(Instances):
-    """The k instances of a block's positions, ordered by position, role, and number; their rows are the positions'."""
+    """The k instances of a block's positions, by position, role, and number; their rows are the positions'."""
 
     role: Int[np.ndarray, " k"]  # role, number: role of each instance, and its number among those of this role
     number: Int[np.ndarray, " k"]
@@ -355,7 +355,7 @@ def draw_instances(block: Block) -> InstanceTable:
                 is_wanted=is_photographed[rows] & (kind.role == InstanceRole.COMPANION),
             )
             turned = np.zeros((len(i), fleet.parts))
-            turned[:, :MOST_EXTRAS] = uniform[:, : fleet.parts]
+            turned[:, :MAX_ROLE_EXTRAS] = uniform[:, : fleet.parts]
             columns.append((rows[i], np.full(len(i), kind.role), number, model, turned))
     row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))

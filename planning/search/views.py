@@ -45,13 +45,13 @@ from hulldown.planning.search.tables import (
 )
 from hulldown.weather.extinction import air_contrast
 
-MIN_CAMERA_DISTANCE_M = 1e-6  # from a target's center to a given camera, which keeps the direction defined
-SIZE_TOLERANCE = 1e-9  # relative, of solved sizes: the solver and the box's projection round differently
-SURELY_VISIBLE_PX2 = 1000.0  # visible area of a box above which some pixel center surely shows the target
+MIN_CAMERA_DISTANCE_M = 1e-6  # from a target's center to a given camera, so that the direction is defined
+SIZE_TOLERANCE_SHARE = 1e-9  # of solved sizes: the solver and the box's projection round differently
+SURELY_VISIBLE_PX2 = 1000.0  # if this much of a box is visible, some pixel center shows the target
 
 
 def sample_cameras(block: Block, tries: CameraTries) -> CameraCandidates:
-    """Draw the cameras of tries, and find their places, each by its rule."""
+    """Draw the cameras of tries, and place each by its rule."""
     drawn, n = draw_cameras(block, tries), len(tries.image)
     by_default = CameraRule.EQUATION if block.config.camera.size_measure == "paper" else CameraRule.SIZE
     rule = np.where(tries.given.has_camera, CameraRule.GIVEN, by_default)
@@ -136,7 +136,7 @@ def place_cameras_by_equation(
 def place_cameras_by_size(
     block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
 ) -> PlacedCameras:
-    """Frame targets by cameras at which their boxes have the drawn size; nan without such a distance."""
+    """Frame targets at distances where their boxes have the drawn size; nan without such a distance."""
     measure = block.config.camera.size_measure
     assert measure != "paper"
     pixels = drawn.fraction * image_size(measure, block.config.render)
@@ -161,7 +161,7 @@ def place_cameras_by_size(
 def place_cameras_by_photograph(
     block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
 ) -> PlacedCameras:
-    """Reproduce photographs' boxes; nan where no distance does."""
+    """Place cameras so that targets reproduce photographs' boxes; nan where no distance does."""
     assert drawn.boxes is not None
     return match_cameras(
         tries.targets.take(rows),
@@ -237,7 +237,7 @@ def reject_distance(
     *,
     min_contrast: float,
 ) -> UInt8[np.ndarray, " n"]:
-    """Return rejections of candidates by their distance, unless it's given, and by the contrast at that distance."""
+    """Reject candidates by their distance, unless it's given, and by the contrast at that distance."""
     distance = candidates.distance
     faint = reject_outside(air_contrast(visibility_m, distance), min_contrast, below=Rejection.FAINT)
     apart = reject_outside(distance, *distance_m, below=Rejection.DISTANCE, above=Rejection.DISTANCE)
@@ -248,7 +248,7 @@ def reject_distance(
 def reject_camera_places(
     site: Site, tries: CameraTries, candidates: CameraCandidates, limits: CameraSection, rows: Int[np.ndarray, " k"]
 ) -> UInt8[np.ndarray, " k"]:
-    """Return rejections of these rows by what is near their cameras."""
+    """Reject cameras of these rows that are too close to something."""
     beside = tries.targets.take(rows).in_own_rows(), tries.others.repeat_rows(rows)[0]
     return site.camera_room.reject_places(
         candidates.world_from_camera[rows, :3, 3],
@@ -277,7 +277,7 @@ def reject_box(
     *,
     image: RenderSection,
 ) -> UInt8[np.ndarray, " k"]:
-    """Return rejections of these rows by their targets' boxes; limits of size don't apply to given cameras."""
+    """Reject these rows by their targets' boxes; limits of size don't apply to given cameras."""
     rule = candidates.rule[rows]
     # A target outside the frame has the box nan, which is too small.
     small = reject_outside(boxes.xywh[:, 2:].min(axis=1), limits.min_box_px, below=Rejection.SMALL)
@@ -297,8 +297,8 @@ def reject_box(
 
 
 def is_size(size: Float[np.ndarray, " k"], wanted: Float[np.ndarray, " k"]) -> Bool[np.ndarray, " k"]:
-    """Return whether sizes are the wanted ones; nan isn't."""
-    return np.abs(size - wanted) <= SIZE_TOLERANCE * wanted
+    """Return whether sizes are the wanted ones; false for nan."""
+    return np.abs(size - wanted) <= SIZE_TOLERANCE_SHARE * wanted
 
 
 def views_of_others(
@@ -311,7 +311,7 @@ def views_of_others(
     visibility_m: Float[np.ndarray, " n"],
     rays: int,
 ) -> tuple[Views, Bool[np.ndarray, " n"]]:
-    """Return views of vehicles `others` that aren't targets, row i by camera i, and whether classes cover a pixel."""
+    """Return views of vehicles that aren't targets, row i by camera i, and whether those with a class cover a pixel."""
     seen = replace(
         views,
         boxes=vehicle_boxes(subjects, cameras),
@@ -336,7 +336,7 @@ def air_contrasts(
 def visible_shares(
     site: Site, subjects: Instances, others: Instances, cameras: Cameras, *, rays: int
 ) -> Float[np.ndarray, " n"]:
-    """Visible share of the outline of each camera's subject; 0 for a subject outside the frame."""
+    """Return the visible share of each subject's outline in its camera; 0 for a subject outside the frame."""
     if not len(cameras):
         return np.zeros(0)
     seen = visible_fraction(
@@ -349,7 +349,7 @@ def visible_shares(
 def pixels_shown(
     site: Site, subjects: Instances, others: Instances, cameras: Cameras, *, xywh: Float[np.ndarray, "n 4"]
 ) -> Bool[np.ndarray, " n"]:
-    """Tell which of the cameras' subjects, with these boxes, cover any pixel's center: their masks aren't empty."""
+    """Return which cameras' subjects, with these boxes, cover the center of a pixel, so that masks aren't empty."""
     framed = np.flatnonzero(~np.isnan(xywh[:, 0]))
     shown, world = (
         np.zeros(len(cameras), dtype=bool),
@@ -368,5 +368,5 @@ def reject_outside(
     below: Rejection,
     above: Rejection = Rejection.NONE,
 ) -> UInt8[np.ndarray, " n"]:
-    """Return the rejection of each value below or above these inclusive limits; nan is below."""
+    """Return the rejection of each value outside these inclusive limits; nan is below."""
     return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)

@@ -43,13 +43,13 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
 from hulldown.reading.scenery.shape import level_share
 
-MAX_COORDINATE_M = 1e8  # meters, in any direction; the Earth is 4e7 m around
+MAX_COORDINATE_M = 1e8  # the Earth is 4e7 m around
 REPAIR_REMEDY = "repair or delete it in Blender"
 SIGN_OF_LIFE_S = 5.0
-MIN_SHEET_WIDTH_M = 1.0  # meters; narrower pieces aren't ground or water by their shape
+MIN_SHEET_WIDTH_M = 1.0  # narrower pieces aren't ground or water by their shape
 EMPTY_REASONS = {"MESH": "has no faces", "CURVES": "has no hair", "POINTCLOUD": "has no points"}
 NOT_SEEN = "its faces have no area"
-STRANDS_KEY_PREFIX = "strands of "  # in the place of a material: the key of a particle system's strands
+STRANDS_KEY_PREFIX = "strands of "  # begins the key of a particle system's strands, in place of a material
 
 
 def evaluate_scene(
@@ -59,7 +59,7 @@ def evaluate_scene(
     duplicates: Mapping[str, Sequence[Duplicate]],
     texture_size: int,
 ) -> Evaluated:
-    """Everything that `scene` draws."""
+    """Return everything that `scene` draws."""
     cutouts = CutoutReader(texture_size)
     cutouts.bake_materials([material for material in bpy.data.materials if material.users])
     reader = _Reader(meters_from_file, duplicates, cutouts)
@@ -224,7 +224,7 @@ class _Reader:
     def _world_bounds(
         self, name: str, pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]
     ) -> Float[np.ndarray, "2 3"]:
-        """Return bounds of a mesh's points where it's drawn, in meters."""
+        """Return the bounds in meters of a mesh's points where it's drawn."""
         _refuse_endless(name, pose)
         with np.errstate(over="ignore", invalid="ignore"):
             seen = transform_points(self.meters @ pose, points)
@@ -238,7 +238,7 @@ class _Reader:
     def _level_share(
         self, number: int, pose: Float[np.ndarray, "4 4"], bounds: Float[np.ndarray, "2 3"]
     ) -> tuple[float, float]:
-        """Level share of a piece's area, if it's as wide as ground or water, and its share of its bounds."""
+        """Return the level share of a piece as wide as ground or water, and the share of its bounds that it fills."""
         length, width, height = bounds[1] - bounds[0]
         if min(length, width) < MIN_SHEET_WIDTH_M or height > max(length, width):
             return 0.0, 0.0
@@ -272,7 +272,7 @@ class _Reader:
         return self.unseen[key]
 
     def _parent_chain(self, instance: Any, pose: Float[np.ndarray, "4 4"], *, scattered: bool) -> tuple[Link, ...]:
-        """From the drawn object up; the poses in it are where it is drawn, or its own where it is scattered."""
+        """Return the drawn object and its parents, in the poses where they're drawn, or their own if it's scattered."""
         if not instance.is_instance:
             return self.poses.chain(instance.object)
         if _carries_itself(instance):
@@ -295,7 +295,7 @@ def _is_scattered(instance: Any) -> bool:
 
 
 def _carries_itself(instance: Any) -> bool:
-    """Tell whether an instance has no object of its own: a curve's surface, or a mesh that geometry nodes made."""
+    """Return whether an instance has no object of its own: a curve's surface, or a mesh that geometry nodes made."""
     inner = instance.instance_object
     return inner is None or inner.original == instance.parent.original
 

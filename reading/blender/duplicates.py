@@ -15,8 +15,8 @@ from hulldown.blender.buffers import STORED_TYPES, read_property
 from hulldown.reading.blender.exact_poses import own_poses
 from hulldown.reading.blender.tidy import piece_look
 
-MIN_OBJECTS = 1000  # so that files of the usual size are read as they are
-HARMLESS_USERS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # users that objects may have
+MIN_OBJECTS = 1000  # smaller files are read as they are
+HARMLESS_USERS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # objects may have such users
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -29,7 +29,7 @@ class Duplicate:
 
 
 def take_duplicates() -> dict[str, list[Duplicate]]:
-    """Before evaluation, remove duplicates if there are many; return them by the name of the object that stays."""
+    """Remove duplicates before evaluation, if there are many; return them by the name of the object that stays."""
     groups = [same for same in _equal_groups().values() if len(same) > 1]
     if sum(len(same) - 1 for same in groups) < MIN_OBJECTS:
         return {}
@@ -72,7 +72,7 @@ def _mesh_contents(meshes: set[Any]) -> dict[Any, object]:
 
 
 def _mesh_key(mesh: Any) -> object:
-    """Return a key of how a mesh is drawn; the mesh itself if it's damaged or has content that isn't compared."""
+    """Return a key of how a mesh is drawn; the mesh itself if it's damaged or has content that can't be compared."""
     if mesh.library or mesh.override_library or mesh.keys():
         return mesh
     stored = hashlib.sha256()
@@ -95,7 +95,7 @@ def _mesh_key(mesh: Any) -> object:
 
 
 def _is_plain(obj: Any) -> bool:
-    """Return whether it draws its mesh at its own location, rotation, and scale, and nothing else."""
+    """Return whether an object draws its mesh at its own location, rotation, and scale, and nothing else."""
     if obj.type != "MESH" or obj.library or obj.override_library or obj.animation_data or obj.parent:
         return False
     if obj.modifiers or obj.constraints or obj.particle_systems or obj.instance_type != "NONE":

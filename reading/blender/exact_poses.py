@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from hulldown.reading.pieces.roles import Link
 
-POSE_TOLERANCE = 16 * float(np.finfo(np.float32).eps)  # of the largest number in the chain of matrices
+POSE_TOLERANCE = 16 * float(np.finfo(np.float32).eps)  # relative to the largest number in the chain of matrices
 
 
 class Poses:
@@ -37,12 +37,12 @@ class Poses:
                 self._around[inner].append(outer)
 
     def pose(self, evaluated: Any) -> Float[np.ndarray, "4 4"]:
-        """`world_from_object` of an object that is no instance."""
+        """Return `world_from_object` of an object that isn't an instance."""
         exact, size = self._composed_pose(evaluated)
         return _agreed_pose(exact, size, np.array(evaluated.matrix_world, np.float64))
 
     def instance_pose(self, instance: Any) -> Float[np.ndarray, "4 4"]:
-        """`world_from_object` of anything that `depsgraph.object_instances` yields."""
+        """Return `world_from_object` of anything that `depsgraph.object_instances` yields."""
         seen = np.array(instance.matrix_world, np.float64)
         if not instance.is_instance:
             return self.pose(instance.object)
@@ -89,7 +89,7 @@ class Poses:
         return self._collections[original]
 
     def _composed_pose(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
-        """Return the pose in float64, None where it cannot be composed, and the largest number met on the way."""
+        """Return the pose in float64, None where it can't be composed, and the largest number in the computation."""
         key = evaluated.original.as_pointer()
         if key not in self._exact:
             self._exact[key] = self._compose_pose(evaluated, key)
@@ -109,7 +109,7 @@ class Poses:
 
 
 def own_poses(originals: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
-    """`world_from_object` of objects without parents or constraints, that need not be evaluated."""
+    """Return `world_from_object` of objects without parents or constraints, which need no evaluation."""
     seen = (np.array(original.matrix_basis, np.float64) for original in originals)
     return np.array(
         [_agreed_pose(own, float(np.abs(own).max()), at) for own, at in zip(_own_poses(originals), seen, strict=True)]
@@ -145,7 +145,7 @@ def _own_rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 
     for i, obj in enumerate(objects):
         modes.setdefault(obj.rotation_mode, []).append(i)
     for mode, those in modes.items():
-        if mode == "AXIS_ANGLE" and prefix:  # there is none
+        if mode == "AXIS_ANGLE" and prefix:  # Blender has no delta axis and angle
             continue
         name = {"QUATERNION": "rotation_quaternion", "AXIS_ANGLE": "rotation_axis_angle"}.get(mode, "rotation_euler")
         given = np.array([getattr(objects[i], prefix + name)[:] for i in those], np.float64)

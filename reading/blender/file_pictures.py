@@ -24,15 +24,15 @@ from hulldown.reading.pieces.wording import quote_names
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.rays import RayList
 
-SIDE_PX = 128  # width and height of a picture
-VIEW_WIDTH_DIAGONALS = 1.2  # width of a picture over the diagonal of what was read
-EYE_HEIGHT_SHARE = 0.01  # of that diagonal: a camera's height above the surface in the middle of a scenery
-DEPTH_TOLERANCE = 2e-3  # of that diagonal
-MAX_STEP_PX = 0.1  # of float32 coordinates; with larger steps, as on maps, Cycles' picture of the file is no truth
+VIEW_SIDE_PX = 128
+VIEW_WIDTH_DIAGONALS = 1.2  # of what was read
+EYE_HEIGHT_SHARE = 0.01  # of that diagonal: the camera's height above the surface in the middle of a scenery
+DEPTH_TOLERANCE_DIAGONALS = 2e-3
+MAX_STEP_PX = 0.1  # of float32 coordinates; with larger steps, as on maps, Cycles' picture of the file isn't reliable
 MIN_DIFFERENT_SHARE = 0.003  # of the pixels that show anything; less is rounding
-MAX_DIFFERENT_SHARE = 0.03  # more is a file that wasn't read
-MIN_OBJECT_PX = 8  # of an object that is lost as a whole
-MOST_NUMBERS = 32767  # of objects, in Blender
+MAX_DIFFERENT_SHARE = 0.03  # with more, the file wasn't read
+MIN_OBJECT_PX = 8  # for an object that is lost as a whole
+MAX_PASS_INDEX = 32767  # Blender's limit
 NOT_CAST = (Unseen.RAY_VISIBILITY, Unseen.INDIRECT_ONLY)  # Cycles' camera rays pass through these
 SIGHTS = {
     "vehicle": ((-1.0, -0.7, -0.5), (0.8, 1.0, -0.45), (-0.1, 0.15, -1.0)),
@@ -50,7 +50,7 @@ class _View:
 
     def rays(self) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
         """Return origin and direction of each pixel; distances along them, times the direction, are depths."""
-        across = (np.arange(SIDE_PX) + 0.5) / SIDE_PX - 0.5
+        across = (np.arange(VIEW_SIDE_PX) + 0.5) / VIEW_SIDE_PX - 0.5
         x, y = (plane.ravel() for plane in np.meshgrid(across, across))
         plane = np.stack([x, y, np.zeros(len(x))], axis=1)
         sight = np.array([0.0, 0.0, 1.0]) + (0.0 if self.width else 2.0) * plane
@@ -77,7 +77,7 @@ def lost_geometry(
     meshes = [replace(mesh, cutouts=None) for mesh in drawn.meshes]
     read = InstancedScene(meshes, [p.mesh for p in pieces], np.array([p.pose for p in pieces]).reshape(-1, 4, 4))
     diagonal = float(np.linalg.norm(np.ptp(read.bounds, axis=(0, 1)))) if pieces else 0.0
-    if not pieces or np.spacing(np.float32(np.abs(read.bounds).max())) > MAX_STEP_PX * diagonal / SIDE_PX:
+    if not pieces or np.spacing(np.float32(np.abs(read.bounds).max())) > MAX_STEP_PX * diagonal / VIEW_SIDE_PX:
         return []
     names = [obj.name for obj in bpy.data.objects]
     fuzzy = np.array([p.hair or p.unseen is not None or p.chain[0].kind == "POINTCLOUD" for p in pieces] + [False])
@@ -90,7 +90,7 @@ def lost_geometry(
         number = np.where(np.isfinite(depth), np.minimum(number, len(names) - 1), len(names))
         cast, piece = _cast_view(read, view)
         skipped = binary_dilation(strand | fuzzy[piece] | varying[number], np.ones((3, 3)))
-        near = DEPTH_TOLERANCE * diagonal
+        near = DEPTH_TOLERANCE_DIAGONALS * diagonal
         differs = _is_outside(depth, cast, near) & _is_outside(cast, depth, near) & ~skipped
         gone = differs & (depth < cast)
         pixels += [np.bincount(number[mask], minlength=len(varying)) for mask in (~skipped, gone)]
@@ -140,7 +140,7 @@ def _camera_pose(
 
 
 def _prepare_scene(scene: Any) -> None:
-    bpy.data.objects.foreach_set("pass_index", np.minimum(np.arange(len(bpy.data.objects)), MOST_NUMBERS))
+    bpy.data.objects.foreach_set("pass_index", np.minimum(np.arange(len(bpy.data.objects)), MAX_PASS_INDEX))
     material = bpy.data.materials.new("hulldown numbers")
     material.cycles.emission_sampling = "NONE"
     tree = material.node_tree
@@ -161,7 +161,7 @@ def _prepare_scene(scene: Any) -> None:
     cycles.use_adaptive_sampling = cycles.use_denoising = cycles.shading_system = False
     cycles.samples, cycles.film_exposure, cycles.sample_clamp_direct, cycles.max_bounces = 1, 1.0, 0.0, 0
     render.threads_mode, render.threads, render.pixel_aspect_x, render.pixel_aspect_y = "FIXED", 2, 1.0, 1.0
-    render.resolution_x = render.resolution_y = SIDE_PX
+    render.resolution_x = render.resolution_y = VIEW_SIDE_PX
     render.resolution_percentage = 100
     see_pixel_centers(scene)
     render.image_settings.color_mode = "RGBA"
@@ -185,11 +185,11 @@ def _cast_view(read: InstancedScene, view: _View) -> tuple[Float[np.ndarray, "h 
     origins, along = view.rays()
     hits = read.first_hits(RayList(origins, along))
     depth = hits.distance / np.linalg.norm(along, axis=1)
-    return depth.reshape(SIDE_PX, SIDE_PX), hits.instance.reshape(SIDE_PX, SIDE_PX)
+    return depth.reshape(VIEW_SIDE_PX, VIEW_SIDE_PX), hits.instance.reshape(VIEW_SIDE_PX, VIEW_SIDE_PX)
 
 
 def _is_outside(
     depth: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], near: float
 ) -> Bool[np.ndarray, "h w"]:
-    """Return where a depth is none of those that another picture has at the pixel or beside it."""
+    """Return where a depth isn't among those of another picture at the same pixel or beside it."""
     return (depth < minimum_filter(other, 3) - near) | (depth > maximum_filter(other, 3) + near)

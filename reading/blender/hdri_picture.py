@@ -19,7 +19,7 @@ from hulldown.reading.surroundings import backdrop_elevation, shows_land, small_
 
 
 def read_sky_picture(job: Job) -> FoundSky:
-    """Check a picture; write a repaired copy if needed."""
+    """Check an HDRI; write a repaired copy if needed."""
     image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:
         radiance, notes = mend_radiance(_image_radiance(image))
@@ -34,7 +34,7 @@ def read_sky_picture(job: Job) -> FoundSky:
 
 
 def _image_radiance(image: Any) -> Float[np.ndarray, "h w 3"]:
-    """Radiance in linear Rec. 709, converted from the file's color space; the first row is the lowest."""
+    """Return radiance in linear Rec. 709, converted from the file's color space; the first row is the lowest."""
     if not all(image.size) or not image.channels:
         what = "it has several layers" if image.type == "MULTILAYER" else "damaged, or of an unknown kind"
         raise AssetError(f"Blender cannot read this picture ({what})", remedy="save it again, or leave it out")

@@ -66,12 +66,12 @@ def why_unseen(drawn: Any, depsgraph: Any) -> Unseen | None:
 
 
 def is_hidden(original: Any) -> bool:
-    """Return whether its own or its collection's eye or monitor icon hides it."""
+    """Return whether the eye or monitor icon of an object or its collection hides it."""
     return bool(original.hide_viewport or not original.visible_get())
 
 
 def follows_camera(obj: Any) -> str:
-    """Return how an object, or what carries it, is drawn if that depends on a camera; empty if it doesn't."""
+    """Describe how an object, or what carries it, is drawn if that depends on a camera; empty if it doesn't."""
     while obj is not None:
         for modifier in obj.modifiers:
             if modifier.type == "NODES" and modifier.show_render and _reads_camera(modifier.node_group):

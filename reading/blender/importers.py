@@ -16,6 +16,7 @@ import numpy as np
 
 from hulldown.base.errors import AssetError
 from hulldown.base.files import open_regular
+from hulldown.blender.add_nodes import add_node, feed_input
 from hulldown.blender.opening import open_blend
 from hulldown.blender.shaders import surface_shaders
 from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
@@ -28,11 +29,11 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.scenery.geotiff import Elevations
 
-NODES_ONLY = (2, 80)  # materials are nodes only since then
+FIRST_NODES_VERSION = (2, 80)  # older files have texture slots
 GLASS_MODELS = ("4", "6", "7", "9")  # illumination models with transparency or refraction
 TRANSMISSION_SOCKET = "Transmission Weight"
-MIN_MAP_COORDINATE = 1e5  # meters; from here on a float32 has steps of a centimeter
-MAP_STEP = 1000.0  # meters; float32 holds its multiples exactly
+MIN_MAP_COORDINATE_M = 1e5  # from here on a float32 has steps of a centimeter
+MAP_STEP_M = 1000.0  # float32 holds its multiples exactly
 RESAVE_REMEDY = "open it in Blender and save it again"
 
 
@@ -51,7 +52,7 @@ class Opened:
 
 
 def open_file(path: Path, kind: str, options: Options) -> Opened:
-    """Make `path` the file that is open in Blender."""
+    """Open `path` in Blender."""
     if kind == "blend":
         return _open_blend(path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
@@ -74,8 +75,9 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
                 bpy.ops.wm.obj_import(filepath=str(file), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
             for obj in bpy.context.scene.objects:
                 obj.location = offset
-            up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE else "y"  # a northing is no height
+            up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE_M else "y"  # a northing isn't a height
             _clear_false_glass(path)
+            _wear_vertex_colors()
     except (RuntimeError, ValueError) as error:
         extension = mesh_compression(path) if kind == "gltf" else ""
         remedy = f"write it without {extension}, with gltf-transform for example" if extension else "export it again"
@@ -87,7 +89,7 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
 
 
 class RestPose:
-    """Extension of Khronos's glTF importer: nodes keep the pose in the file, not that of an animation's first frame."""
+    """Extension of Khronos's glTF importer: nodes keep the file's pose, not that of an animation's first frame."""
 
     def gather_import_animations(self, animations: list[Any] | None, options: Any, gltf: Any) -> None:
         """Leave out the file's animations."""
@@ -96,7 +98,7 @@ class RestPose:
 
 
 def _sort_objects() -> None:
-    """Link the scene's objects by name: the FBX importer's order differs from process to process, as would meshes."""
+    """Link the scene's objects by name, since the FBX importer orders them (and meshes) differently in each process."""
     linked = bpy.context.scene.collection.objects
     for obj in sorted(linked, key=lambda obj: str(obj.name)):
         linked.unlink(obj)
@@ -127,8 +129,21 @@ def _near_zero(path: Path) -> Iterator[tuple[Path, list[float]]]:
 def _map_offset(path: Path) -> list[float]:
     """Return where the vertices of an OBJ file are, in whole kilometers; zeros unless that's on a map."""
     first = next((text.split()[:3] for key, text in file_directives(path, b"v") if key == "v"), [])
-    offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP) * MAP_STEP).tolist()
-    return offset if any(abs(x) > MIN_MAP_COORDINATE for x in offset) else [0.0, 0.0, 0.0]
+    offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP_M) * MAP_STEP_M).tolist()
+    return offset if any(abs(x) > MIN_MAP_COORDINATE_M for x in offset) else [0.0, 0.0, 0.0]
+
+
+def _wear_vertex_colors() -> None:
+    """Give objects without a material the colors at their vertices, as scanning and generating programs write them."""
+    bare = [obj.data for obj in bpy.context.scene.objects if obj.type == "MESH" and not obj.data.materials]
+    bare = [mesh for mesh in bare if mesh.color_attributes]
+    if bare:
+        material = bpy.data.materials.new("vertex colors")
+        tree = material.node_tree
+        colors = add_node(tree, "VertexColor", layer_name=bare[0].color_attributes[0].name)  # the importer's
+        feed_input(tree, tree.nodes["Principled BSDF"].inputs["Base Color"], colors.outputs["Color"])
+    for mesh in bare:
+        mesh.materials.append(material)
 
 
 def _clear_false_glass(path: Path) -> None:
@@ -196,8 +211,8 @@ def _open_blend(path: Path) -> Opened:
 
 
 def _lost_pictures() -> list[str]:
-    """Pictures of old files whose texture slots no longer exist, so that no material uses them."""
-    if tuple(bpy.data.version[:2]) >= NODES_ONLY:
+    """Return pictures of old files whose texture slots no longer exist, so that no material uses them."""
+    if tuple(bpy.data.version[:2]) >= FIRST_NODES_VERSION:
         return []
     textures = [t for t in bpy.data.textures if t.type == "IMAGE" and t.users == 0]
     return sorted({t.image.name for t in textures if t.image})

@@ -124,10 +124,12 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
         materials=material_rows(drawn.blocks, drawn.pieces, vehicle.piece_part),
         things=vehicle.things,
     )
-    if len(report.things) > 1:  # what else is odd about all of them together is of no use
+    if len(report.things) > 1:  # doubts about all of them together are of no use
         return replace(report, doubts=tuple(d for d in vehicle.doubts if d.kind == DoubtKind.SEVERAL))
     beside = partial(nearby_pictures, Path(job.path).resolve())
-    looks = (*color_doubts(picture, report, beside=beside), *lost)
+    blocks = [drawn.blocks[piece.mesh] for piece in _used_objects(drawn, vehicle.roles)]
+    mapped = any(getattr(block, "uv_layers", None) for block in blocks)
+    looks = (*color_doubts(picture, report, beside=beside, mapped=mapped), *lost)
     return replace(report, doubts=(*vehicle.doubts, *vehicle_doubts(report, job.options), *looks))
 
 
@@ -162,7 +164,7 @@ def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str
 
 
 def _refuse_nothing(drawn: Evaluated, kind: str | None) -> None:
-    """Raise with the reason why everything is hidden, which no pattern in the config can change."""
+    """Refuse a file without anything to draw by the reason why all is hidden, which no pattern can change."""
     hidden = [left for left in drawn.left if left.by is By.HIDDEN]
     if drawn.pieces or not hidden:
         return

@@ -13,17 +13,17 @@ from hulldown.blender.buffers import read_property
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.scenery.hair import hair_mesh
 
-OCTAHEDRON_FACES = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]  # corners of an octahedron's faces
+OCTAHEDRON_FACES = [(x, y, z) for x in (0, 3) for y in (1, 4) for z in (2, 5)]
 # Blender's numbers of curve types. Cycles draws Bezier curves and NURBS as splines through their points too.
 CATMULL_ROM, POLY = 0, 1
-BARE_RADIUS = 0.005  # of curves that have none of their own, as Cycles draws them in Blender 5.0
+DEFAULT_RADIUS_M = 0.005  # Cycles in Blender 5.0 draws curves without radii so
 
 
 def curves_mesh(curves: Any, name: str) -> Mesh | None:
     """Return a mesh that hides as much as hair curves, in their frame; None if there are none."""
     points = read_property(curves.points, "position", np.float32, 3).reshape(-1, 3)
     first = read_property(curves.curves, "first_point_index", np.int32)
-    radii, kind = np.full(len(points), BARE_RADIUS, np.float32), np.full(len(first), CATMULL_ROM)
+    radii, kind = np.full(len(points), DEFAULT_RADIUS_M, np.float32), np.full(len(first), CATMULL_ROM)
     if "radius" in curves.attributes:
         radii = read_property(curves.points, "radius", np.float32)
     if "curve_type" in curves.attributes:
@@ -88,7 +88,7 @@ def prisms_block(mesh: Mesh, materials: Sequence[Any]) -> Any:
 
 
 def _strand_radii(settings: Any, along: Float[np.ndarray, "s k"]) -> Float[np.ndarray, "s k"]:
-    """Radii at shares of each strand's length; root, tip and shape as Blender's manual describes them."""
+    """Return radii at shares of each strand's length; root, tip, and shape are as in Blender's manual."""
     shape = settings.shape
     left = (1 - along) ** (1 + shape if shape < 0 else 1 / max(1 - shape, 1e-6))
     radii = settings.radius_scale / 2 * (settings.tip_radius + left * (settings.root_radius - settings.tip_radius))

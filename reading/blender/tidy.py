@@ -21,13 +21,13 @@ from hulldown.reading.blender.surfaces.object_inputs import detach_materials
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
 CUT_OUT_USES = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
-MIN_COPIES = 8  # from so many on, copies are drawn by one object
+MIN_MERGED_COPIES = 8  # one object draws so many copies or more
 POSE_PROPERTY = "pose"
 LOOK_ATTRIBUTES = (*VISIBILITY_FLAGS, "pass_index", "color")
 
 
 def lasting_data(drawn: Any, materials: Sequence[Any]) -> Any:
-    """Return an object's data, such as a mesh, in evaluated materials, as it outlives the depsgraph."""
+    """Return an object's data, such as a mesh, with evaluated materials, in a form that outlives the depsgraph."""
     data = drawn.data
     wanted = [material.original if material else None for material in materials]
     if _is_as_in_the_file(drawn, data, wanted):
@@ -104,7 +104,7 @@ def write_scenery(
     # Blender keeps objects sorted by name and looks for the place of a new one from the end.
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
-        if len(same) >= MIN_COPIES:
+        if len(same) >= MIN_MERGED_COPIES:
             thing = _make_object(same[0], drawn.blocks[same[0].mesh])
             collection.objects.link(_carrier_object(thing, poses, [piece.random for piece in same]))
             continue
@@ -117,7 +117,7 @@ def write_scenery(
 
 
 def _carrier_object(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequence[float]) -> Any:
-    """Return one object that draws `thing` in all these poses; ten thousand objects would take minutes."""
+    """Return one object that draws `thing` in all these poses, since ten thousand objects take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))
     # Blender stores matrices column by column.

@@ -14,12 +14,12 @@ from hulldown.blender.light_pictures import render_light, store_light
 from hulldown.blender.tidy_properties import REST_PROPERTY
 from hulldown.camera.shell import camera_pose
 
-PICTURE_SIDE_PX = 240  # pixels
+PICTURE_SIDE_PX = 240
 PICTURE_SAMPLES = 6
 PICTURE_BOUNCES = 3
-TRANSPARENT_BOUNCES = 32  # surfaces that one sees through in a row, as in the dataset's pictures
-AZIMUTH, ELEVATION = math.radians(45.0), math.radians(25.0)  # of the camera: front left, from above
-PICTURE_FILL = 0.95  # width of the picture over the vehicle's diagonal
+TRANSPARENT_BOUNCES = 32  # transparent surfaces in a row, as in the dataset's pictures
+CAMERA_AZIMUTH, CAMERA_ELEVATION = math.radians(45.0), math.radians(25.0)  # front left, from above
+PICTURE_WIDTH_DIAGONALS = 0.95  # of the vehicle
 
 
 def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "h w 4"]:
@@ -42,9 +42,9 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
     camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
     scene.collection.objects.link(camera)
     scene.camera, reach = camera, float(np.linalg.norm(bounds[1] - bounds[0]))
-    camera.data.type, camera.data.ortho_scale = "ORTHO", PICTURE_FILL * reach
+    camera.data.type, camera.data.ortho_scale = "ORTHO", PICTURE_WIDTH_DIAGONALS * reach
     camera.data.clip_start, camera.data.clip_end = reach / 100.0, 3.0 * reach
-    at = camera_pose(bounds.mean(axis=0), 1.5 * reach, AZIMUTH, ELEVATION)
+    at = camera_pose(bounds.mean(axis=0), 1.5 * reach, CAMERA_AZIMUTH, CAMERA_ELEVATION)
     camera.matrix_world = world_from_blender_camera(at).T.tolist()
     store_light(scene)
     render.image_settings.color_mode = "RGBA"

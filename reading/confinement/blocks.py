@@ -17,14 +17,14 @@ from hulldown.reading.pieces.formats import kind_of_file
 
 FILE_BLOCKS = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
 PATH_PATTERN = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")
-MAX_BLOCK_BYTES = 1 << 20  # largest block that is read, in bytes; usual ones have some thousand
-MOST_LIBRARIES = 1000  # that refer to each other
+MAX_BLOCK_BYTES = 1 << 20  # usual ones have some thousand
+MAX_LIBRARIES = 1000
 
 
 def refuse_special_files(path: Path) -> None:
     """Raise if a .blend or one of its libraries refers to something that exists and isn't a regular file."""
     ring, seen = [path], {path}
-    while ring and len(seen) < MOST_LIBRARIES:
+    while ring and len(seen) < MAX_LIBRARIES:
         blend = ring.pop()
         for code, named in _named_files(blend):
             found = blend.parent / named[2:] if named.startswith("//") else blend.parent / named
@@ -37,7 +37,7 @@ def refuse_special_files(path: Path) -> None:
 
 
 def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
-    """Block code and path, as written, of every file that a .blend refers to; unreadable blocks are skipped."""
+    """Yield block code and path, as written, of every file that a .blend refers to; skip unreadable blocks."""
     try:
         with open_regular(path) as raw, _decompress_blend(raw) as file:
             for code, data in _file_blocks(file):

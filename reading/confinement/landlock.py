@@ -20,18 +20,16 @@ from pathlib import Path
 
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # the numbers of these system calls on every architecture
 GET_ABI = 1  # flag of CREATE_RULESET
-NO_NEW_PRIVILEGES = 38  # of prctl
+NO_NEW_PRIVILEGES = 38  # option of prctl
 RULE_PATH_BENEATH = 1  # type of rule: a path and what is beneath it
 EXECUTE, WRITE_FILE, READ_FILE, READ_FOLDER = 1, 2, 4, 8
 REFER, TRUNCATE, IOCTL = 1 << 13, 1 << 14, 1 << 15
-FIRST_ABI = (1 << 13) - 1  # the rights that ABI 1 knows
+FIRST_ABI_RIGHTS = (1 << 13) - 1
 RIGHTS_SINCE_ABI = {2: REFER, 3: TRUNCATE, 5: IOCTL}
 NETWORK_ABI, TCP = 4, 3  # bind and connect
 SCOPE_ABI, SCOPES = 6, 3  # abstract sockets and signals
-SPECIAL_FILE_RIGHTS = (
-    1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12
-)  # making devices, sockets, FIFOs and links is allowed nowhere
-OF_FILES = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL  # rights that files can have
+SPECIAL_FILE_RIGHTS = 1 << 6 | 1 << 9 | 1 << 10 | 1 << 11 | 1 << 12  # for devices, sockets, FIFOs, links: nowhere
+FILE_RIGHTS = EXECUTE | WRITE_FILE | READ_FILE | TRUNCATE | IOCTL
 SYSTEM_FOLDERS = (
     *("/usr", "/bin", "/sbin", "/lib", "/lib32", "/lib64", "/nix/store"),
     *("/opt/rocm", "/opt/intel", "/run/opengl-driver"),
@@ -41,18 +39,16 @@ SYSTEM_FOLDERS = (
     *("/proc/sys/vm", "/proc/sys/kernel", "/proc/driver", "/dev/urandom", "/dev/random"),
     *("/sys/devices", "/sys/class", "/sys/bus", "/sys/module", "/sys/fs/cgroup", "/sys/kernel/mm"),
 )
-PYTHON_FOLDERS = ("bin", "lib", "lib64", "share", "etc", "pyvenv.cfg")  # in its prefix
-PACKAGE_FOLDER = Path(__file__).parents[2]  # the package hulldown
-WRITABLE_DEVICES = ("/dev/null",)  # written to by programs of every kind
-CONFINEMENT_VARIABLE = "HULLDOWN_CONFINEMENT"  # set to "off", processes run as before there was Landlock
-READABLE_VARIABLE = (
-    "HULLDOWN_READ"  # folders besides those of the assets that may be read, programs in them run, as in PATH
-)
+PYTHON_FOLDERS = ("bin", "lib", "lib64", "share", "etc", "pyvenv.cfg")  # in Python's prefix
+PACKAGE_FOLDER = Path(__file__).parents[2]
+WRITABLE_DEVICES = ("/dev/null",)  # programs of every kind write to it
+CONFINEMENT_VARIABLE = "HULLDOWN_CONFINEMENT"  # "off" runs processes as before there was Landlock
+READABLE_VARIABLE = "HULLDOWN_READ"  # more folders to read and to run programs from, as in PATH
 
 
 @cache
 def landlock_version() -> int:
-    """Return the kernel's version of Landlock; 0: none."""
+    """Return the kernel's version of Landlock; 0 without Landlock."""
     if not sys.platform.startswith("linux"):
         return 0
     return max(0, ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), ctypes.c_uint32(GET_ABI)))
@@ -68,14 +64,14 @@ def unconfined_reason() -> str:
 
 
 def describe_confinement() -> str:
-    """Return the confinement on this machine, for records: "Landlock 4", or the reason why there is none."""
+    """Describe the confinement on this machine for records: "Landlock 4", or why there is none."""
     return f"none: {why}" if (why := unconfined_reason()) else f"Landlock {landlock_version()}"
 
 
 def confine_command(
     command: Sequence[str], *, read: Iterable[Path | str], write: Iterable[Path | str], devices: Iterable[str] = ()
 ) -> list[str]:
-    """Return a command that runs `command` confined; `command` itself if that's impossible or switched off."""
+    """Return a command that runs `command` confined, or `command` itself if that's impossible or switched off."""
     if unconfined_reason():
         return list(command)
     more = [path for path in os.environ.get(READABLE_VARIABLE, "").split(os.pathsep) if path]
@@ -90,7 +86,7 @@ def confine_command(
 
 
 def _python_folders() -> list[str]:
-    """Return where this Python, hulldown, and packages are; other files in the folders of `sys.path` aren't open."""
+    """Return the places of this Python, hulldown, and packages; other files in `sys.path`'s folders stay closed."""
     own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON_FOLDERS]
     return [
         *own,
@@ -114,7 +110,7 @@ def _installed_files(entry: str) -> tuple[Path, ...]:
 
 
 def asset_folders(path: Path) -> list[Path]:
-    """Folders that an asset may read: its own, and the one around it unless that is the home or near the root."""
+    """Return the folders that an asset may read: its own, and the one around it unless that's home or near the root."""
     folders = [path.absolute().parent, Path(os.path.realpath(path)).parent]
     around = [folder.parent for folder in folders if len(folder.parts) > 3 and folder.parent != Path.home()]
     return list(dict.fromkeys([*folders, *around]))
@@ -130,7 +126,7 @@ def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
 def confine_process(policy: dict[str, list[str]]) -> None:
     """Confine this process and its children permanently. Existing threads aren't confined."""
     version = landlock_version()
-    handled = FIRST_ABI | sum(right for since, right in RIGHTS_SINCE_ABI.items() if version >= since)
+    handled = FIRST_ABI_RIGHTS | sum(right for since, right in RIGHTS_SINCE_ABI.items() if version >= since)
     # A kernel takes a larger description than it knows only if the rest is zero.
     asked = struct.pack("=QQQ", handled, TCP * (version >= NETWORK_ABI), SCOPES * (version >= SCOPE_ABI))
     ruleset = _system_call(CREATE_RULESET, asked, ctypes.c_size_t(len(asked)), 0)
@@ -157,7 +153,7 @@ def _allow_path(ruleset: int, path: str, rights: int) -> None:
         return  # a missing path needs no rule
     try:
         if not os.path.isdir(path):
-            rights &= OF_FILES
+            rights &= FILE_RIGHTS
         _system_call(ADD_RULE, ruleset, RULE_PATH_BENEATH, struct.pack("=Qi", rights, opened), 0)
     finally:
         os.close(opened)

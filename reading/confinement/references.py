@@ -17,9 +17,9 @@ from hulldown.reading.pieces.formats import kind_of_file
 
 REEXPORT_REMEDY = "export it again"
 GLB_JSON = b"JSON"
-READ_PICTURES = "EXT_texture_webp"  # the one extension that names a texture's picture and that Blender knows
+PICTURE_EXTENSION = "EXT_texture_webp"  # the only one with a texture's picture that Blender knows
 COMPRESSION_EXTENSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
-SEARCH_DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
+MAX_SEARCH_DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
 TEXTURE_FOLDERS = (
     "textures",
     "texture",
@@ -28,12 +28,12 @@ TEXTURE_FOLDERS = (
     "maps",
     "images",
 )  # folders beside it that are searched too
-MOST_FILES = 20_000  # files that are looked at for them
-LARGEST_JSON = 2**28  # bytes of a glTF's JSON, which takes some twenty times as many once it is read
+MAX_SEARCHED_FILES = 20_000
+MAX_JSON_BYTES = 2**28  # once read, a glTF's JSON takes some twenty times as many
 
 
 def refuse_odd_references(path: Path, kind: str) -> None:
-    """Raise if a file of the format `kind` refers to something other than a file, or to a missing part of itself."""
+    """Refuse a file of the format `kind` that refers to something other than a file, or to a missing part of itself."""
     if kind == "obj":
         for material in material_libraries(path):
             for _, picture in file_directives(material, b"map_", b"bump", b"disp", b"refl", b"norm"):
@@ -58,7 +58,7 @@ def material_libraries(path: Path) -> Iterator[Path]:
 
 
 def file_directives(path: Path, *starts: bytes) -> Iterator[tuple[str, str]]:
-    """First word in lower case, and the rest, of the lines of an OBJ or .mtl file that begin like this."""
+    """Yield lines of an OBJ or .mtl file that begin with these words: the first word in lower case, and the rest."""
     with open_regular(path) as file:
         while line := file.readline(1 << 16):
             words = line.strip().split(maxsplit=1)
@@ -87,7 +87,7 @@ def _check_gltf(path: Path) -> None:
     for i, texture in _referred_entries(data, "textures"):
         extensions = texture.get("extensions")
         kinds = list(extensions) if isinstance(extensions, dict) else []
-        if "source" not in texture and kinds and READ_PICTURES not in kinds:
+        if "source" not in texture and kinds and PICTURE_EXTENSION not in kinds:
             problem = f"textures[{i}] has a picture in {kinds[0]!r:.60} alone, which Blender doesn't read"
             raise AssetError(problem, path=path, remedy="convert its pictures to PNG, with gltf-transform for example")
     # Blender's importer leaves out a mesh that isn't there, and reports all other wrong numbers itself.
@@ -114,8 +114,8 @@ def _gltf_json(path: Path) -> bytes:
             (size, kind), start = struct.unpack("<I4s", file.read(8)), 20
             if kind != GLB_JSON:
                 raise ValueError("its first chunk is no JSON")
-        if size > LARGEST_JSON:
-            problem = f"its JSON has {size / 2**20:,.0f} MiB, more than {LARGEST_JSON // 2**20}"
+        if size > MAX_JSON_BYTES:
+            problem = f"its JSON has {size / 2**20:,.0f} MiB, more than {MAX_JSON_BYTES // 2**20}"
             raise AssetError(problem, path=path, remedy="export it as .glb, whose buffers are no JSON")
         file.seek(start)
         return file.read(size)
@@ -136,11 +136,11 @@ def _check_size(path: Path, uri: str, wanted: object, number: int) -> None:
 
 
 def nearby_files(path: Path) -> Iterator[Path]:
-    """Return files in the folders that an asset may read, at most `MOST_FILES`."""
+    """Return files in the folders that an asset may read, at most `MAX_SEARCHED_FILES`."""
     readable = asset_folders(path)
     own = [path.parent, Path(os.path.realpath(path)).parent]
     children = [child for around in readable if around not in own for child in around.glob("*")]
     folders = own + [child for child in children if child.name.lower() in TEXTURE_FOLDERS and child.is_dir()]
-    levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, SEARCH_DEPTH + 2)]
-    files = islice(chain.from_iterable(levels), MOST_FILES)
+    levels = [folder.glob("/".join(["*"] * depth)) for folder in folders for depth in range(1, MAX_SEARCH_DEPTH + 2)]
+    files = islice(chain.from_iterable(levels), MAX_SEARCHED_FILES)
     return (file for file in files if file.is_file() and is_inside(file, readable))

@@ -18,10 +18,10 @@ from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import print_warning
 from hulldown.reading.confinement.landlock import CONFINEMENT_VARIABLE, unconfined_reason
 
-POLL_S = 0.05  # a bomb fills a gigabyte in a third of a second
+POLL_INTERVAL_S = 0.05  # a bomb fills a gigabyte in a third of a second
 GIB_BYTES = 2**30
 LAST_LINES = 40
-LONGEST_LINE = 4096  # bytes
+MAX_LOG_LINE_BYTES = 4096
 
 
 def parse_gib(text: str) -> int:
@@ -57,11 +57,11 @@ class ReadLimits:
 
     @property
     def memory(self) -> float:
-        """Bytes that one process may hold."""
+        """Bytes of memory that one process may use."""
         return memory_limit(self.memory_bytes, self.share)
 
     def check_confinement(self) -> None:
-        """Refuse to go on unconfined, or warn, once in a process."""
+        """Refuse to continue unconfined, or warn once per process."""
         if (why := unconfined_reason()) and self.require_confinement:
             remedy = f"use Linux 5.13 or later without {CONFINEMENT_VARIABLE}=off, or leave out --require-confinement"
             raise HulldownError(f"Blender would not be confined: {why}", remedy=remedy)
@@ -80,13 +80,13 @@ DEFAULT_LIMITS = ReadLimits()
 def run_limited(
     command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS
 ) -> tuple[int, str, str]:
-    """Run `command` to its end, or until it exceeds a limit; every line that it writes is a sign of life."""
+    """Run `command` to its end, or until it exceeds a limit; every line that it writes counts as progress."""
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()
 
     def on_line(line: bytes) -> None:
         nonlocal heard
-        lines.append(line[:LONGEST_LINE])
+        lines.append(line[:MAX_LOG_LINE_BYTES])
         heard = time.monotonic()
 
     exceeded = ""
@@ -98,6 +98,6 @@ def run_limited(
                 exceeded = f"reading it took {held / GIB_BYTES:.2f} GiB of memory, more than {allowed}"
             elif time.monotonic() - heard > limits.silence_s:
                 exceeded = f"reading it got nowhere for {limits.silence_s:g} s, which is the limit"
-            time.sleep(0 if exceeded else POLL_S)
+            time.sleep(0 if exceeded else POLL_INTERVAL_S)
         code = child.kill()
     return code, b"".join(lines).decode("utf-8", "replace"), exceeded

@@ -16,10 +16,8 @@ from rich.table import Table
 from hulldown.base.errors import AssetError
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
-MIN_FAMILY_COPIES = 6  # numbered copies from so many on share a row
-MIN_SHARED_ROW_OBJECTS = (
-    3  # objects left out for one reason from so many on share a row of the table, which names the first
-)
+MIN_FAMILY_COPIES = 6  # this many numbered copies or more share a row
+MIN_SHARED_ROW_OBJECTS = 3  # objects left out for one reason share a row of the table, which names the first
 MAX_LISTED_ROWS = 12
 
 
@@ -28,7 +26,7 @@ class By(StrEnum):
 
     CONFIG = "config"
     FILE = "file"
-    HIDDEN = "hidden"  # from render, by the file
+    HIDDEN = "hidden"  # the file hides it from renders
     NAME = "name"
     SHAPE = "shape"
     DEFAULT = "default"
@@ -49,7 +47,7 @@ class ObjectRow:
 
 
 def gather_copies(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
-    """Return the rows, with copies of the same kind and use (Tree.001, Tree.002, ...) in one row where they're many."""
+    """Return the rows; many copies of the same kind and use (Tree.001, Tree.002, ...) share a row."""
     families: dict[tuple[str, str, str], list[ObjectRow]] = {}
     for row in rows:
         families.setdefault((_unnumbered_name(row.name), row.kind, row.use), []).append(row)
@@ -85,7 +83,7 @@ def _shared_row(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
 
 
 def format_xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
-    """Return a vector for reports."""
+    """Format a vector for reports."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 
 
@@ -109,11 +107,13 @@ class MaterialRow:
     share: float  # of the vehicle's surface
     clear: bool = False  # whether it's transparent, like glass
     alpha: float = 1.0  # the least alpha of its shaders that isn't a texture's; 1 if it's opaque
+    color: tuple[float, float, float] | None = None  # of its only shader, linear; None if it has textures
+    metal: bool = False  # whether that shader is all metal
 
 
 @dataclass(frozen=True, slots=True)
 class Missing:
-    """A file, or a material's picture, that is "missing" or "unreadable"."""
+    """A file, or a material's picture, that is missing or unreadable."""
 
     path: str
     wanted_by: tuple[str, ...]
@@ -122,7 +122,7 @@ class Missing:
 
 @dataclass(frozen=True, slots=True)
 class Thing:
-    """A vehicle among several things in a file, as an entry of a config."""
+    """A vehicle, one of several things in a file, as an entry of a config."""
 
     name: str  # name of the entry; "" for the file's own
     size: tuple[float, float, float]  # extents in meters
@@ -142,7 +142,7 @@ class TopView:
 
 @dataclass(frozen=True, slots=True)
 class FileReport:
-    """The report about a file."""
+    """The report about a file with a vehicle or scenery."""
 
     kind: str
     path: str
@@ -223,14 +223,14 @@ class SkyReport:
 
 
 def refuse_lost(reports: Sequence[FileReport]) -> None:
-    """Raise if Blender draws something of any of the files that wasn't read."""
+    """Refuse files of which Blender draws something that wasn't read."""
     lost = ((report, doubt) for report in reports for doubt in report.doubts if doubt.kind == DoubtKind.LOST)
     for report, doubt in lost:
         raise AssetError(str(doubt), path=report.path, remedy="hulldown inspect -o shows both pictures")
 
 
 def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:
-    """Raise if any of the files lacks a texture or a library."""
+    """Refuse files that lack a texture or a library."""
     for report in reports:
         if report.missing:
             first, more = report.missing[0], len(report.missing) - 1

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
-MAX_SHOWN_KINDS = 3  # kinds of doubts that a warning lists, one each
+MAX_SHOWN_KINDS = 3  # a warning lists one doubt of each
 
 
 class DoubtKind(StrEnum):
@@ -53,7 +53,7 @@ _DOUBT_RANKS = {kind: rank for rank, kind in enumerate(DoubtKind)}
 
 @dataclass(frozen=True, slots=True)
 class Doubt:
-    """Something in a file that looks unintended."""
+    """Something about a file that looks unintended."""
 
     kind: DoubtKind
     text: str  # a sentence for the user, with the config's key to set if there is one
@@ -70,7 +70,7 @@ def file_warnings(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     ranked = {path: sorted(found, key=_doubt_rank) for path, found in doubts.items() if found}
     warnings = []
     for path, found in sorted(ranked.items(), key=lambda item: _doubt_rank(item[1][0])):
-        first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # of each kind
+        first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # one of each kind
         shown = [doubt.text.replace("\n", "\\n") for doubt in first[:MAX_SHOWN_KINDS]]
         more = (
             [f"and {len(found) - len(shown)} more, which `hulldown inspect` lists"] if len(found) > len(shown) else []

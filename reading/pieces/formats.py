@@ -30,6 +30,10 @@ FORMAT_SUFFIXES = {
     ".tiff": "geotiff",
 }
 HDRI_SUFFIXES = (".exr", ".hdr")
+OTHER_SUFFIXES = (  # of 3D files that aren't read
+    *(".usd", ".usda", ".usdc", ".usdz", ".stl", ".ply", ".dae", ".3ds", ".max", ".ma", ".mb", ".c4d", ".abc", ".x3d"),
+    *(".skp", ".stp", ".step", ".igs", ".iges", ".lwo", ".dxf", ".dwg", ".3mf", ".las", ".laz"),
+)
 LFS_POINTER = b"version https://git-lfs"  # Git LFS leaves such a text in place of a file that isn't fetched
 
 
@@ -42,7 +46,7 @@ def first_bytes(path: Path) -> bytes:
             start = file.read(64)
     except FileNotFoundError:
         raise AssetError("does not exist", path=path, remedy="check its name") from None
-    except OSError as error:  # links that lead to each other among them
+    except OSError as error:  # including links that lead to each other
         raise AssetError(f"cannot be read ({error.strerror})", path=path) from None
     except ValueError:
         raise AssetError("isn't a valid file name", path=path.name[:80]) from None
@@ -52,7 +56,7 @@ def first_bytes(path: Path) -> bytes:
 
 
 def kind_of_file(path: Path) -> str:
-    """Return kind of a path: "a file", "a folder", "a FIFO", "a socket", "a device", or "" if it doesn't exist."""
+    """Return "a file", "a folder", "a FIFO", "a socket", "a device", or "" for a path where nothing exists."""
     try:
         return _file_kind(path.stat().st_mode)
     except (OSError, ValueError):

@@ -31,7 +31,7 @@ NOT_GUN_HINTS = (
     *("begun",),
 )
 
-WEAPON_WORDS = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # carried by an aiming part
+WEAPON_WORDS = ("missile", "rocket", "trunnion", "muzzle", "breech", "cradle arm")  # an aiming part carries these
 
 FRONT_WORDS = (  # parts at a vehicle's nose
     *("front", "windscreen", "windshield", "headlight", "head light", "head lamp", "headlamp", "grille", "grill"),
@@ -40,7 +40,7 @@ FRONT_WORDS = (  # parts at a vehicle's nose
     *("capot", "phare", "pare brise", "avant", "cabine", "volant", "kabina", "kapot", "fara", "cofano", "faro"),
     *("delantero", "anteriore", "cabina", "parabrezza", "parabrisas"),
 )
-REAR_WORDS = (  # parts at its tail
+REAR_WORDS = (  # parts at a vehicle's tail
     *("rear", "tail", "taillight", "tail lamp", "tailgate", "trunk", "brake light", "back", "exhaust", "tow bar"),
     *("tow hook", "tow hitch", "trailer hitch", "heck", "hinten", "rueckleuchte", "auspuff", "arriere", "hayon"),
     *("zad", "posteriore", "trasero"),
@@ -50,32 +50,32 @@ VEHICLE_PART_WORDS = (  # parts that only vehicles have
     *("turret", "gun", "cannon", "howitzer", "launcher", "hull", "chassis", "wheel", "tyre", "tire", "axle"),
 )
 
-VEHICLE_WORDS = (  # whole ones
+VEHICLE_WORDS = (  # whole vehicles
     *("vehicle", "car", "truck", "lorry", "bus", "van", "minivan", "pickup", "jeep", "suv", "sedan", "hatchback"),
     *("taxi", "cab", "limousine", "ambulance", "firetruck", "humvee", "tractor", "bulldozer", "excavator"),
     *("motorcycle", "motorbike", "tank", "mbt", "apc", "ifv", "howitzer", "semi trailer", "police car", "auto"),
     *("pkw", "lkw", "lastwagen", "panzer", "voiture", "camion", "coche", "macchina", "samochod", "ciezarowka"),
     *("mashina", "avtomobil", "автомобиль", "машина", "танк", "грузовик", "汽车", "自動車"),
 )
-NO_VEHICLES = (  # things beside vehicles, or that hold water
+NOT_VEHICLE_WORDS = (  # things beside vehicles, or that hold water
     *("park", "parking", "port", "carport", "garage", "stop", "station", "shelter", "wash", "lane", "track", "sign"),
     *("toll", "barrier", "trap", "wheel", "tire", "tyre", "road", "street", "water", "fuel", "oil", "gas", "septic"),
     *("storage", "tower", "rail", "cable", "ramp", "propane", "rain", "auto save"),
 )
 
-NO_TURRET = (  # vehicles without a turret
+TURRETLESS_WORDS = (  # vehicles without a turret
     *("interior", "cockpit", "cabin", "dashboard", "seat", "steering", "door", "window", "indicator", "convertible"),
     *("roof", "lamp", "light", "mirror", "wiper", "hood", "bonnet", "trunk"),
 )
 
-BODY_WORDS = (  # other parts of vehicles: a file with such names would name a turret too
+BODY_WORDS = (  # other parts: a file with such names would name a turret too
     *("body", "door", "track", "suspension", "engine", "fender", "skirt", "armor", "armour", "seat", "window"),
     *("glass", "bumper", "roof", "plate", "hatch", "rim", "lamp", "light", "frame"),
 )
 
 HELPER_WORDS = (
     *("collision", "collider", "hitbox", "helper", "ucx", "ubx", "ucp", "usp", "bounding box", "bbox", "occluder"),
-    *("shadow catcher", "backdrop", "cyclorama", "skydome"),
+    *("shadow catcher", "backdrop", "cyclorama", "skydome", "softbox", "chrome ball", "blueprint", "wgt"),
 )
 PERSON_WORDS = ("human", "person", "soldier", "figure", "man", "woman", "mannequin", "character", "dummy")  # for scale
 STAGE_WORDS = (
@@ -148,7 +148,7 @@ def first_match(name: str, patterns: Iterable[str]) -> str | None:
 
 
 def is_named(name: str, pattern: str) -> bool:
-    """Return whether `pattern` is a name as a whole, or matches it as `first_match` does."""
+    """Return whether `pattern` is the whole name, or matches it as in `first_match`."""
     return name.lower() == pattern.lower() or first_match(name, [pattern]) is not None
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-TEXTURE_SIZE = 1024  # texels of the longer side, by default
+DEFAULT_TEXTURE_SIZE = 1024  # texels of the longer side
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +28,7 @@ class Options:
     ground: tuple[str, ...] = ()
     not_ground: tuple[str, ...] = ()
     water: tuple[str, ...] | None = None
-    texture_size: int = TEXTURE_SIZE  # texels on the longer side of stored alpha textures
+    texture_size: int = DEFAULT_TEXTURE_SIZE  # texels on the longer side of stored alpha textures
     # west, south, east, and north bound of the read part of a GeoTIFF, in its own coordinates
     area: tuple[float, float, float, float] | None = None
     texture: str | None = None  # a GeoTIFF's orthophoto, relative to its folder

@@ -23,16 +23,16 @@ from hulldown.reading.pieces.naming import (
     name_words,
 )
 
-MAX_SHEET_THICKNESS_SHARE = 0.02  # a sheet is thinner than this share of its longer side
-MAX_STAGE_THICKNESS_SHARE = 0.1  # and so is what may be a stage although it is called "Plane" and nothing else
-MIN_STAGE_REACH_SHARE = 0.1  # a stage reaches out of the rest by more than this share of the rest's longer side
-MAX_SUNK_SHARE = 0.05  # "lying under" allows for wheels sunk into the floor by this share of the rest's height
-MUCH_LARGER = 4.0  # times the area of the rest's footprint
+MAX_SHEET_THICKNESS_SHARE = 0.02  # of a sheet's longer side
+MAX_STAGE_THICKNESS_SHARE = 0.1  # the same for a possible stage that is called "Plane" and nothing else
+MIN_STAGE_REACH_SHARE = 0.1  # of the rest's longer side, by which a stage reaches out of the rest
+MAX_SUNK_SHARE = 0.05  # of the rest's height, by which wheels may be sunk into the floor
+MIN_STAGE_AREA_RATIO = 4.0  # to the area of the rest's footprint
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Link:
-    """An object on the way from a piece up to the root: itself, its parents, then its instancers."""
+    """An object in the chain from a piece up to the root: itself, its parents, then its instancers."""
 
     name: str
     collections: tuple[str, ...]  # names of the collections it is in, nearest first, then the collections around those
@@ -120,7 +120,7 @@ class PieceRole:
 
 
 def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Sequence[str] = ()) -> list[PieceRole]:
-    """For each piece of a vehicle file, whether it is "vehicle" or "dropped", and why."""
+    """Return for each piece of a vehicle file whether it's "vehicle" or "dropped", and why."""
     around = [{n for link in piece.chain for n in (link.name, *link.collections)} - {piece.name} for piece in pieces]
     shared = set.intersection(*around) if around else set()  # a parent of all is no helper
     roles: list[PieceRole | None] = [_vehicle_by_name(piece, keep, drop, shared) for piece in pieces]
@@ -166,7 +166,7 @@ def _piece_names(piece: Piece) -> list[str]:
 
 
 def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
-    """Return whether the config keeps it by name."""
+    """Return whether the config keeps a piece by name."""
     return any(first_match(name, keep) for name in _piece_names(piece))
 
 
@@ -199,6 +199,6 @@ def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.
         if under:
             return PieceRole("dropped", f"{named[0]!r} matches {named[1]!r} and is at the underside of the rest")
     larger = piece.area / max(float(np.prod(high[:2] - low[:2])), 1e-12)
-    if under and larger > MUCH_LARGER and _is_sheet(piece):
+    if under and larger > MIN_STAGE_AREA_RATIO and _is_sheet(piece):
         return PieceRole("dropped", f"a flat sheet {larger:.0f} times as large as the rest, lying under it")
     return None

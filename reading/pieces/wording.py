@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable
 
-MOST_NAMES = 12  # names that a sentence lists
+MAX_SENTENCE_NAMES = 12
 
 
-def quote_names(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
-    """Quote names, each once, and count the rest.
+def quote_names(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
+    """Quote names, without repeats, and count the rest.
 
     >>> quote_names(["Hull", "Gun", "Hull", "Cab"], most=2)
     "'Hull', 'Gun' and 1 more"
@@ -19,6 +19,6 @@ def quote_names(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
     return ", ".join(map(repr, unique[:most])) + more
 
 
-def as_key(names: Iterable[str], *, most: int = MOST_NAMES) -> str:
-    """Format names as a config value, each once."""
+def as_key(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
+    """Format names as a config value, without repeats."""
     return json.dumps(list(dict.fromkeys(names))[:most], ensure_ascii=False)

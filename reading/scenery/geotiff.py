@@ -16,13 +16,13 @@ from hulldown.base.errors import AssetError, HulldownError
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
-MOST_PIXELS = 1 << 28  # of an orthophoto, of which a band is read at a time
-MOST_CELLS = 9_000_000  # reading takes about 0.7 KB of memory for each; docs/terrain.md
-LARGEST_PICTURE = 8192  # pixels of the longer side
-MAX_AREA_ERROR = 0.01  # a map's areas may differ from the ground's by this share
-MAX_COORDINATE = 1e9  # of a coordinate, or of the scale of elevations
-NO_DATA = -400.0  # meters or feet: no land is lower, and nodata is -9999, -32768, or -3.4e38
-MIN_NODATA_GAP = 0.5  # of the range of the other elevations, that nodata is below them
+MAX_ORTHOPHOTO_PIXELS = 1 << 28  # a band is read at a time
+MAX_CELLS = 9_000_000  # reading each takes about 0.7 KB of memory; docs/terrain.md
+MAX_PICTURE_SIDE_PX = 8192
+MAX_AREA_ERROR_SHARE = 0.01  # of a map's areas against the ground's
+MAX_COORDINATE = 1e9  # also of the scale of elevations
+MIN_ELEVATION = -400.0  # meters or feet: no land is lower, and nodata is -9999, -32768, or -3.4e38
+MIN_NODATA_GAP_SHARE = 0.5  # of the other elevations' range; nodata is farther below them
 KILOMETER_M = 1000.0
 NO_GEO = "pip install 'hulldown[geo]'"
 
@@ -50,10 +50,8 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
             raise AssetError(f"isn't a raster of elevations: it has {raster.count} bands ({kinds})", path=path)
         band = bands[0]
         (top, bottom), (left, right) = _area_window(raster, area, path)
-        if (cells := (bottom - top) * (right - left)) > MOST_CELLS:
-            raise AssetError(
-                f"has {cells:,} cells, more than {MOST_CELLS:,}", path=path, remedy="give a smaller `area`"
-            )
+        if (cells := (bottom - top) * (right - left)) > MAX_CELLS:
+            raise AssetError(f"has {cells:,} cells, more than {MAX_CELLS:,}", path=path, remedy="give a smaller `area`")
         stored = raster.read(band, window=((top, bottom), (left, right)), masked=True)
         z = stored.astype(np.float64).filled(np.nan) * raster.scales[band - 1] + raster.offsets[band - 1]
         row, column = np.mgrid[top:bottom, left:right] + 0.5
@@ -78,12 +76,12 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
 
 
 def _remove_nodata(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
-    """Remove undeclared values for missing data, far below all others (coasts have many zeros); a doubt about them."""
+    """Remove undeclared nodata values, far below all others (coasts have many zeros); return a doubt about them."""
     known = z[np.isfinite(z)]
-    if not len(known) or (lowest := float(known.min())) > NO_DATA:
+    if not len(known) or (lowest := float(known.min())) > MIN_ELEVATION:
         return []
     others = known[known > lowest]
-    if not len(others) or float(others.min()) - lowest < MIN_NODATA_GAP * max(float(np.ptp(others)), 1.0):
+    if not len(others) or float(others.min()) - lowest < MIN_NODATA_GAP_SHARE * max(float(np.ptp(others)), 1.0):
         return []
     z[z == lowest] = np.nan
     share = 100 * (len(known) - len(others)) / len(known)
@@ -103,9 +101,9 @@ def read_orthophoto(
         import rasterio.warp
         from rasterio.enums import Resampling
 
-        if raster.width * raster.height > MOST_PIXELS:
+        if raster.width * raster.height > MAX_ORTHOPHOTO_PIXELS:
             raise AssetError(
-                f"has {raster.width} x {raster.height} pixels, more than {MOST_PIXELS:,}",
+                f"has {raster.width} x {raster.height} pixels, more than {MAX_ORTHOPHOTO_PIXELS:,}",
                 path=path,
                 remedy="cut out the terrain's area by `gdalwarp -te`",
             )
@@ -120,7 +118,7 @@ def read_orthophoto(
         here = crs or there
         steps = rasterio.warp.calculate_default_transform(there, here, raster.width, raster.height, *raster.bounds)[0]
         extent = high - low
-        size = max(abs(steps.a), float(extent.max()) / LARGEST_PICTURE)
+        size = max(abs(steps.a), float(extent.max()) / MAX_PICTURE_SIDE_PX)
         width, height = (max(1, int(np.ceil(side / size))) for side in extent)
         grid = rasterio.transform.from_bounds(*low, *high, width, height)
         shown = np.zeros((4, height, width), dtype=raster.dtypes[0])
@@ -140,7 +138,7 @@ def read_orthophoto(
 
 
 def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
-    """Transform points from one map to another, x east and y north on both."""
+    """Transform points from one map to another; x is east and y is north on both."""
     try:
         import pyproj
     except ModuleNotFoundError:
@@ -154,7 +152,7 @@ def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.n
 
 @contextmanager
 def _open_raster(path: Path) -> Iterator[Any]:
-    """Open a GeoTIFF, whatever else GDAL could read."""
+    """Open a GeoTIFF, and none of the other formats that GDAL reads."""
     try:
         import rasterio
         from rasterio._err import CPLE_BaseError  # GDAL's own, which some functions pass on
@@ -169,12 +167,12 @@ def _open_raster(path: Path) -> Iterator[Any]:
                 problem = f"its cells have no place: {raster.transform[:6]}"
                 raise AssetError(problem, path=path, remedy="georeference it again")
             yield raster
-    except (RasterioError, CPLE_BaseError, ValueError) as error:  # ValueError: maps, and texts that are no UTF-8
+    except (RasterioError, CPLE_BaseError, ValueError) as error:  # ValueError: maps, and text that isn't UTF-8
         raise AssetError(f"can't be read as a GeoTIFF ({error})", path=path, remedy="copy it again") from None
 
 
 def _area_window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First row and column whose centers are in the area, and those after the last."""
+    """Return the first row and column with centers in the area, and those after the last."""
     if area is None:
         return (0, raster.height), (0, raster.width)
     west, south, east, north = area
@@ -195,7 +193,7 @@ def _area_window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple
 def _in_meters(
     x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], wkt: str, path: Path, doubts: list[Doubt]
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], str]:
-    """Coordinates on a map in meters, and that map: the raster's own if it's true to scale, or UTM."""
+    """Return coordinates on a map in meters, and that map: the raster's own if it's true to scale, or UTM."""
     import pyproj
     from pyproj.aoi import AreaOfInterest
     from pyproj.database import query_utm_crs_info
@@ -223,7 +221,7 @@ def _in_meters(
         raise AssetError(f"has coordinates outside of its map {crs.name!r}", path=path)
     if crs.is_projected and all(axis.unit_conversion_factor == 1.0 for axis in crs.axis_info):
         factors = pyproj.Proj(crs).get_factors(longitude, latitude)
-        if abs(factors.areal_scale - 1.0) < MAX_AREA_ERROR:
+        if abs(factors.areal_scale - 1.0) < MAX_AREA_ERROR_SHARE:
             authority = crs.to_authority()
             return x, y, ":".join(authority) if authority else str(crs.to_wkt())
     spot = AreaOfInterest(longitude, latitude, longitude, latitude)

@@ -25,10 +25,10 @@ PRISM_FACES = np.concatenate(
         np.stack([RIM_INDICES, NEXT_RIM_INDICES + PRISM_SIDES, RIM_INDICES + PRISM_SIDES], 1),
     ]
 )
-MAX_AXIS_RADII = 1.0  # radii: how far a prism's axis may be from the strand's
-EVEN_TOLERANCE = 1e-6  # of a piece more is rounding
-MAX_STRETCHES = 1 << 18  # stretches in a mesh of some hundred megabytes; of more, some are taken and made thicker
-MOST_PIECES = 4  # pieces of the stretch between two points, into which Cycles divides it too by default
+MAX_AXIS_RADII = 1.0  # from a prism's axis to the strand's
+PIECE_TOLERANCE = 1e-6  # so much of a piece is rounding
+MAX_STRETCHES = 1 << 18  # their mesh has some hundred megabytes; of more, some are taken and made thicker
+MAX_STRETCH_PIECES = 4  # Cycles too divides the stretch between two points so by default
 
 # Points a, b, c, d to the cubic between b and c of the Catmull-Rom spline through them: rows are powers of t.
 CATMULL_ROM = np.array([[0, 2, 0, 0], [-1, 0, 1, 0], [2, -5, 4, -1], [-1, 3, -3, 1]]) / 2
@@ -41,7 +41,7 @@ def hair_mesh(
     straight: Bool[np.ndarray, " c"],
     name: str,
 ) -> Mesh | None:
-    """Make prisms along every curve; of too much fur, one stretch in k, k times as thick (Cook et al., 2007)."""
+    """Make prisms along every curve; of too much fur, one in k stretches, k times as thick (Cook et al., 2007)."""
     is_first, is_last = np.zeros((2, len(points)), dtype=bool)
     is_first[first], is_last[first - 1] = True, True
     b = np.flatnonzero(~is_last)
@@ -55,12 +55,12 @@ def hair_mesh(
     linear = np.repeat(straight, np.diff(first, append=len(points)))[b]
     cubic[linear, 1], cubic[linear, 2:] = strand[b + 1][linear] - strand[b][linear], 0.0
     count = _piece_count(cubic, thicker * (radii[b] + radii[b + 1]) / 2)
-    ends = np.concatenate([_cut_stretches(cubic[count == n], n) for n in range(1, MOST_PIECES + 1)])
+    ends = np.concatenate([_cut_stretches(cubic[count == n], n) for n in range(1, MAX_STRETCH_PIECES + 1)])
     return _make_prisms(ends[..., :3], np.maximum(ends[..., 3], 0.0), name)
 
 
 def _piece_count(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
-    """Return how many: a chord over a t of 1 / n is off by at most an eighth of the greatest second derivative / n^2.
+    """Return the number of pieces: a chord over t of 1 / n errs by up to 1/8 of the greatest second derivative / n^2.
 
     The part of the derivative along the stretch doesn't bend it.
     """
@@ -68,8 +68,8 @@ def _piece_count(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " 
     second = np.stack([2 * cubic[:, 2, :3], 2 * cubic[:, 2, :3] + 6 * cubic[:, 3, :3]])
     with np.errstate(divide="ignore", invalid="ignore"):
         bend = np.linalg.norm(np.cross(second, chord), axis=-1).max(axis=0) / np.linalg.norm(chord, axis=1)
-        count = np.ceil(np.sqrt(bend / (8 * MAX_AXIS_RADII * radius)) - EVEN_TOLERANCE)
-    return np.clip(np.nan_to_num(count, nan=1.0), 1, MOST_PIECES).astype(np.int64)
+        count = np.ceil(np.sqrt(bend / (8 * MAX_AXIS_RADII * radius)) - PIECE_TOLERANCE)
+    return np.clip(np.nan_to_num(count, nan=1.0), 1, MAX_STRETCH_PIECES).astype(np.int64)
 
 
 def _cut_stretches(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:

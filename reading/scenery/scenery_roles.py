@@ -28,7 +28,7 @@ from hulldown.reading.scenery.shape import (
     tile_meshes,
 )
 
-MIN_WATER_WIDTH_M = 1.0  # meters, of water by its name or material
+MIN_WATER_WIDTH_M = 1.0  # for water by its name or material
 # The scenery's keys in the order in which they are asked.
 ROLE_KEYS = (("drop", "removed"), ("water", "water"), ("not_ground", "obstacle"), ("ground", "ground"))
 _DRY_WORDS = (
@@ -87,7 +87,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
 
 
 def unmatched_role_pattern(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
-    """Return the first key and pattern of a scenery without a match; None if all match."""
+    """Return the first key and pattern of a scenery that match nothing; None if all match."""
     for key, _ in ROLE_KEYS:
         for pattern in getattr(options, key) or ():
             drawn = any(piece.carrier and _is_match(piece.carrier, pattern) for piece in pieces) and key == "drop"
@@ -161,7 +161,7 @@ def _by_config(piece: Piece, options: Options) -> PieceRole | None:
 
 
 def is_water_name(name: str) -> bool:
-    """Return whether a name means water, and not something in or near it."""
+    """Return whether a name means water, rather than something in or near it."""
     return not first_match(name, _DRY_WORDS) and first_match(name, (*WATER_WORDS, *WATER_BODY_WORDS)) is not None
 
 
@@ -169,7 +169,7 @@ def _water_role(piece: Piece) -> PieceRole | None:
     if not is_wide_and_level(piece, least=MIN_WATER_WIDTH_M):
         return None
     own = [("object", piece.name), ("mesh", piece.data)]
-    own = own[2 * piece.anonymous :]  # which is called like what carries it
+    own = own[2 * piece.anonymous :]  # such a piece has its carrier's name
     if any(first_match(name, _DRY_WORDS) for _, name in own):
         return None
     materials = [("material", name) for name in piece.materials]

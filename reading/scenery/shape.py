@@ -11,26 +11,22 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece
 
-MIN_LEVEL_COSINE = np.cos(np.radians(30.0))  # a face is level if the cosine of its inclination is at least this
-MIN_LEVEL_SHARE = (
-    0.5  # least share of its area that is level, for a piece to be so; a box twice as wide as high has this much
-)
+MIN_LEVEL_COSINE = np.cos(np.radians(30.0))  # of a level face's inclination
+MIN_LEVEL_SHARE = 0.5  # of a level piece's area; a box twice as wide as high has this much
 GROUND_LEVEL, ALONE_LEVEL = 0.6, 0.9  # the same for ground with things on it, and without
 MIN_HILLY_LEVEL = 0.3  # the same for one sheet of hills with things on it
-MAX_TILE_THICKNESS_SHARE = 0.1  # of its width
-FLATTEST_GROUND = 0.25  # ground is not higher than this share of its longer side
-MIN_GROUND_EXTENT_SHARE = 0.05  # ground is in pieces of at least this share of the scenery's extent
-MIN_COVERED_SHARE = 0.4  # and covers at least this share
-MIN_CARRIED_SHARE = 0.7  # least share of what is above a piece of ground that does not reach below it
-MIN_SCENERY_WIDTH_M = 20.0  # meters; a scenery is at least this wide
-MIN_SHEET_WIDTH_M = 20.0  # meters; narrower sheets without a name don't count as water
-MIN_FILLED_SHARE = (
-    0.1  # of its bounds seen from above; a barrier or a curb around a track is as wide and level, and a loop
-)
-ONE_SIDE = 1.5  # its area seen from above over that of its bounds: a closed mesh has 2
-MIN_THING_WIDTH_M = 3.0  # meters; what is on a roof is narrower
-FAR_BELOW = 30.0  # meters that a pit's highest point is below the main ground's lowest
-MIN_WATER_DEPTH_M = 0.5  # meters of ground below such a sheet
+MAX_TILE_THICKNESS_SHARE = 0.1  # of the tile's width
+MAX_GROUND_HEIGHT_SHARE = 0.25  # of the ground's longer side
+MIN_GROUND_EXTENT_SHARE = 0.05  # of the scenery's extent, for each piece of ground
+MIN_COVERED_SHARE = 0.4  # of the scenery's extent, by all ground
+MIN_CARRIED_SHARE = 0.7  # of what is above a piece of ground, and doesn't reach below it
+MIN_SCENERY_WIDTH_M = 20.0
+MIN_SHEET_WIDTH_M = 20.0  # narrower sheets without a name don't count as water
+MIN_FILLED_SHARE = 0.1  # of bounds seen from above; a barrier or a curb around a track is as wide and level
+MAX_OPEN_RATIO = 1.5  # of a piece's area seen from above to that of its bounds: a closed mesh has 2
+MIN_THING_WIDTH_M = 3.0  # what is on a roof is narrower
+MIN_PIT_DEPTH_M = 30.0  # from the lowest point around a pit to the pit's highest
+MIN_WATER_DEPTH_M = 0.5  # of ground below such a sheet
 
 
 def level_share(mesh: Mesh, meters_from_mesh: Float[np.ndarray, "4 4"]) -> tuple[float, float]:
@@ -50,7 +46,7 @@ def is_wide_and_level(piece: Piece, *, least: float) -> bool:
 
 def is_open_land(piece: Piece) -> bool:
     """Return whether a piece is mostly level, wide, and open below, as land is and vehicles aren't."""
-    open_below = MIN_COVERED_SHARE <= piece.filled <= ONE_SIDE
+    open_below = MIN_COVERED_SHARE <= piece.filled <= MAX_OPEN_RATIO
     return bool(open_below and piece.level >= GROUND_LEVEL and 2 * piece.size[2] <= min(piece.size[:2]))
 
 
@@ -78,12 +74,12 @@ def ground_by_shape(pieces: Sequence[Piece], among: Sequence[int], solid: Sequen
 
 
 def _may_be_ground(piece: Piece, least: float, *, level: float = GROUND_LEVEL) -> bool:
-    low = piece.size[2] <= FLATTEST_GROUND * max(piece.size[:2])
+    low = piece.size[2] <= MAX_GROUND_HEIGHT_SHARE * max(piece.size[:2])
     return bool(low and piece.level >= level and not (piece.scattered or piece.clear) and piece.area >= least)
 
 
 def _carries_most(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Tell whether most pieces with their middle above or below a piece don't reach below it; true if it's alone."""
+    """Return whether most pieces centered above or below a piece don't reach below it; true if it's alone."""
     low, high = piece.bounds
     middle = rest.mean(axis=1)[:, :2]
     there = ((middle >= low[:2]) & (middle <= high[:2])).all(axis=1) & (rest != piece.bounds).any(axis=(1, 2))
@@ -114,17 +110,17 @@ def _is_sheet(piece: Piece) -> bool:
 def sunken_ground(
     among: Sequence[int], pieces: Sequence[Piece], obstacles: Sequence[Piece]
 ) -> list[tuple[int, float, str]]:
-    """Find ground lower by `FAR_BELOW` than the largest piece around it, or than all else; its depth; what's above."""
+    """Find ground `MIN_PIT_DEPTH_M` below the largest piece around it or all else: its depth, and what's above."""
     if not among:
         return []
     main = pieces[max(among, key=lambda i: pieces[i].area)].bounds
     within = [i for i in among if _shared_area(pieces[i].bounds, main) > 0.9 * pieces[i].area]
     below = [(i, float(main[0, 2] - pieces[i].bounds[1, 2]), "the main ground and under it") for i in within]
-    found = {i: (depth, what) for i, depth, what in below if depth > FAR_BELOW}
+    found = {i: (depth, what) for i, depth, what in below if depth > MIN_PIT_DEPTH_M}
     rest = sorted((i for i in among if i not in found), key=lambda i: pieces[i].bounds[1, 2])
     for k, i in enumerate(rest[:-1]):
         lows = [pieces[j].bounds[0, 2] for j in rest[k + 1 :]] + [piece.bounds[0, 2] for piece in obstacles]
-        if (depth := float(min(lows) - pieces[i].bounds[1, 2])) <= FAR_BELOW:
+        if (depth := float(min(lows) - pieces[i].bounds[1, 2])) <= MIN_PIT_DEPTH_M:
             break
         found[i] = (depth, "everything else")
     return [(i, *how) for i, how in found.items()]
@@ -156,7 +152,7 @@ def carpet_meshes(
     for i in among:
         piece, least = pieces[i], MIN_COVERED_SHARE * extent[0] * extent[1]
         flat = piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2])
-        open_below = MIN_COVERED_SHARE <= piece.filled <= ONE_SIDE or (flat and piece.filled >= MIN_COVERED_SHARE)
+        open_below = MIN_COVERED_SHARE <= piece.filled <= MAX_OPEN_RATIO or (flat and piece.filled >= MIN_COVERED_SHARE)
         level = MIN_HILLY_LEVEL if 0.8 <= piece.filled <= 1.2 else GROUND_LEVEL
         wide = _may_be_ground(piece, MIN_SHEET_WIDTH_M**2, level=level)
         if (
@@ -218,7 +214,7 @@ def enclosing_piece(pieces: Sequence[Piece]) -> Piece | None:
     largest = int(np.argmax(size.prod(axis=1)))
     others = np.delete(bounds, largest, axis=0)
     inside = (others[:, 0, :2] >= bounds[largest, 0, :2]).all() and (others[:, 1] <= bounds[largest, 1]).all()
-    high = size[largest, 2] > FLATTEST_GROUND * max(size[largest, :2])
+    high = size[largest, 2] > MAX_GROUND_HEIGHT_SHARE * max(size[largest, :2])
     return pieces[largest] if inside and high and pieces[largest].level < GROUND_LEVEL else None
 
 

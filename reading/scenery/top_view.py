@@ -9,12 +9,12 @@ import numpy as np
 from hulldown.assets.scenery import Scenery
 from hulldown.reading.pieces.asset_report import TopView
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.scenery.shape import FAR_BELOW
+from hulldown.reading.scenery.shape import MIN_PIT_DEPTH_M
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList, SurfaceKind
 
-VIEW_SIDE_RAYS = 128  # rays along each side of the view
-MAX_FLOOR_HEIGHT_M = 1.0  # meters that the floor far below, which is a level sheet, is high
+VIEW_SIDE_RAYS = 128
+MAX_FLOOR_HEIGHT_M = 1.0  # of the floor far below, which is a level sheet
 
 
 def see_top_view(scenery: Scenery) -> tuple[TopView, list[Doubt]]:
@@ -36,8 +36,8 @@ def see_top_view(scenery: Scenery) -> tuple[TopView, list[Doubt]]:
     doubts = []
     if len(heights) > 1:
         floor = int(np.argmax(np.diff(heights)))
-        depth, over = heights[floor + 1] - heights[floor], boxes[:, 0, 2] > heights[floor] + FAR_BELOW
-        if depth > FAR_BELOW and over.all() and heights[floor] - heights[0] < MAX_FLOOR_HEIGHT_M:
+        depth, over = heights[floor + 1] - heights[floor], boxes[:, 0, 2] > heights[floor] + MIN_PIT_DEPTH_M
+        if depth > MIN_PIT_DEPTH_M and over.all() and heights[floor] - heights[0] < MAX_FLOOR_HEIGHT_M:
             share = f"{100 * (floor + 1) / len(heights):.0f} % of the ground is {depth:.0f} m below everything else"
             text = "if nothing should stand there, make it an object of its own in Blender and name it in drop"
             doubts = [Doubt(DoubtKind.GROUND, f"{share}; {text}")]

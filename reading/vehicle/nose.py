@@ -12,28 +12,30 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import FRONT_WORDS, REAR_WORDS, first_match
+from hulldown.reading.pieces.naming import FRONT_WORDS, GUN_WORDS, REAR_WORDS, TURRET_WORDS, first_match
 from hulldown.reading.vehicle.solids import MIN_PARALLEL_COSINE, Solids, Wheels
 
 Value = TypeVar("Value", str, float)
 
 NOSE_SNAP_RADIANS = np.radians(1.5)  # a nose this close to an axis of the file points along it
-MIN_BARREL_SLENDERNESS = 7.0  # a gun's barrel is longer than this many times its width
-MAX_MIRRORED_SOLIDS = 60  # solids whose mirror plane is sought
-MIRROR_TOLERANCE_SHARE = 0.01  # a mirror image is this close to its original, in lengths of the vehicle
-MIN_NAME_VOTE = 0.4  # names in front outweigh names behind by this much, in half lengths of the vehicle
-MAX_WHEELED_AXLES = 5  # of a vehicle on wheels; more are under tracks
-MIN_TUBE_SLENDERNESS = 5.0  # a launching tube is longer than this many times its width
-MIN_RISE_RADIANS = np.radians(10.0)  # and raised by more than this: lower ones may lie over the cab for the road
-MIN_BARREL_COSINE = np.cos(np.radians(25.0))  # a barrel is along the vehicle within this
+MIN_BARREL_SLENDERNESS = 7.0  # length over width of a gun's barrel
+MAX_MIRRORED_SOLIDS = 60  # a mirror plane is sought for the largest
+MIRROR_TOLERANCE_SHARE = 0.01  # of the vehicle's length, between a mirror image and its original
+MIN_NAME_VOTE = 0.4  # half lengths of the vehicle by which names in front outweigh names behind
+MAX_WHEELED_AXLES = 5  # more are under tracks
+MIN_TUBE_SLENDERNESS = 5.0  # length over width of a launching tube
+MIN_TUBE_RISE_RADIANS = np.radians(10.0)  # lower ones may be over the cab for the road
+MIN_BARREL_COSINE = np.cos(np.radians(25.0))  # between a barrel and the vehicle's axis
 MIN_NAMED_GUN_COSINE = np.cos(np.radians(65.0))  # the same for guns by name, which may be raised
-NAMED_LONG = 0.4  # of half the vehicle's length: what is named a gun is at least as long
-GUN_LINE = 2.0  # and a vehicle without wheels or a mirror plane lies along one this many times as long as wide
-TUBES_ALIKE = 0.8  # of the longest's length: another gun like it
-MAX_MIRRORED_VERTICES = 1000  # whose mirror images are looked up
-SLANT, ALL_SLANTED = 0.05, 0.3  # of slanted surface that must slant to one end rather than the other
+MIN_GUN_REACH = 0.4  # half lengths of the vehicle
+MIN_LONE_GUN_SLENDERNESS = 2.0  # without wheels or a mirror plane, a vehicle points along such a gun
+MIN_TWIN_GUN_SHARE = 0.8  # of the longest gun's length: another gun like it
+MIN_BARREL_REACH_SHARE, MAX_BARREL_SHARES = 0.1, (0.15, 0.25)  # of length; width and height of what's out there
+MAX_EDGE_POINTS = 20_000  # points on edges: a barrel has few vertices between its ends
+MAX_MIRRORED_VERTICES = 1000  # their mirror images are looked up
+MIN_SLANT_SHARE, MIN_WHOLE_SLANT_SHARE = 0.05, 0.3  # of slanted surface that slants to one end rather than the other
 MIN_SLANTED_SHARE = 0.004  # of all surface, times the sine and the cosine of its slope; less tells nothing
-MIN_PROTRUSION_SHARE = 0.1  # of its length: its muzzle is so much farther out of the rest than its breech
+MIN_PROTRUSION_SHARE = 0.1  # of a gun's length: its muzzle is so much farther out of the rest than its breech
 CONTRADICTION_DOUBT = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
 TUBES_CONTRADICTED = (
@@ -41,12 +43,13 @@ TUBES_CONTRADICTED = (
 )
 ONE_CLUE = "only its raised tubes tell which end is its nose"
 NO_LINE = "along x, as nothing tells"
+ONE_BARREL = "only a slender end like a barrel tells which end is its nose"
 NOT_FOUND = "which end is its nose was not found"
 
 
 @dataclass(frozen=True, slots=True)
 class Direction(Generic[Value]):
-    """The file's up axis, or the nose's angle in radians counterclockwise from +x; the reason; a doubt unless sure."""
+    """The file's up axis, or the nose's angle in radians counterclockwise from +x; the reason; a doubt if unsure."""
 
     value: Value
     why: str
@@ -61,7 +64,7 @@ def find_forward(
     gun: Sequence[bool],
     corners: Float[np.ndarray, "f 3 3"],
 ) -> Direction[float]:
-    """Find the direction of the nose, in the frame of `wheels`, z up; without any sign, along the longer of x and y."""
+    """Find the direction of the nose, z up, in the frame of `wheels`; without any sign, along the longer of x and y."""
     line, why = _long_axis(solids, wheels, gun, corners)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
@@ -89,11 +92,13 @@ def find_forward(
     lifted = raised * (raised == tubes)
     names_doubt = TUBES_CONTRADICTED if lifted * named < 0 else ""
     lifted = 0.0 if names_doubt else lifted
-    rack = barrel is not None and not gun[solids.piece[barrel]] and gun_end * named < 0  # or a pipe, or a ladder
+    rack = barrel is not None and not gun[solids.piece[barrel]] and gun_end * named < 0  # it may be a pipe or a ladder
     others = (gun_end, named, *np.sign(built))
     total = tubes + sum(built)
     # Two agreeing signs are as good as a name.
     alone = abs(total) < 2 or abs(total) < abs(tubes) + sum(map(abs, built))
+    slender = 0.0 if gun_end else slender_end(corners, ahead)
+    armed = any(first_match(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) for name in names)
     # In order of trust: the end of a sign (0 for neither), the reason, the doubt.
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
@@ -101,6 +106,7 @@ def find_forward(
         (0.0 if rack else gun_end, gun_why, CONTRADICTION_DOUBT if votes * gun_end < -MIN_NAME_VOTE else ""),
         (named, "names of what is in front and behind", ""),
         (raised, "its gun rises there", "" if raised in others else ONE_CLUE),
+        (slender, "it ends in a barrel there", "" if slender in others or armed else ONE_BARREL),
         (float(np.sign(total)), "its shape", BY_SHAPE if alone else ""),
         (1.0 if np.cos(line - np.pi / 4) >= 0 else -1.0, NOT_FOUND, NOT_FOUND),
     )
@@ -116,7 +122,7 @@ def find_forward(
 
 
 def forward_key(angle: float) -> str | float:
-    """Return an angle as the key `forward` has it."""
+    """Return an angle in the form of the key `forward`."""
     quarter = round(angle / (np.pi / 2))
     if abs(angle - quarter * np.pi / 2) < 1e-9:
         return ("+x", "+y", "-x", "-y")[quarter % 4]
@@ -124,7 +130,7 @@ def forward_key(angle: float) -> str | float:
 
 
 def forward_text(angle: float) -> str:
-    """Return an angle as a config's line has it after `forward =`."""
+    """Return an angle as it follows `forward =` in a config."""
     return json.dumps(forward_key(angle))
 
 
@@ -152,7 +158,7 @@ def _long_axis(
     line, why = _mirror_line(solids)
     if why == NO_LINE:
         own = solids.where(np.asarray(gun, bool)[solids.piece])
-        slender = (own.size[:, 0] > GUN_LINE * own.size[:, 1]) & (
+        slender = (own.size[:, 0] > MIN_LONE_GUN_SLENDERNESS * own.size[:, 1]) & (
             np.hypot(*own.axes[:, 0, :2].T) > MIN_NAMED_GUN_COSINE
         )
         if slender.any():
@@ -163,18 +169,35 @@ def _long_axis(
 
 
 def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
-    """Return the axis x or y: the one whose mirror plane the vertices have, or the longer one."""
+    """Return the axis, x or y, whose mirror plane the vertices have, or the longer one."""
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = np.ptp(points, axis=0)
-    tree, some = cKDTree(points), points[:: max(1, len(points) // MAX_MIRRORED_VERTICES)]
-    gaps = []
-    for axis in (1, 0):  # across x, then across y
-        flipped = some.copy()
-        flipped[:, axis] = points[:, axis].min() + points[:, axis].max() - some[:, axis]
-        gaps.append(float(np.mean(tree.query(flipped)[0])) / max(float(size.max()), 1e-30))
+    gaps = [mirror_gap(points, axis) / max(float(size.max()), 1e-30) for axis in (1, 0)]
     alike = (gaps[0] < MIRROR_TOLERANCE_SHARE) == (gaps[1] < MIRROR_TOLERANCE_SHARE)
     along = int(size[1] > size[0]) if alike else int(gaps[1] < gaps[0])
     return along * np.pi / 2, f"along {'xy'[along]}, {'where it is longer' if alike else 'its mirror plane'}"
+
+
+def mirror_gap(points: Float[np.ndarray, "n 3"], axis: int) -> float:
+    """Return the mean distance of a mirror image, in a plane across an axis, to its original."""
+    flipped = points[:: max(1, len(points) // MAX_MIRRORED_VERTICES)].copy()
+    flipped[:, axis] = points[:, axis].min() + points[:, axis].max() - flipped[:, axis]
+    return float(np.mean(cKDTree(points).query(flipped)[0]))
+
+
+def slender_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
+    """Return the end, 1 or -1, whose outer tenth is slender, in the middle, and not low, like a barrel; else 0."""
+    steps = np.linspace(0.0, 1.0, 2 + MAX_EDGE_POINTS // max(len(corners), 1))[1:, None]
+    edges = corners[:, :, None] + (np.roll(corners, -1, axis=1) - corners)[:, :, None] * steps
+    points = edges.reshape(-1, 3) @ np.stack([ahead, np.cross([0.0, 0.0, 1.0], ahead), [0.0, 0.0, 1.0]], axis=1)
+    low, high = points.min(axis=0), points.max(axis=0)
+    size, found = np.maximum(high - low, 1e-30), list[float]()
+    for end, tip in ((1.0, high[0]), (-1.0, low[0])):
+        outer = (points[np.abs(points[:, 0] - tip) < MIN_BARREL_REACH_SHARE * size[0]] - low) / size
+        thin = (np.ptp(outer[:, 1:], axis=0) < MAX_BARREL_SHARES).all()
+        if thin and abs(outer[:, 1].mean() - 0.5) < 0.1 and outer[:, 2].min() > 0.33:
+            found.append(end)
+    return found[0] if len(found) == 1 else 0.0
 
 
 def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
@@ -189,7 +212,7 @@ def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3
     if whole < MIN_SLANTED_SHARE * float(area.sum()):
         return 0.0
     share = float(slanted.sum()) / whole
-    return float(np.sign(share)) * (1 + (abs(share) > ALL_SLANTED)) * (abs(share) > SLANT)
+    return float(np.sign(share)) * (1 + (abs(share) > MIN_WHOLE_SLANT_SHARE)) * (abs(share) > MIN_SLANT_SHARE)
 
 
 def _mirror_line(solids: Solids) -> tuple[float, str]:
@@ -251,7 +274,7 @@ def gun_barrel(
 
 
 def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
-    """Return the end at which the longest piece named gun protrudes, and that piece; (0, -1) if none does."""
+    """Return the end at which the longest piece that is named gun protrudes, and that piece; (0, -1) if none does."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     corners = solids.bounds[:, [[0, 0], [0, 1], [1, 0], [1, 1]], [0, 1]]  # (n, 4, 2) seen from above
     along, aside = corners @ ahead[:2], corners @ across[:2]
@@ -259,7 +282,7 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
     pieces = np.unique(solids.piece[is_gun])
     reach = np.array([np.ptp(along[solids.piece == piece]) for piece in pieces])
     # More than two alike are the tubes of a launcher, which lie over the cab for the road.
-    if not len(pieces) or reach.max() < NAMED_LONG * half or (reach > TUBES_ALIKE * reach.max()).sum() > 2:
+    if not len(pieces) or reach.max() < MIN_GUN_REACH * half or (reach > MIN_TWIN_GUN_SHARE * reach.max()).sum() > 2:
         return 0.0, -1
     piece = int(pieces[reach.argmax()])
     own = solids.piece == piece
@@ -316,7 +339,7 @@ def _shape_votes(
 def rising_end(
     solids: Solids, ahead: Float[np.ndarray, "3"], length: float, *, named: Bool[np.ndarray, " n"] | bool = False
 ) -> float:
-    """Return the end to which named tubes, or two alike, rise, which isn't the tail; 0 if there are none."""
+    """Return the end that named tubes, or two alike, rise to, which isn't the tail; 0 without such tubes."""
     axis = solids.axes[:, 0] * np.sign(solids.axes[:, :1, 2])
     along = axis @ ahead
     low, high = solids.bounds[:, 0, 2].min(initial=0.0), solids.bounds[:, 1, 2].max(initial=0.0)
@@ -325,7 +348,7 @@ def rising_end(
     )
     tube &= (solids.size[:, 2] > 0.5 * solids.size[:, 1]) & (solids.center[:, 2] > low + 0.33 * (high - low))
     tube &= (
-        (axis[:, 2] > np.sin(MIN_RISE_RADIANS))
+        (axis[:, 2] > np.sin(MIN_TUBE_RISE_RADIANS))
         & (np.abs(along) > 0.3)
         & (np.hypot(along, axis[:, 2]) > MIN_PARALLEL_COSINE)
     )
@@ -337,7 +360,7 @@ def rising_end(
 
 
 def _mirror_end(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
-    """Return the end at which a pair of small solids protrudes farthest to the sides, high up, like mirrors; or 0."""
+    """Return the end at which a pair of small solids, high up, protrudes farthest sideways, like mirrors; or 0."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()
     reach = np.einsum("nk,nk->n", solids.size / 2, np.abs(solids.axes @ across))

@@ -55,7 +55,7 @@ def link_key(link: Link) -> ObjectKey:
 
 
 def pivot_named(name: str) -> str | None:
-    """Return the part whose pivot an object is by name, written as one word or several; None if it isn't one."""
+    """Return the part whose pivot an object is by its name, in one word or several; None if it isn't a pivot."""
     joined = "".join(name_words(name)).rstrip("0123456789")
     for word in HELPER_WORDS:
         for rest in (joined.removeprefix(word), joined.removesuffix(word)):
@@ -68,7 +68,7 @@ def pivot_named(name: str) -> str | None:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Naming:
-    """What decides which part an object belongs to."""
+    """The names and marks that decide which part an object belongs to."""
 
     parts: Mapping[str, str]  # name of an object or a collection -> the part that it names
     no_gun: frozenset[str]  # names of guns that aren't guns by their shape
@@ -79,7 +79,7 @@ class Naming:
         return self.deciding_name(chain)[0]
 
     def deciding_name(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
-        """Return the part, the kind of name that decided, and the name."""
+        """Return the part, the reason in words, and the name that decided; None and "" for the hull."""
         for i, link in enumerate(chain):
             if mark := self.marked.get(link_key(link)):
                 return (*mark, link.name)

@@ -14,9 +14,9 @@ from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import (
     BODY_WORDS,
     FRONT_WORDS,
-    NO_TURRET,
     REAR_WORDS,
     TURRET_WORDS,
+    TURRETLESS_WORDS,
     VEHICLE_PART_WORDS,
     WEAPON_WORDS,
     first_match,
@@ -39,17 +39,17 @@ from hulldown.reading.vehicle.pivots import MIN_RING_WIDTH_SHARE, PIVOT_KEYS, fi
 from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching_clusters
 
 ANGLE_LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
-MAX_GUN_ANGLE_RADIANS = np.radians(15.0)  # a gun that points this close to an axis of the vehicle points along it
+MAX_GUN_ANGLE_RADIANS = np.radians(15.0)  # a gun this close to an axis of the vehicle points along it
 
 MAX_PIECE_GAP_SHARE = 0.05  # of the longer of two pieces: closer ones are one thing
-MAX_STUBBY_RATIO = 2.5  # times its width; shorter pieces have no direction
-MAX_DRUM_SHARE = 0.2  # of the vehicle's length: a drum, not a gun
-MAX_GUN_WIDTH_SHARE = 0.45  # of the vehicle's width: what a gun with all that hangs on it is
+MAX_STUBBY_RATIO = 2.5  # length over width; shorter pieces have no direction
+MAX_DRUM_SHARE = 0.2  # of the vehicle's length: a drum isn't a gun
+MAX_GUN_WIDTH_SHARE = 0.45  # of the vehicle's width, for a gun with all that hangs on it
 MIN_TURRET_HEIGHT_SHARE = 0.3  # of the vehicle's height: no turret reaches below
 KNOWN_WORDS = (*VEHICLE_PART_WORDS, *FRONT_WORDS, *REAR_WORDS, *BODY_WORDS)
-MIN_BARREL_SHARE = 0.7  # of a piece's length: then the piece is the barrel, and not a body with a barrel
-MAX_LISTED_NAMES = 6  # that a sentence lists
-MAX_PREFIXED_TURRETS = 2  # objects named turret: more of them, and the author has named all that belongs to it
+MIN_BARREL_SHARE = 0.7  # of a piece's length: the piece is the barrel, and not a body with a barrel
+MAX_LISTED_NAMES = 6  # in a sentence
+MAX_PREFIXED_TURRETS = 2  # with more objects named turret, the author has named all that belongs to it
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -64,7 +64,7 @@ class Parts:
 
 
 def find_parts(whole: PlacedPieces, options: Options = DEFAULT_OPTIONS) -> Parts:
-    """Return the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
+    """Find the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
     naming, doubts = _named_parts(whole, options)
     decided = [naming.deciding_name(piece.chain) for piece in whole.pieces]
     part_of = [part for part, _, _ in decided]
@@ -136,7 +136,7 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
 
 
 def names_without_drums(whole: PlacedPieces, options: Options) -> Naming:
-    """Return what names parts, without calling drum-shaped ones guns."""
+    """Return what names parts, but call no drum-shaped part a gun."""
     chains = [piece.chain for piece in whole.pieces]
     no_guns: set[str] = set()
     while True:
@@ -175,7 +175,7 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
 
 
 def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[MarkedParts, list[Doubt]]:
-    """Return the gun, and the turret if none is named, by a barrel's shape and its parents; and doubts."""
+    """Find the gun, and the turret if none is named, by a barrel's shape and its parents; return doubts too."""
     if options.gun is not None or GUN_PART in part_of:
         return {}, []
     pieces, solids, bounds = whole.pieces, whole.solids, whole.bounds
@@ -229,7 +229,7 @@ def _carried_pieces(pieces: Sequence[Piece]) -> dict[ObjectKey, list[int]]:
 def pieces_on_turret(
     whole: PlacedPieces, part_of: Sequence[str | None], options: Options
 ) -> tuple[MarkedParts, list[Doubt]]:
-    """Return pieces on a turret without children, for files without a hierarchy; and a doubt about them."""
+    """Find pieces on a turret without children, for files without a hierarchy; return a doubt about them too."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
     if not members or any(len(chains[i]) > 1 and chains[i][1].kind == "MESH" for i in members):
@@ -270,7 +270,7 @@ def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
         for key, some in carried.items()
         if 1 < len(some) < len(pieces)
         and bounds[some, 0, 2].min() > low[2] + MIN_TURRET_HEIGHT_SHARE * (high - low)[2]
-        and not first_match(key[0], NO_TURRET)
+        and not first_match(key[0], TURRETLESS_WORDS)
     ]
     if upper:
         most = max(upper, key=lambda key: len(carried[key]))

@@ -17,31 +17,27 @@ from hulldown.reading.pieces.roles import Link
 from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Naming, ObjectKey, link_key, pivot_named
 from hulldown.reading.vehicle.solids import PlacedPieces
 
-MAX_ORIGIN_DISTANCE_SHARE = (
-    0.25  # a mesh object's origin may lie outside the part by this share of the part's longest side
-)
-GUN_REAR_SHARE = 0.4  # a gun's axis is in this rear share of it, not at the middle, a new cylinder's origin
-MIN_RING_WIDTH_SHARE = 0.24  # a turret's ring is wider than this share of the hull's width
-RING_RADIUS_SHARE = 0.3  # a ring's radius, of the hull's width
-RING_HEIGHT_SHARE = 0.3  # and lies in this lowest share of the turret's height
-MIN_MANTLET_RATIO = 1.5  # a mantlet is wider than the barrel by this factor
-INTO_MANTLET = 0.25  # a gun's axis lies this far into its mantlet from the rear
-MIN_TWIN_BARREL_SHARE = 0.8  # of the longest barrel's length: another barrel
-MAX_TWIN_BARRELS = 3  # solids as long as the barrel; more are the tubes of a launcher
-MIN_SIDEWAYS_RATIO = 1.5  # times as wide as long: it points to a side
-MAX_PLATE_THICKNESS_SHARE = 0.3  # thickness of a plate that holds a gun, in its height
-BEARING_DEPTH_SHARE = 0.25  # and how far below its top the bearing is
+MAX_ORIGIN_DISTANCE_SHARE = 0.25  # of a part's longest side: a mesh object's origin may be so far outside it
+GUN_REAR_SHARE = 0.4  # a gun's axis is in this part of it, not in the middle, where a new cylinder's origin is
+MIN_RING_WIDTH_SHARE = 0.24  # of the hull's width, for a turret's ring
+RING_RADIUS_SHARE = 0.3  # of the hull's width
+RING_HEIGHT_SHARE = 0.3  # of the turret's height: the ring is in this lowest part
+MIN_MANTLET_RATIO = 1.5  # of a mantlet's width to the barrel's
+MANTLET_DEPTH_SHARE = 0.25  # a gun's axis is this far into its mantlet from the rear
+MIN_TWIN_BARREL_SHARE = 0.8  # of the longest barrel's length, for another barrel
+MAX_TWIN_BARRELS = 3  # more are the tubes of a launcher
+MIN_SIDEWAYS_RATIO = 1.5  # of width to length, for what points to a side
+MAX_PLATE_THICKNESS_SHARE = 0.3  # of the height of a plate that holds a gun
+BEARING_DEPTH_SHARE = 0.25  # of its height, from its top to the bearing
 PIVOT_KEYS = {TURRET_PART: "turret_pivot", GUN_PART: "gun_pivot"}
-MAX_MIDDLE_DISTANCE_SHARE = (
-    0.01  # share of the longest side: an origin this close to its mesh's middle was set automatically
-)
+MAX_MIDDLE_DISTANCE_SHARE = 0.01  # of the longest side: an origin so close to its mesh's middle was set automatically
 
 _KEYPOINT_NAME = re.compile(r"(?:kp_|keypoint[_.\- ]*)(.*)", re.IGNORECASE | re.DOTALL)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Node:
-    """An object of a part, as a candidate for the pivot."""
+    """An object of a part, as a candidate for its pivot."""
 
     link: Link
     topmost: bool  # its parent is another part
@@ -270,7 +266,7 @@ def gun_guess(
     )
     if thick.any():
         mantlet = np.flatnonzero(thick)[np.argmax(solids.size[thick].prod(axis=1))]
-        into = nearest[mantlet] + INTO_MANTLET * (farthest[mantlet] - nearest[mantlet])
+        into = nearest[mantlet] + MANTLET_DEPTH_SHARE * (farthest[mantlet] - nearest[mantlet])
         return Pivot(start + into * line, "the rear of its mantlet")
     return Pivot(start, "the rear end of its barrel", guessed=True)
 
@@ -278,7 +274,7 @@ def gun_guess(
 def gun_ends(
     own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """Middle of the rear and of the front end of a gun; the front is away from `behind`."""
+    """Return the middle of a gun's rear and of its front end; the front is away from `behind`."""
     low, high = own.min(axis=0), own.max(axis=0)
     # Tubes side by side are often wider than long.
     axis = int((high - low)[1] > MIN_SIDEWAYS_RATIO * (high - low)[0])
@@ -297,7 +293,7 @@ def read_keypoint(name: str) -> str | None:
 def marked_points(
     markers: Sequence[tuple[Link, ...]], chains: Sequence[tuple[Link, ...]], piece_part: Sequence[int]
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int | None]]:
-    """Keypoints of empties: positions in the file, and the part that each belongs to, if any."""
+    """Return the keypoints of empties: positions in the file, and the part that each belongs to, if any."""
     parts_below: dict[tuple[str, bytes], set[int]] = {}
     for chain, part in zip(chains, piece_part, strict=True):
         for link in chain:

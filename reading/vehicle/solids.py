@@ -16,15 +16,13 @@ from scipy.sparse.csgraph import connected_components
 from hulldown.geometry.transforms import transform_points
 from hulldown.reading.pieces.roles import Link, Piece
 
-MOST_SOLIDS = 4000  # solids that are kept, largest first
-ROUND_TOLERANCE = (
-    0.12  # two second moments are equal, so that the solid is round about the third axis, up to this share
-)
-WIDEST_GAP = np.radians(65.0)  # between points on the rim of what is round: a hexagon is, a box is not
-RIM_RADIUS_SHARE = 0.85  # of the largest radius: what lies beyond is the rim
+MAX_SOLIDS = 4000  # the largest are kept
+ROUND_TOLERANCE = 0.12  # between two second moments of a solid that is round about the third axis
+MAX_RIM_GAP_RADIANS = np.radians(65.0)  # between points on the rim of a round solid: a hexagon is round, a box is not
+MIN_RIM_RADIUS_SHARE = 0.85  # of the largest radius
 MIN_PARALLEL_COSINE = float(np.cos(np.radians(4.0)))
-LEAST_WHEELS = 4
-FLAT_WHEELS = 0.5  # centers of wheels lie in one plane, give or take this share of their radius
+MIN_WHEELS = 4
+WHEEL_PLANE_TOLERANCE_RADII = 0.5  # between wheels' centers and their plane
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -43,17 +41,17 @@ class Solids:
 
     @property
     def axle(self) -> Float[np.ndarray, "n 3"]:
-        """The axis that each is round about; the longest if it isn't round."""
+        """The axis that each solid is round about; the longest if it isn't round."""
         return self.axes[np.arange(len(self)), np.maximum(self.round_about, 0)]
 
     @property
     def radius(self) -> Float[np.ndarray, " n"]:
-        """Radius across that axis."""
+        """Radius of each solid across its axle."""
         across = np.where(self.round_about == 0, 1, 0)
         return self.size[np.arange(len(self)), across] / 2
 
     def rotate_solids(self, rotation: Float[np.ndarray, "3 3"]) -> Solids:
-        """Rotate; boxes enclose the rotated solids' own boxes."""
+        """Rotate the solids; boxes enclose the rotated solids' own boxes."""
         center, axes = self.center @ rotation.T, self.axes @ rotation.T
         reach = np.einsum("nk,nkj->nj", self.size / 2, np.abs(axes))
         bounds = np.stack([center - reach, center + reach], axis=1)
@@ -77,7 +75,7 @@ class Wheels:
     up: Float[np.ndarray, "3"]  # up, across: unit vectors: up from the ground, and along the axles
     across: Float[np.ndarray, "3"]
     level: float  # height along `up` of the ground under them
-    places: int  # their number, where a tire and its rim are one
+    places: int  # number of wheels; a tire and its rim are one
     sunk: float  # how far the rest reaches below that ground, in radii
 
 
@@ -93,7 +91,7 @@ class PlacedPieces:
 
     @cached_property
     def all_vertices(self) -> Float[np.ndarray, "n 3"]:
-        """All vertices."""
+        """All vertices of all pieces."""
         return np.concatenate([np.zeros((0, 3)), *self.points])
 
     @cached_property
@@ -102,7 +100,7 @@ class PlacedPieces:
         return np.array([[own.min(axis=0), own.max(axis=0)] for own in self.points])
 
     def origin(self, link: Link) -> Float[np.ndarray, "3"]:
-        """Origin of an object."""
+        """Return the origin of an object."""
         return transform_points(self.vehicle_from_file, link.pose[:3, 3][None])[0]
 
     def where(self, mask: ArrayLike) -> PlacedPieces:
@@ -120,8 +118,8 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
         for cloud in _loose_pieces(vertices, triangles):
             owner.append(number)
             clouds.append(cloud)
-    if len(clouds) > MOST_SOLIDS:
-        largest = np.argsort([-float(np.ptp(c, axis=0).max()) for c in clouds])[:MOST_SOLIDS]
+    if len(clouds) > MAX_SOLIDS:
+        largest = np.argsort([-float(np.ptp(c, axis=0).max()) for c in clouds])[:MAX_SOLIDS]
         owner, clouds = [owner[i] for i in largest], [clouds[i] for i in largest]
     n = len(clouds)
     axes, size, center, round_about = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, -1)
@@ -145,7 +143,7 @@ def _loose_pieces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 
 
 
 def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
-    """Return its own axes, extents, middle, and the axis that it's round about, or -1."""
+    """Return a solid's own axes, extents, middle, and the axis that it's round about, or -1."""
     off = cloud - cloud.mean(axis=0)
     moments, vectors = np.linalg.eigh(off.T @ off)
     found = -1
@@ -155,9 +153,9 @@ def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, 
         across = off @ vectors[:, list(pair)]
         across = across - (across.min(axis=0) + across.max(axis=0)) / 2
         reach = np.linalg.norm(across, axis=1)
-        rim = across[reach >= RIM_RADIUS_SHARE * reach.max()]
+        rim = across[reach >= MIN_RIM_RADIUS_SHARE * reach.max()]
         angles = np.sort(np.arctan2(rim[:, 1], rim[:, 0]))
-        if np.diff(angles, append=angles[0] + 2 * np.pi).max() < WIDEST_GAP:
+        if np.diff(angles, append=angles[0] + 2 * np.pi).max() < MAX_RIM_GAP_RADIANS:
             found = distinct
             break
     along = off @ vectors
@@ -171,7 +169,7 @@ def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, 
 def touching_clusters(
     bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float
 ) -> Int[np.ndarray, " k"]:
-    """Return each box's cluster; boxes of a cluster come closer to each other than the slack of two."""
+    """Return the cluster of each box; two boxes with a gap below their slack are in one cluster."""
     near = np.ones((len(bounds), len(bounds)), bool)
     for low, high in zip(bounds[:, 0].T, bounds[:, 1].T, strict=True):
         near &= low[:, None] < high + slack
@@ -221,10 +219,10 @@ def find_wheels(solids: Solids) -> Wheels | None:
 def _standing_wheels(
     center: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
 ) -> tuple[float, np.ndarray, np.ndarray, Bool[np.ndarray, " n"]] | None:
-    """Score, up (either way) and axle of discs if they are wheels, and which of them are."""
+    """Return score, up (either way), and axle of the discs, and which of them are wheels; None if too few are."""
     keep = np.ones(len(center), bool)
     for _ in range(3):
-        if keep.sum() < LEAST_WHEELS:
+        if keep.sum() < MIN_WHEELS:
             return None
         off = center[keep] - np.median(center[keep], axis=0)
         along_axle = off @ axle
@@ -235,12 +233,12 @@ def _standing_wheels(
         up = np.cross(ahead, axle)
         up /= np.linalg.norm(up)
         lift = np.abs((center - np.median(center[keep], axis=0)) @ up)
-        within = lift < FLAT_WHEELS * np.median(radius)
+        within = lift < WHEEL_PLANE_TOLERANCE_RADII * np.median(radius)
         if (within == keep).all():
             break
         keep = within
     size = float(np.median(radius[keep])) if keep.any() else 0.0
-    if keep.sum() < LEAST_WHEELS:
+    if keep.sum() < MIN_WHEELS:
         return None
     base, track = float(np.ptp(center[keep] @ ahead)), float(np.ptp(center[keep] @ axle))
     if not (3.0 * size < base < 40.0 * size and 1.5 * size < track < base * 1.6):

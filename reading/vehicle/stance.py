@@ -17,24 +17,24 @@ from hulldown.reading.vehicle.nose import Direction, find_forward
 from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 
 UP_AXES = ("z", "-z", "y", "-y", "x", "-x")
-MAX_SUNK_RADII = 0.5  # radii: a vehicle that reaches lower than its wheels isn't upside down for sure
-MIN_SURE_WHEELS = 6  # wheels on one plane that are sure
-MIN_UP_COSINE = float(np.cos(np.radians(12.0)))  # up is the file's axis that is this close
+MAX_SUNK_RADII = 0.5  # a vehicle that reaches farther below its wheels isn't surely upside down
+MIN_SURE_WHEELS = 6  # on one plane
+MIN_UP_COSINE = float(np.cos(np.radians(12.0)))  # between up and the file's axis
 NOSE_YAWS = {"+x": 0.0, "+y": np.pi / 2, "-x": np.pi, "-y": -np.pi / 2}
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Upright:
-    """What a file draws, in meters with z up."""
+    """The drawn pieces of a file, in meters with z up."""
 
-    drawn: Evaluated  # all of it, with bounds of pieces in that frame
-    meters: Float[np.ndarray, "4 4"]  # from the file to it
+    drawn: Evaluated  # all pieces, with bounds in that frame
+    meters: Float[np.ndarray, "4 4"]  # from the file to that frame
     up: Direction[str]
     solids: Solids  # solids of all pieces, in that frame
 
 
 def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
-    """Turn drawn pieces upright by the config's up axis, or by their wheels; `unit` is meters to one of the file's."""
+    """Turn drawn pieces upright by the config's up axis, or by their wheels; `unit` is the file's unit in meters."""
     meters = meters_from_file(unit, stated_up)
     points = [transform_points(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
     solids = find_solids(points, [drawn.meshes[p.mesh].faces for p in drawn.pieces])
@@ -54,7 +54,7 @@ def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | No
 def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
     """Find the file's up axis."""
     if wheels is None:
-        return Direction(stated, "as the file states")
+        return Direction(stated, "as .obj files usually have" if stated == "y" else "as the file states")
     up = up_matrix(stated)[:3, :3].T @ wheels.up
     axis = next((axis for axis in UP_AXES if float(up_matrix(axis)[2, :3] @ up) > MIN_UP_COSINE), None)
     if axis is None:
@@ -73,7 +73,7 @@ def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
 
 
 def find_solids_again(upright: Upright, kept: Sequence[int]) -> Upright:
-    """Look for solids in these pieces alone, so that larger ones of others don't replace theirs."""
+    """Find solids in these pieces alone, since larger ones of others may have replaced theirs."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     points = [transform_points(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
     solids = find_solids(points, [meshes[piece.mesh].faces for piece in pieces])

@@ -11,22 +11,22 @@ from jaxtyping import Float
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import PERSON_WORDS, STAGE_WORDS, first_match, name_words
-from hulldown.reading.pieces.roles import MAX_SUNK_SHARE, MUCH_LARGER, Piece
+from hulldown.reading.pieces.roles import MAX_SUNK_SHARE, MIN_STAGE_AREA_RATIO, Piece
 from hulldown.reading.pieces.wording import as_key, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
 from hulldown.reading.vehicle.things import piece_patterns, triangle_areas
 
 MAX_BELOW_SHARE = 0.03  # of the vehicle's height: a tire pressed into the ground
-MIN_OUTREACH_SHARE = 0.1  # of the length of the rest
-MIN_GAP_SHARE = 0.02  # of the rest's length: least gap around it
+MIN_OUTREACH_SHARE = 0.1  # of the rest's length
+MIN_GAP_SHARE = 0.02  # of the rest's length
 STRAY_WORDS = (*STAGE_WORDS, *PERSON_WORDS)  # without "plane", which armor plates are named too
-MIN_FAR_GAP_SHARE = 0.08  # least gap if it can't belong to the rest
-MAX_THING_DIAGONAL_SHARE = 0.75  # diagonal of a thing next to a vehicle over that of the rest; trailers are longer
-MIN_HULL_SURFACE_SHARE = 0.35  # of the surface: what has more is no stray
-MAX_DROPPED_SURFACE_SHARE = 0.05  # of the surface: no doubt proposes to drop more, but for sheets
-MIN_BULK_RATIO = 1.3  # a bulk is longer than the rest by this factor in two directions
-FLAT_THICKNESS_SHARE = 1e-4  # of its longest side: a sheet without thickness
-MAX_LISTED_NAMES = 6  # that a sentence lists
+MIN_FAR_GAP_SHARE = 0.08  # of the rest's length, for what can't belong to the rest
+MAX_THING_DIAGONAL_SHARE = 0.75  # of the rest's diagonal, for a thing next to a vehicle; trailers are longer
+MIN_HULL_SURFACE_SHARE = 0.35  # of the surface; such a piece is no stray
+MAX_DROPPED_SURFACE_SHARE = 0.05  # of the surface that a doubt proposes to drop, but for sheets
+MIN_BULK_RATIO = 1.3  # to the rest's extent, in two directions
+MAX_FLAT_THICKNESS_SHARE = 1e-4  # of its longest side, for a sheet without thickness
+MAX_LISTED_NAMES = 6  # in a sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,10 +35,10 @@ class Stray:
 
     text: str  # their names, and what is odd about them
     drop: tuple[str, ...]  # patterns that match them and nothing else
-    small: bool  # whether they're a small share of its surface, or sheets
+    small: bool  # whether the pieces are a small share of the vehicle's surface, or sheets
 
     def doubt(self, *, helps: bool) -> Doubt:
-        """Return a doubt that proposes to drop them if that `helps`, and else to look first."""
+        """Return a doubt that proposes to drop the pieces if that `helps`, or else to look at them first."""
         advice = f"set drop = {as_key(self.drop)} if that" if helps else "look at it, and name it in drop if it"
         return Doubt(DoubtKind.STRAY, f"{self.text}; {advice} isn't part of it")
 
@@ -77,7 +77,7 @@ def find_strays(
             gap[i] = np.maximum(others[:, 0] - own[1], own[0] - others[:, 1]).max(axis=1).min()
         size, extent = np.ptp(bounds, axis=1), np.ptp(rest, axis=1)
         length = extent.max(axis=1)
-        sheets = loose & (size.min(axis=1) <= FLAT_THICKNESS_SHARE * size.max(axis=1))
+        sheets = loose & (size.min(axis=1) <= MAX_FLAT_THICKNESS_SHARE * size.max(axis=1))
         sheets &= (
             np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > MIN_OUTREACH_SHARE * length
         )
@@ -141,14 +141,14 @@ def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
 
 
 def _is_backdrop(own: Float[np.ndarray, "v 3"], mesh: Mesh, sure: Float[np.ndarray, "n 2 3"]) -> bool:
-    """Return whether it's a studio backdrop: level below the sure parts, wider on all sides, and nothing above them."""
+    """Return whether a piece is a studio backdrop: level below the sure parts, wider, and nothing above them."""
     if not len(sure):
         return False
     low, high = _joint_bounds(sure)
     own_low, own_high = own.min(axis=0), own.max(axis=0)
     slack = MAX_SUNK_SHARE * (high - low)[2]
     wider = (own_low < low)[:2].all() and (own_high > high)[:2].all()
-    larger = np.prod((own_high - own_low)[:2]) > MUCH_LARGER * np.prod((high - low)[:2])
+    larger = np.prod((own_high - own_low)[:2]) > MIN_STAGE_AREA_RATIO * np.prod((high - low)[:2])
     if not (wider and larger and abs(own_low[2] - low[2]) < slack):
         return False
     corners = own[mesh.faces]

@@ -16,31 +16,30 @@ from hulldown.reading.pieces.asset_report import Thing, format_xyz
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import VEHICLE_WORDS, first_match, name_words
 from hulldown.reading.pieces.roles import Piece, is_wanted
-from hulldown.reading.pieces.wording import MOST_NAMES, as_key, quote_names
+from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, as_key, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, touching_clusters
 
-MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: pieces closer than this are one thing
-MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's diagonal: smaller ones belong to the nearest thing
-MIN_THING_VOLUME_SHARE = 0.15  # the same of its volume
-MAX_COUPLING_GAP_SHARE = 0.15  # of their length: things this close in line are a truck and its trailer
-IN_LINE = 0.8  # of the narrower one's width that faces the other
-COPY_BOUNDS_TOLERANCE = 0.04  # of the longest side: bounds of copies agree within this
-COPY_SURFACE_TOLERANCE = 0.04  # of the diagonal: surfaces of copies are this close to each other ...
-MIN_COPIED_AREA_SHARE = 0.85  # ... for this share of their area
-MIN_COPIED_SURFACE_SHARE = 0.6  # of the surface has copies, if the vehicle is drawn several times
-MAX_COARSE_TRIANGLE_SHARE = (
-    0.5  # a hull for collisions or shadows has at most this share of the triangles that it encloses
-)
-MIN_CONVEX_AREA_SHARE = 0.95  # share of a convex hull's area that such a mesh has at least
-SAMPLES, TARGETS = 400, 4000  # points of a surface
+MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: closer pieces are one thing
+MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's; smaller things belong to the nearest one
+MIN_THING_VOLUME_SHARE = 0.15  # of the largest thing's
+MAX_COUPLING_GAP_SHARE = 0.15  # of their length: a truck and its trailer are this close in line
+MIN_FACING_WIDTH_SHARE = 0.8  # of the narrower one's width
+MIN_COMMON_VOLUME_SHARE = 0.4  # of another thing's volume: things that have more in common are in one place
+COPY_BOUNDS_SHARE = 0.04  # of the longest side, between bounds of copies
+COPY_DISTANCE_SHARE = 0.04  # of the diagonal, between surfaces of copies
+MIN_COPIED_AREA_SHARE = 0.85  # of two things' area that is so close, if they're copies
+MIN_COPIED_SURFACE_SHARE = 0.6  # of the surface that has copies, if the vehicle is drawn several times
+MAX_COARSE_TRIANGLE_SHARE = 0.5  # of the triangles that a hull for collisions or shadows encloses
+MIN_CONVEX_AREA_SHARE = 0.95  # of its convex hull's area, for such a mesh
+MAX_SAMPLES, MAX_TARGETS = 400, 4000
 MAX_PIECES = 2000  # more are one thing
-MAX_LISTED_NAMES = 6  # that a sentence lists
+MAX_LISTED_NAMES = 6  # in a sentence
 
 
 def find_things(
     whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]
 ) -> tuple[tuple[Thing, ...], list[Doubt]]:
-    """Find what should be read by itself, as entries of a config, and doubts that propose their keys."""
+    """Find things to be read by themselves, as entries of a config, and doubts that propose their keys."""
     pieces = [*whole.pieces, *rest]
     groups = side_by_side(whole.bounds) if len(whole.pieces) <= MAX_PIECES else []
     if groups := groups or _vehicle_library(whole):
@@ -90,7 +89,7 @@ def _thing_words(thing: Thing) -> str:
 
 
 def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
-    """Return groups of pieces that are things of comparable size apart from each other; empty if it's one thing."""
+    """Return groups of pieces that are separate things of comparable size; empty if they're one thing."""
     if len(bounds) < 2:
         return []
     label = touching_clusters(bounds, MAX_PIECE_GAP_SHARE * float(np.ptp(bounds, axis=1).max()))
@@ -111,15 +110,28 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
 
 
 def _vehicle_library(whole: PlacedPieces) -> list[list[int]]:
-    size = np.ptp(whole.bounds, axis=1)
+    """Return groups of pieces named as vehicles of different kinds, if there's nothing else or they're in one place."""
+    chains = [[link.name for link in reversed(piece.chain)] for piece in whole.pieces]
+    shared = set.intersection(*map(set, chains)) if len(chains) > 1 else set[str]()
+    named: dict[str, list[int]] = {}
+    for i, names in enumerate(chains):
+        owner = (name for name in names if name not in shared and first_match(name, VEHICLE_WORDS))
+        named.setdefault(next(owner, names[-1]), []).append(i)
+    groups = list(named.values())
+    boxes = np.array([[whole.bounds[g, 0].min(axis=0), whole.bounds[g, 1].max(axis=0)] for g in groups])
+    size = np.ptp(boxes, axis=1)
     large = (size >= MIN_THING_DIAGONAL_SHARE * size.max(axis=0)).all(axis=1)
-    kinds = [first_match(piece.name, VEHICLE_WORDS) for piece in whole.pieces]
-    several = len(kinds) > 1 and len(set(kinds)) > 1 and all(kinds) and bool(large.all())
-    return [[i] for i in range(len(kinds))] if several else []
+    kinds = [first_match(name, VEHICLE_WORDS) for name, wide in zip(named, large, strict=True) if wide]
+    if len(set(kinds)) < 2 or not all(kinds):
+        return []
+    low, high = boxes[large].transpose(1, 0, 2)
+    common = (np.minimum(high[:, None], high) - np.maximum(low[:, None], low)).clip(0.0).prod(axis=2)
+    together = (common > MIN_COMMON_VOLUME_SHARE * size[large].prod(axis=1)).all()
+    return [groups[i] for i in np.flatnonzero(large)] if together or large.all() else []
 
 
 def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bool:
-    """Return whether one follows the other in line and close, like a trailer, or is above it."""
+    """Return whether one thing follows the other in line and close, like a trailer, or is above it."""
     gap = np.maximum(a[0] - b[1], b[0] - a[1])
     shared = (np.minimum(a[1], b[1]) - np.maximum(a[0], b[0])) / np.minimum(a[1] - a[0], b[1] - b[0])
     length = max(float(np.ptp(a, axis=0)[:2].max()), float(np.ptp(b, axis=0)[:2].max()))
@@ -130,12 +142,12 @@ def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bo
     return bool(
         both[along] > 1.5 * both[1 - along]
         and gap[along] < MAX_COUPLING_GAP_SHARE * length
-        and shared[1 - along] > IN_LINE
+        and shared[1 - along] > MIN_FACING_WIDTH_SHARE
     )
 
 
 def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
-    """Return pieces that repeat the surface of others in place, the coarser ones; empty if most of it is drawn once."""
+    """Return pieces that repeat the surface of others in place, more coarsely; empty if most is drawn once."""
     if spare := _coarse_levels(whole):
         return spare
     pieces, bounds = whole.pieces, whole.bounds
@@ -169,7 +181,7 @@ def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
 
 
 def _coarse_levels(whole: PlacedPieces) -> list[int]:
-    """Return pieces whose names, or their parents', give a level of detail beside a finer one of like extent."""
+    """Return pieces that are a level of detail, by their own or a parent's name, beside a finer one of like extent."""
     level = np.array([_detail_level(piece) for piece in whole.pieces])
     found = np.unique(level[level >= 0])
     boxes = [whole.bounds[level == k] for k in found]
@@ -177,7 +189,7 @@ def _coarse_levels(whole: PlacedPieces) -> list[int]:
     coarse = [
         k
         for k, box in zip(found[1:], boxes[1:], strict=True)
-        if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_TOLERANCE)
+        if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_SHARE)
     ]
     return np.flatnonzero(np.isin(level, coarse)).tolist()
 
@@ -193,31 +205,31 @@ def _detail_level(piece: Piece) -> int:
 
 
 def _bounds_agree(
-    a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = COPY_BOUNDS_TOLERANCE
+    a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = COPY_BOUNDS_SHARE
 ) -> Bool[np.ndarray, "*n"]:
     return np.abs(a - b).max(axis=(-1, -2)) <= within * float(np.ptp(b, axis=0).max())
 
 
 def triangle_areas(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, " f"]:
-    """Area of each triangle."""
+    """Return the area of each triangle."""
     return np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) / 2
 
 
 def _surface_samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "n 3"]:
-    """Return points all over triangles, always the same."""
+    """Return points spread over triangles, the same in every call."""
     area = triangle_areas(corners)
     if not area.sum() > 0:
         return corners[0, :1]
     rng = np.random.default_rng(0)
-    a, b, c = np.moveaxis(corners[rng.choice(len(area), TARGETS, p=area / area.sum())], 1, 0)
-    u, v = np.sort(rng.random((2, TARGETS, 1)), axis=0)
+    a, b, c = np.moveaxis(corners[rng.choice(len(area), MAX_TARGETS, p=area / area.sum())], 1, 0)
+    u, v = np.sort(rng.random((2, MAX_TARGETS, 1)), axis=0)
     return u * a + (v - u) * b + (1 - v) * c
 
 
 def _surfaces_agree(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
-    close = COPY_SURFACE_TOLERANCE * float(np.linalg.norm(np.ptp(a, axis=0)))
+    close = COPY_DISTANCE_SHARE * float(np.linalg.norm(np.ptp(a, axis=0)))
     return all(
-        (cKDTree(to).query(of[:SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a))
+        (cKDTree(to).query(of[:MAX_SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a))
     )
 
 
@@ -226,13 +238,13 @@ def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[
         hull = ConvexHull(points)
     except QhullError:
         return False
-    slack = COPY_SURFACE_TOLERANCE * float(np.ptp(points, axis=0).max())
-    inside = (cloud[:SAMPLES] @ hull.equations[:, :3].T + hull.equations[:, 3] <= slack).all(axis=1)
+    slack = COPY_DISTANCE_SHARE * float(np.ptp(points, axis=0).max())
+    inside = (cloud[:MAX_SAMPLES] @ hull.equations[:, :3].T + hull.equations[:, 3] <= slack).all(axis=1)
     return bool(area >= MIN_CONVEX_AREA_SHARE * hull.area and inside.mean() >= MIN_COPIED_AREA_SHARE)
 
 
 def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
-    """Return patterns for `keep` or `drop` that match these pieces and no others, a few; empty if that's impossible.
+    """Return a few patterns for `keep` or `drop` that match these pieces and no others; empty if that's impossible.
 
     >>> from types import SimpleNamespace
     >>> def piece(name):
@@ -243,7 +255,7 @@ def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str
     inside = np.isin(np.arange(len(pieces)), members)
     found: list[str] = []
     open_ = inside.copy()
-    while open_.any() and len(found) < MOST_NAMES:
+    while open_.any() and len(found) < MAX_SENTENCE_NAMES:
         best, most = "", 0
         for candidate in _candidate_patterns([pieces[i] for i in np.flatnonzero(open_)]):
             matched = np.array([is_wanted(piece, (candidate,)) for piece in pieces])

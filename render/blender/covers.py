@@ -13,31 +13,29 @@ from hulldown.weather.kinds import WEATHER_KINDS
 
 SHARE_ATTRIBUTE = "hulldown share"
 UP_NORMAL = (0.0, 0.0, 1.0)
-UNDERSIDE_PROPERTY = (
-    "hulldown_above"  # property of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
-)
+UNDERSIDE_PROPERTY = "hulldown_above"  # of a vehicle's objects: x, y, z, 1 of the world to meters above its underside
 # Lagarde: a surface soaks up water if it is rougher than 0.5 (perceptual roughness), fully from 0.9 on.
-POROUS_FROM, POROUS_AT = 0.5, 0.9
-WET_DIFFUSE = 0.6  # of the dry albedo where fully porous; his 0.2 turns soil twice as dark as measured
-WET_ROUGHNESS = 0.65  # of the dry roughness there
-SNOW_LIES_TO, SNOW_SLIDES_FROM = 30.0, 60.0  # degrees of slope with all of the cover, and from which none is left
-DUST_FULL_TO, DUST_TO = 0.2, 1.2  # meters above a vehicle's underside
-DUST_ON_TOPS = 0.35  # of what lies on the lower parts; on scenery too
+MIN_POROUS_ROUGHNESS, FULLY_POROUS_ROUGHNESS = 0.5, 0.9
+WET_ALBEDO_SHARE = 0.6  # of the dry albedo where fully porous; his 0.2 turns soil twice as dark as measured
+WET_ROUGHNESS_SHARE = 0.65  # of the dry roughness where fully porous
+MAX_FULL_SNOW_DEG, MIN_BARE_SLOPE_DEG = 30.0, 60.0  # degrees of slope with the whole cover, and without any
+FULL_DUST_HEIGHT_M, MAX_DUST_HEIGHT_M = 0.2, 1.2  # above a vehicle's underside
+TOP_DUST_SHARE = 0.35  # of the dust on the lower parts; on scenery too
 FILM_COAT, FILM_ROUGHNESS = 0.5, 0.12  # Cycles' coat reflects 4 % head-on, water 2 %; drops blur it
-WATER_SPECULAR = 0.5  # of the usual 4 % that a surface reflects head-on
-PATCH_SIZES_M = (9.0, 1.4, 0.12)  # meters: drifts, patches, and grass that sticks out of thin snow
-PATCH_WEIGHTS = (0.6, 0.65, 0.45)  # of each; their squares add up to 1
-PATCH_EDGE = 0.45  # width of an edge where half the ground is covered, as a share of the noise; at most 0.5
-DUST_PATCH = 0.5  # meters
+WATER_SPECULAR_SHARE = 0.5  # of the usual 4 % that a surface reflects head-on
+PATCH_SIZES_M = (9.0, 1.4, 0.12)  # drifts, patches, and grass that sticks out of thin snow
+PATCH_WEIGHTS = (0.6, 0.65, 0.45)  # their squares add up to 1
+PATCH_EDGE_SHARE = 0.45  # of the noise, where half the ground is covered; at most 0.5
+DUST_PATCH_M = 0.5
 PATCH_NOISE = {"Detail": 5.0, "Roughness": 0.65}  # patches of all sizes: one size looks like camouflage
-NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # of it, measured
-SKY_REACH = 10.0  # meters; things higher above don't keep snow off
+NOISE_MEAN, NOISE_SPREAD = 0.5, 0.0657  # measured
+MAX_SHELTER_HEIGHT_M = 10.0  # higher things don't keep snow off
 SKY_RAYS = 2
-SKY_HIDDEN, SKY_OPEN = 0.0, 0.6  # shares of the rays that reach the sky, for no snow and for all of it
+MIN_SKY_SHARE, FULL_SKY_SHARE = 0.0, 0.6  # of rays that reach the sky, for no snow and for all of it
 
 
 class Group:
-    """A node group being built, with its inputs as given."""
+    """A node group under construction, with its inputs."""
 
     def __init__(self, name: str, inputs: dict[str, str], outputs: dict[str, str]) -> None:
         self.tree = bpy.data.node_groups.new(name, "ShaderNodeTree")
@@ -64,11 +62,11 @@ class Group:
         return self.add("VectorMath", {0: a, 1: b}, operation="DOT_PRODUCT").outputs["Value"]
 
     def add_ramp(self, value: Any, low: float, high: float) -> Any:
-        """0 at `low` to 1 at `high`, smoothly."""
+        """Return 0 at `low` to 1 at `high`, smoothly."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
     def even_noise(self, where: Any, sizes: Sequence[float], weights: Sequence[float] = (1.0,)) -> Any:
-        """Noise in patches of several sizes, uniform in 0 to 1 within 0.02.
+        """Return noise in patches of several sizes, uniform in 0 to 1 within 0.02.
 
         `where`: position in meters.
         `sizes`, `weights`: meters of the patches, and the weight of each size; the squares of the weights add up to 1.
@@ -93,13 +91,13 @@ def wetting_group(name: str, *, film: bool) -> Any:
     kinds = {"Base Color": "Color", **dict.fromkeys(floats, "Float")}
     g = Group(name, {**kinds, "Metallic": "Float"}, kinds)
     rough, shine = g.given["Roughness"], g.given["Specular IOR Level"]
-    scale = 1 / (POROUS_AT - POROUS_FROM)
-    soaks = g.maths("MULTIPLY_ADD", rough, scale, -POROUS_FROM * scale, clamp=True)
+    scale = 1 / (FULLY_POROUS_ROUGHNESS - MIN_POROUS_ROUGHNESS)
+    soaks = g.maths("MULTIPLY_ADD", rough, scale, -MIN_POROUS_ROUGHNESS * scale, clamp=True)
     soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
     soaked = g.maths("MULTIPLY", soaks, g.share)
-    color = _scale_vector(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_DIFFUSE - 1, 1.0))
-    rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, WET_ROUGHNESS - 1, 1.0))
-    shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR - 1, 1.0))
+    color = _scale_vector(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_ALBEDO_SHARE - 1, 1.0))
+    rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, WET_ROUGHNESS_SHARE - 1, 1.0))
+    shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR_SHARE - 1, 1.0))
     coat, blur = g.given["Coat Weight"], g.given["Coat Roughness"]
     if film:
         coat = g.maths("MAXIMUM", coat, g.maths("MULTIPLY", g.share, FILM_COAT))
@@ -113,7 +111,7 @@ def soaking_group(name: str) -> Any:
     """Return a group before a diffuse shader's color; such a surface is fully porous."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
     return g.finish_tree(
-        Color=_scale_vector(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_DIFFUSE - 1, 1.0))
+        Color=_scale_vector(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_ALBEDO_SHARE - 1, 1.0))
     )
 
 
@@ -125,23 +123,23 @@ def snow_group(name: str) -> Any:
     """Return a group for the output: white where it's level and, to camera rays, open to the sky."""
     g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
-    low, high = (math.cos(math.radians(slope)) for slope in (SNOW_SLIDES_FROM, SNOW_LIES_TO))
+    low, high = (math.cos(math.radians(slope)) for slope in (MIN_BARE_SLOPE_DEG, MAX_FULL_SNOW_DEG))
     lies = g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), low, high)
     # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
-    reach = g.maths("MULTIPLY", wanted, SKY_REACH)
+    reach = g.maths("MULTIPLY", wanted, MAX_SHELTER_HEIGHT_M)
     # About straight up, a slope would hide half of its own sky; about its normal, it would look for it in the ground.
     between = g.add(
         "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: UP_NORMAL}).outputs[0]}, operation="NORMALIZE"
     )
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
-    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, SKY_HIDDEN, SKY_OPEN))
+    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, MIN_SKY_SHARE, FULL_SKY_SHARE))
     patches = g.even_noise(seen["Position"], PATCH_SIZES_M, PATCH_WEIGHTS)
     # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
-    edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE, 1e-4)
+    edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE_SHARE, 1e-4)
     inside = g.maths("SUBTRACT", share, patches)
     covered = g.maths("ADD", g.maths("DIVIDE", inside, edge), 0.5, clamp=True)
     some = g.maths("GREATER_THAN", share, 0.0)
@@ -152,13 +150,13 @@ def dust_group(name: str, *, climbs: bool) -> Any:
     """Return a group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`."""
     g = _cover_group(name)
     seen = g.add("NewGeometry").outputs
-    uneven = g.even_noise(seen["Position"], (DUST_PATCH,))
-    lies = g.maths("MULTIPLY", g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), 0.5, 1.0), DUST_ON_TOPS)
+    uneven = g.even_noise(seen["Position"], (DUST_PATCH_M,))
+    lies = g.maths("MULTIPLY", g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), 0.5, 1.0), TOP_DUST_SHARE)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=UNDERSIDE_PROPERTY).outputs
         height = g.maths("ADD", g.add_dot(seen["Position"], plane["Vector"]), plane["Alpha"])
         ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
-        low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, DUST_FULL_TO, DUST_TO))
+        low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, FULL_DUST_HEIGHT_M, MAX_DUST_HEIGHT_M))
         lies = g.maths("MAXIMUM", lies, low)
     thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
     return _finish_cover(g, g.maths("MULTIPLY", thick, g.share), "dust")
@@ -169,7 +167,7 @@ def _cover_group(name: str) -> Group:
 
 
 def _finish_cover(g: Group, share: Any, weather: str) -> Any:
-    """Finish a kind of weather's cover; holes in the surface stay holes."""
+    """Finish the cover of a kind of weather; holes in the surface stay holes."""
     albedo = WEATHER_KINDS[weather].cover_albedo
     assert albedo is not None
     matt = g.add("BsdfDiffuse", {"Color": (*albedo, 1.0)}).outputs[0]

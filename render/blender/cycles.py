@@ -12,19 +12,19 @@ from hulldown.render.blender.messages import CyclesSettings
 
 GPU_KINDS = ("OPTIX", "CUDA", "HIP", "ONEAPI", "METAL")  # the faster of two for one card first
 DENOISER = "OPENIMAGEDENOISE"
-NEUTRAL_K, NEUTRAL_TINT = 6500.0, 10.0  # the white balance that changes nothing, but for rounding
+NEUTRAL_BALANCE_K, NEUTRAL_BALANCE_TINT = 6500.0, 10.0  # this white balance changes nothing, but for rounding
 CLAMP_INDIRECT, LIGHT_THRESHOLD = 10.0, 0.01  # Blender's defaults, at an exposure of 0
-FEWEST_THREADS = 2  # with one, a thread of its scheduler (TBB) busy-waits on another core
+MIN_THREADS = 2  # with one, a thread of its scheduler (TBB) busy-waits on another core
 VIEW_TRANSFORM = "AgX"  # rolls highlights off as film does; Standard clips the sky of every sunny HDRI to flat white
 TRANSPARENT_BOUNCES = 32  # leaves are cards with holes; Cycles' own 8 leaves black spots in a treetop
 
 
 class Unusable(Exception):
-    """Blender or the machine can't render any image as requested; args: the problem and the remedy."""
+    """Raised when Blender or the machine can't render any image as requested; args: the problem and the remedy."""
 
 
 def available_devices() -> list[dict[str, str]]:
-    """`kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
+    """Return `kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
     preferences = _cycles_preferences()
     devices = [
         {"kind": device.type, "name": device.name}
@@ -68,7 +68,7 @@ def _graphics_cards(preferences: Any, kind: str) -> list[Any]:
 
 
 def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, threads: int = 0) -> None:
-    """Configure `scene` as planned, on this many CPU threads; 0: all."""
+    """Configure `scene` as planned, on this many CPU threads (0: all)."""
     render, cycles = scene.render, scene.cycles
     render.engine = "CYCLES"
     picture = render.image_settings
@@ -77,7 +77,7 @@ def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, thread
     scene.view_settings.view_transform = VIEW_TRANSFORM
     render.threads_mode = "FIXED" if threads else "AUTO"
     if threads:
-        render.threads = max(threads, FEWEST_THREADS)
+        render.threads = max(threads, MIN_THREADS)
     cycles.device = "CPU" if device == "CPU" else "GPU"
     cycles.samples = settings.samples
     cycles.use_adaptive_sampling = settings.adaptive_threshold > 0
@@ -96,12 +96,12 @@ def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, thread
 
 
 def set_exposure(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
-    """Set exposure in EV and the offset of white balance in kelvin; Cycles' limits of radiance are scaled too."""
+    """Set exposure in EV and the white balance's offset in kelvin; Cycles' limits of radiance are scaled too."""
     view, scale = scene.view_settings, 2.0**-exposure
     view.exposure = exposure
     view.use_white_balance = white_balance != 0.0
     # Resetting the white point has set both anew.
-    view.white_balance_temperature, view.white_balance_tint = NEUTRAL_K + white_balance, NEUTRAL_TINT
+    view.white_balance_temperature, view.white_balance_tint = NEUTRAL_BALANCE_K + white_balance, NEUTRAL_BALANCE_TINT
     for name, value in (
         ("sample_clamp_indirect", CLAMP_INDIRECT * scale),
         ("light_sampling_threshold", min(LIGHT_THRESHOLD * scale, 1.0)),

@@ -42,7 +42,7 @@ class Fog:
         self.clear()
 
     def clear(self) -> None:
-        """No fog."""
+        """Remove the fog."""
         set_hidden(self._object, True)
         self._world.dim_light([], 0.0, np.zeros(3))
 

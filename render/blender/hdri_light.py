@@ -17,16 +17,14 @@ from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, even_color, fade_sine
 from hulldown.render.blender.messages import LightInput
 from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky
 
-MAX_LIFT_RADIANS = math.radians(89.0)  # of what the camera sees lifted
-SKY_MAP = 1024  # columns of the map by which Cycles finds the bright parts of the sky: a texel is 0.35 degrees
-MOST_MAPS = 16  # of HDRIs that are kept; each takes 0.8 MB
-FINE_MAP_COLUMNS = (
-    1024  # columns of an HDRI up to which the map has twice as many: with as many it overlooks flanks of small suns
-)
+MAX_LIFT_RADIANS = math.radians(89.0)  # what the camera sees is lifted by no more
+SKY_MAP_COLUMNS = 1024  # Cycles finds the bright parts of the sky by this map; a texel is 0.35 degrees
+MAX_KEPT_MAPS = 16  # each takes 0.8 MB
+FINE_MAP_COLUMNS = 1024  # smaller HDRIs get twice their columns: with as many, the map overlooks flanks of small suns
 
 
 class HdriWorld:
-    """A world with an HDRI that replaces the scenery's."""
+    """A world with an HDRI, in place of the scenery's world."""
 
     def __init__(self, scene: Any) -> None:
         world = bpy.data.worlds.new("hulldown")
@@ -51,7 +49,7 @@ class HdriWorld:
         self._path = ""
 
     def set(self, light: LightInput) -> None:
-        """Light with an HDRI. With a high horizon, the camera sees one color below it (`camera.backdrop`)."""
+        """Light the scene with an HDRI; the camera sees one color below a high horizon (`camera.backdrop`)."""
         path, horizon = light.hdri, light.horizon
         if path != self._path:
             if not os.path.isfile(path):
@@ -97,7 +95,7 @@ class HdriWorld:
             self._world.update_tag()  # or the first map's width stays, and a picture depends on those before it
 
     def airlight_radiance(self) -> np.ndarray:
-        """Radiance (3,) of air that is lit by this sky: that of an even sky which lights the ground as brightly."""
+        """Return the radiance (3,) of air in this sky's light: an even sky that lights the ground as brightly."""
         return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
 
     def dim_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
@@ -111,8 +109,8 @@ class HdriWorld:
             small = self._texture.image.copy()
             small.scale(256, 128)
             radiance = image_pixels(small)[::-1, :, :3].astype(np.float64)
-            small.buffers_free()  # and stays, as of `_color_space`
-            if len(self._small) >= MOST_MAPS:
+            small.buffers_free()  # the image stays, like that of `_color_space`
+            if len(self._small) >= MAX_KEPT_MAPS:
                 del self._small[next(iter(self._small))]
             self._small[self._path] = radiance
         return self._small[self._path]
@@ -122,10 +120,10 @@ def sky_map(width: int) -> int:
     """Return columns of Cycles' importance map for an HDRI of `width` columns.
 
     A texel of the map is as bright as the HDRI at its center. If a sun is in the texel but not at its center,
-    light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP` change
+    light is found by chance: pictures are too dark, with fireflies. For wider HDRIs, more than `SKY_MAP_COLUMNS` change
     nothing (measured) until the map takes too long to build for each image.
     """
-    return 2 * width if width <= FINE_MAP_COLUMNS else SKY_MAP
+    return 2 * width if width <= FINE_MAP_COLUMNS else SKY_MAP_COLUMNS
 
 
 class _Veil:
@@ -164,7 +162,7 @@ class _Lifted:
 
 
 class _Dimmed:
-    """Nodes, few as every light ray evaluates them, that show a sky through air, by a ray's length in it."""
+    """Nodes that show a sky through air, by a ray's length in it; few, since every light ray evaluates them."""
 
     def __init__(self, tree: Any, direction: Any, light: Any) -> None:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]

@@ -14,7 +14,7 @@ from hulldown.camera.distortion import seen_radius
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.render.blender.cycles import Unusable
 
-LENS_DEVICES = ("CPU", "OPTIX")  # on which Cycles runs such cameras
+LENS_DEVICES = ("CPU", "OPTIX")  # Cycles runs such cameras on these
 # Newton's method, as in `camera.distortion.undistort_points`; a sample that has no ray stays black.
 SHADER_SOURCE = """shader hulldown_lens(
     output point position = 0.0, output vector direction = vector(0.0, 0.0, 1.0), output color throughput = 1.0)

@@ -12,7 +12,7 @@ Matrix = list[list[float]]  # (4, 4)
 
 @dataclass(frozen=True, slots=True)
 class VehicleInput:
-    """A vehicle to place in the scenery."""
+    """A vehicle and its place in the scenery."""
 
     tidy: str  # its tidy twin, by `reading.blender.tidy`
     world_from_parts: list[Matrix]  # poses of its parts, in meters
@@ -22,7 +22,7 @@ class VehicleInput:
 
 @dataclass(frozen=True, slots=True)
 class CameraInput:
-    """The camera to look through."""
+    """The camera that renders."""
 
     world_from_camera: Matrix  # rigid, meters; x right, y down, z forward
     intrinsics: Intrinsics  # image size and field of view
@@ -33,7 +33,7 @@ class CameraInput:
 
 @dataclass(frozen=True, slots=True)
 class LightInput:
-    """The sky."""
+    """The HDRI that lights a picture."""
 
     hdri: str
     yaw: float  # its yaw in radians, counterclockwise
@@ -43,7 +43,7 @@ class LightInput:
 
 @dataclass(frozen=True, slots=True)
 class CyclesSettings:
-    """The config's settings of Cycles; `adaptive_threshold` 0: no adaptive sampling."""
+    """The config's settings of Cycles; `adaptive_threshold` 0 turns adaptive sampling off."""
 
     samples: int
     denoise: bool
@@ -63,7 +63,7 @@ class MaskJob:
 
 @dataclass(frozen=True, slots=True)
 class RenderJob:
-    """Render a picture to `output`, a .png file; weather None: clear and dry."""
+    """Render a picture to `output`, a .png file; weather None is clear and dry."""
 
     scenery: str
     vehicles: list[VehicleInput]
@@ -79,13 +79,13 @@ class RenderJob:
 class BlendJob:
     """Save the scene of a picture to `output`, a .blend file; see `render.blender.saved_scene`."""
 
-    picture: RenderJob  # whose own output isn't written
+    picture: RenderJob  # its own output isn't written
     output: str
 
 
 @dataclass(frozen=True, slots=True)
 class StartJob:
-    """Choose a device by `render.blender.cycles.choose_device`, and the number of CPU threads, 0: all."""
+    """Choose a device by `render.blender.cycles.choose_device`, and the number of CPU threads (0: all)."""
 
     device: str
     index: int

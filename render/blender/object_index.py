@@ -15,7 +15,7 @@ from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CyclesSettings
 from hulldown.render.blender.scene import BlenderScene
 
-FIRST_OBJECT_NUMBER = 30000  # first object number of vehicles; files number their own objects from 1
+FIRST_OBJECT_NUMBER = 30000  # of vehicles; files number their own objects from 1
 INDEX_NODE_LABEL = "hulldown index"
 ONE_RAY = CyclesSettings(samples=1, denoise=False, adaptive_threshold=0.0, bounces=0)
 

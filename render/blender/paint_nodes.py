@@ -11,8 +11,8 @@ from hulldown.blender.add_nodes import add_math, add_node
 from hulldown.blender.nodes import nested_trees
 from hulldown.blender.shaders import BASE_COLOR_INPUTS
 
-MID_GRAY = 0.18  # linear; a painted surface of this brightness has the paint's own, black half of it, white 1.35 times
-PROPERTY_PREFIX = "hulldown paint "  # of the properties' names
+MID_GRAY = 0.18  # linear; a painted surface of it has the paint's own, black half of it, white 1.35 times
+PROPERTY_PREFIX = "hulldown paint "  # begins the properties' names
 PaintColors = Mapping[str, tuple[float, float, float]]  # linear, by the material's name
 
 
@@ -26,7 +26,7 @@ class PaintedMaterials:
             for slot in obj.material_slots:
                 if slot.material is not None and slot.material.library is not None:
                     self._materials.setdefault(slot.material.name, slot.material)
-        self._properties: dict[str, str] = {}  # by name, of those that have been painted
+        self._properties: dict[str, str] = {}  # of painted materials, by name
 
     def is_first(self, colors: PaintColors) -> bool:
         """Return whether one of these materials is painted for the first time."""

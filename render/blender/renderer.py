@@ -31,7 +31,7 @@ class Renderer:
         self._threads = 0
 
     def forget_assets(self) -> None:
-        """Forget everything in memory: the next job loads its assets again."""
+        """Forget all assets in memory, so that the next job loads its assets again."""
         self._stage = self._index = self._loaded = None
         self._inputs = {}
 
@@ -106,7 +106,7 @@ class Renderer:
         cycles.configure_scene(self._stage.scene, settings, device=self._device, threads=self._threads)
 
     def _set_part(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
-        """Set up a part of the scene unless the last job had the same inputs: Cycles builds anew whatever is set."""
+        """Set up a part of the scene unless the last job had the same inputs, since Cycles rebuilds what is set."""
         if self._inputs.get(part) != inputs:
             self._inputs.pop(part, None)  # in case it fails
             setter(*inputs)

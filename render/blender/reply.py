@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-REPLY_PREFIX = "@hulldown "  # of a reply's line; an installed Blender prints before we can stop it
+REPLY_PREFIX = "@hulldown "  # marks a reply's line; an installed Blender prints before we can stop it
 
 
 @dataclass(frozen=True)

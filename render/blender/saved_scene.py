@@ -9,7 +9,7 @@ import bpy
 
 
 def save_scene(scene: Any, path: str) -> None:
-    """Save a scene with all data that it uses, and nothing else; what isn't part of it is removed from memory."""
+    """Save a scene with all data that it uses and nothing else; other data are removed from memory."""
     scene.render.filepath = "//"  # the folder of the file
     for window in bpy.context.window_manager.windows:
         window.scene = scene

@@ -23,14 +23,14 @@ from hulldown.render.blender.streaks import Precipitation, falling_streaks
 from hulldown.render.blender.surfaces import Surfaces
 from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
 
-MAX_VEHICLES = 8  # vehicle files kept in memory if rows have companions, which recur
-SENSOR_WIDTH = 36.0
-SHORTEST_LENS = 1.0  # Blender clamps focal lengths below
-CLIP_END_M = 1e7  # meters; Cycles traces rays, so a far clip plane costs no depth resolution
+MAX_KEPT_VEHICLES = 8  # files in memory if rows have companions, which recur
+SENSOR_WIDTH_MM = 36.0
+MIN_FOCAL_LENGTH_MM = 1.0  # Blender's limit
+CLIP_END_M = 1e7  # Cycles traces rays, so a far clip plane costs no depth resolution
 
 
 class BlenderScene:
-    """The tidy twin of a scenery with our own camera and light, to be set up for one row after the other."""
+    """The tidy twin of a scenery with our own camera and light, which is set up for one row after the other."""
 
     def __init__(self, tidy: str) -> None:
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # an open file isn't read again
@@ -84,7 +84,7 @@ class BlenderScene:
         for tidy, loaded in self._vehicles.items():
             loaded.show(used.get(tidy, 0))
         self._companions = self._companions or len(used) > 1
-        kept = MAX_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
+        kept = MAX_KEPT_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
         for tidy in [t for t in self._vehicles if t not in used][: max(0, len(self._vehicles) - kept)]:
             self._vehicles.pop(tidy).remove()
         return placed
@@ -105,7 +105,7 @@ class BlenderScene:
         else:
             fx, fy, cx, cy = intrinsics.pinhole
             across, stretch = width / fx, fx / fy
-        data.lens = max(SENSOR_WIDTH / across, SHORTEST_LENS)
+        data.lens = max(SENSOR_WIDTH_MM / across, MIN_FOCAL_LENGTH_MM)
         data.sensor_width = across * data.lens
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
         data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch
@@ -137,7 +137,7 @@ class BlenderScene:
 
 
 class _LoadedVehicle:
-    """Copies of a vehicle's tidy twin, hidden where unused: to unlink them would build Blender's graph anew."""
+    """Copies of a vehicle's tidy twin; unused ones are hidden, since unlinking would rebuild Blender's graph."""
 
     def __init__(self, tidy: str, scene: Any, root: Any) -> None:
         collection, materials = append_twin(tidy)
@@ -175,7 +175,7 @@ class _LoadedVehicle:
 
 
 def refuse_newer(source: Any, tidy: str) -> None:
-    """Raise Unusable if a later Blender wrote a tidy twin; `source`: as `libraries.load` yields it."""
+    """Raise Unusable for a tidy twin by a later Blender; `source` is what `libraries.load` yields."""
     if source.version[:2] > bpy.app.version[:2]:
         wrote = ".".join(map(str, source.version[:2]))
         problem = f"{tidy} was written by Blender {wrote}, newer than the {bpy.app.version_string} that renders"
@@ -184,7 +184,7 @@ def refuse_newer(source: Any, tidy: str) -> None:
 
 
 def append_twin(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
-    """Append the collection of a tidy twin, and its materials, by their names in it."""
+    """Append the collection of a tidy twin and its materials, by the twin's names."""
     with bpy.data.libraries.load(tidy, link=False) as (source, target):
         refuse_newer(source, tidy)
         target.collections = source.collections[:1]

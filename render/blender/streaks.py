@@ -19,7 +19,7 @@ STREAKS_NAME = "hulldown precipitation"
 
 
 def falling_streaks(weather: Weather, camera: CameraInput, seed: int) -> Streaks | None:
-    """Streaks in front of a camera; None in weather without rain or snow."""
+    """Return the streaks in front of a camera; None in weather without rain or snow."""
     sizes_of = WEATHER_KINDS[weather.kind].sizes
     if sizes_of is None:
         return None
@@ -68,7 +68,7 @@ class Precipitation:
 
 
 def _glow_by_opacity(tree: Any) -> Any:
-    """Build the material: an emission with the mean opacity of a moving disc, in closed form, times the gain."""
+    """Build the material: emission with the mean opacity of a moving disc, in closed form, times the gain."""
     tree.nodes.clear()
     math = partial(add_math, tree)
     profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]

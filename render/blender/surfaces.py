@@ -15,7 +15,7 @@ from hulldown.reading.pieces.naming import NOT_WATER, WATER_BODY_WORDS, WATER_WO
 from hulldown.render.blender import covers
 from hulldown.weather.kinds import WEATHER_KINDS
 
-NODE_LABEL = "hulldown weather"  # label of inserted nodes
+NODE_LABEL = "hulldown weather"  # on inserted nodes
 MATERIAL_PREFIX = "hulldown"  # begins the names of the stage's own materials
 SCENERY, VEHICLES = "scenery", "vehicles"
 UNCOVERED_SHADERS = ("BSDF_GLOSSY", "BSDF_METALLIC", "BSDF_GLASS", "BSDF_REFRACTION", "BSDF_TRANSPARENT", "EMISSION")
@@ -30,11 +30,11 @@ NodeTreeShape = tuple[tuple[str, int], ...]  # names of a material's node tree a
 
 
 class Surfaces:
-    """Water, snow, or dust on the surfaces of a stage."""
+    """Water, snow, or dust on a stage's surfaces."""
 
     def __init__(self) -> None:
         self._kind = ""
-        self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and wearer, made when first needed
+        self._groups: dict[tuple[str, str], list[Any]] = {}  # by kind and by what it covers, made when first needed
         self._dressed: dict[int, NodeTreeShape] = {}  # by session id of a material
         self.left: list[str] = []  # materials without a shader that rain can change
 

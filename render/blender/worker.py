@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, TextIO
 if TYPE_CHECKING:
     from hulldown.render.blender.messages import Job
 
-OLDEST_BLENDER = (5, 0)  # Blender; older ones keep compositor and world nodes elsewhere
+MIN_BLENDER_VERSION = (5, 0)  # older ones keep compositor and world nodes elsewhere
 
 
 def main() -> int:
@@ -43,8 +43,8 @@ def main() -> int:
         replies.write(REPLY_PREFIX + json.dumps(vars(message)) + "\n")
         replies.flush()
 
-    if bpy.app.version < OLDEST_BLENDER:
-        wanted = ".".join(map(str, OLDEST_BLENDER))
+    if bpy.app.version < MIN_BLENDER_VERSION:
+        wanted = ".".join(map(str, MIN_BLENDER_VERSION))
         reply(Reply(unusable=f"it is Blender {bpy.app.version_string}", remedy=f"use version {wanted} or later"))
         return 1
     try:
@@ -75,7 +75,7 @@ def main() -> int:
 
 
 def _find_hulldown() -> None:
-    """Make `hulldown` importable in any Python, and this folder not, whose cycles.py would hide Blender's."""
+    """Make `hulldown` importable in any Python, but not this folder, whose cycles.py would hide Blender's."""
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != here]
     root = here.parents[1]

@@ -12,7 +12,7 @@ from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.schema import Config
-from hulldown.planning.planner import BLOCK_POSITIONS, Planner
+from hulldown.planning.planner import POSITIONS_PER_BLOCK, Planner
 from hulldown.tests.builders.shapes import box, scenery_of, surface, vehicle_of, vertices_at
 
 CLASSES = {"t72": "tank", "leo": "tank", "ural": "truck"}
@@ -128,5 +128,5 @@ def filled_share(size, row, measure):
 def plan(config, assets):
     """Yield the rows of a plan in order."""
     planner = Planner(config, assets)
-    for start in range(0, planner.budget.n_positions, BLOCK_POSITIONS):
-        yield from planner.rows(start, min(start + BLOCK_POSITIONS, planner.budget.n_positions))
+    for start in range(0, planner.budget.n_positions, POSITIONS_PER_BLOCK):
+        yield from planner.rows(start, min(start + POSITIONS_PER_BLOCK, planner.budget.n_positions))

@@ -56,6 +56,14 @@ def test_a_target_that_is_black_or_overexposed_is_found(tmp_path, level, problem
     assert found.figure == pytest.approx(level, abs=0.1)
 
 
+@pytest.mark.parametrize(("color", "found"), [((171, 71, 173), True), ((166, 70, 140), True), ((161, 99, 145), False)])
+def test_ground_in_the_color_of_missing_pictures_is_found(tmp_path, color, found):
+    picture, mask = scene(0)
+    picture[150:] = color
+    problems = [one.problem for one in dataset(tmp_path, [picture], [mask]) if one.severity == "error"]
+    assert ["magenta" in problem for problem in problems] == [True] * found
+
+
 @pytest.mark.parametrize(("apart", "severity"), [(0, "error"), (3, "warning"), (30, None)])
 def test_a_barely_visible_target_is_found_with_its_contrast(tmp_path, apart, severity):
     _, mask = scene(0)

@@ -132,7 +132,7 @@ def test_a_changed_config_is_found(made, tmp_path, section, changes, message):
 
 
 def test_findings_are_limited_in_number(made, planner, tmp_path, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.check.MOST_FINDINGS", 3)
+    monkeypatch.setattr("hulldown.planning.check.MAX_PLAN_FINDINGS", 3)
     plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: [row["planned"][0].update(tries=99) for row in rows])
     findings = check_rows(plan, planner)
     assert len(findings) == 4

@@ -46,12 +46,15 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     (tmp_path / "mine/tanks/one/scene.obj").write_text("v 0 0 0\n")
     (tmp_path / "mine/tanks/normal.hdr").write_bytes(SQUARE)
     (tmp_path / "mine/sky [1].hdr").write_bytes(SKY)
+    for name in ("a.usdc", "b.stl"):
+        (tmp_path / "mine" / name).write_bytes(b"")
     (tmp_path / "mine/.cache").mkdir()
     (tmp_path / "mine/.cache/tidy.blend").write_bytes(b"")
     assert cli.main(["init", "project", "--from", "mine"]) == 0
     assert {path.name for path in Path("project").iterdir()} == {".hulldown-cache", "hulldown.toml"}
     told = " ".join(capsys.readouterr().err.split())
     assert "3 of 7 files aren't used" in told
+    assert told.count("2 files are of formats that aren't read (.stl, .usdc), such as a.usdc") == 1
     config = Config.read("project/hulldown.toml")
     assert [(v.path, v.category, v.name) for v in config.assets.vehicles] == [
         ("../mine/pair/pair.blend", "pair", "pair_a_Hull"),

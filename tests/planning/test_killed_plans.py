@@ -35,7 +35,7 @@ def plan_alone(path: Path, workers: int) -> None:
 def small_blocks() -> Iterator[None]:
     """Write small blocks, so that a killed plan has rows to continue from."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 3)
+        patch.setattr("hulldown.planning.write._MIN_BLOCK_POSITIONS", 3)
         yield
 
 

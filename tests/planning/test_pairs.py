@@ -61,7 +61,7 @@ def test_a_vehicle_without_images_needs_no_scenery():
 
 
 def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_path, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 5)
+    monkeypatch.setattr("hulldown.planning.write._MIN_BLOCK_POSITIONS", 5)
     # Half of the positions on these hills have no place.
     assets = small_assets(hills("hills", cells=20, trees=3), BARE)
     config = small_config(

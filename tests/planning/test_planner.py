@@ -48,7 +48,7 @@ def test_seeds_differ_and_0_is_valid(rows):
 
 @pytest.mark.parametrize("workers", [1, 3])
 def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, rows, workers, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
+    monkeypatch.setattr("hulldown.planning.write._MIN_BLOCK_POSITIONS", 2)
     seen = []
     path = tmp_path / "plan.jsonl"
     made = write_plan(small_config(), ASSETS, path, workers=workers, progress=lambda *done: seen.append(done))
@@ -120,7 +120,7 @@ def test_an_impossible_config_is_explained(sections, message, monkeypatch):
 
 
 def test_errors_of_workers_are_raised(tmp_path, monkeypatch):
-    monkeypatch.setattr("hulldown.planning.write._SMALLEST_BLOCK", 2)
+    monkeypatch.setattr("hulldown.planning.write._MIN_BLOCK_POSITIONS", 2)
     config = small_config(placement={"max_slope_deg": 1.5, "max_tries": 20})
     with pytest.raises(ConfigError, match="finds no place to stand"):
         write_plan(config, small_assets(hills("hills")), tmp_path / "p.jsonl", workers=2)
@@ -144,3 +144,21 @@ def test_an_unseen_plate_neither_carries_a_vehicle_nor_needs_room():
     for name in ("xy", "height"):
         pair = (getattr(fleet.footings[0].contact, name) for fleet in (got, wanted))
         np.testing.assert_array_equal(*pair, err_msg=name)
+
+
+def test_equal_files_under_other_names_are_prepared_once():
+    shape, land = vehicle("t72").with_keypoints({}), hills("hills")
+    shapes = {"a": shape, "b": replace(shape, name="b"), "c": replace(shape, part_limits=shape.part_limits / 2)}
+    assets = small_assets(vehicles=("t72",))
+    assets = replace(
+        assets,
+        vehicles=shapes,
+        categories=dict.fromkeys(shapes, "tank"),
+        sceneries={"hills": land, "again": replace(land, name="again")},
+    )
+    stage = make_stage(small_config(), assets)
+    a, b, c = stage.fleet.models
+    assert a.caster is b.caster is not c.caster
+    assert [model.shape for model in (a, b, c)] == list(shapes.values())
+    assert [site.name for site in stage.sites] == ["hills", "again"]
+    assert stage.sites[0].terrain is stage.sites[1].terrain

@@ -14,7 +14,7 @@ from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Link, Piece
-from hulldown.reading.vehicle.solids import MOST_SOLIDS
+from hulldown.reading.vehicle.solids import MAX_SOLIDS
 from hulldown.reading.vehicle.stance import UP_AXES, meters_from_file, stand_upright, up_matrix
 from hulldown.tests.builders.shapes import CORNERS, FACES, sheet
 
@@ -119,6 +119,26 @@ def test_a_windshield_shows_the_nose_and_a_nameless_vehicle_lies_along_its_longe
     on_wheels = read({k: m for k, m in TANK.items() if k[0] == "W"} | {"Mesh_3": van(0)}, turned(yaw))
     assert np.allclose(on_wheels.shape.vehicle_from_file[0, :2], [np.cos(np.radians(yaw)), np.sin(np.radians(yaw))])
     assert DoubtKind.FORWARD not in kinds(on_wheels)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 180.0])
+def test_a_barrel_in_the_turrets_mesh_shows_the_nose(yaw: float) -> None:
+    merged, _ = merge_meshes([box((2.4, 2, 0.7), (0, 0, 1.8)), tube((1.2, 0, 1.8), (5, 0, 1.8), 0.1)], name="turret")
+    welded = Mesh(merged.vertices, np.vstack([merged.faces, [0, 8, 9]]))  # one solid
+    hull = box((6, 3, 1.2), (0, 0, 0.8))
+    built = read({"hull": hull, "turret": welded}, turned(yaw))
+    assert np.allclose(built.shape.vehicle_from_file[0, 0], np.cos(np.radians(yaw)))
+    assert DoubtKind.FORWARD not in kinds(built)
+    nameless = read({"Object_0": merge_meshes([hull, welded], name="it")[0]}, turned(yaw))
+    assert np.allclose(nameless.shape.vehicle_from_file[0, 0], np.cos(np.radians(yaw)))
+
+
+def test_a_vehicle_whose_mirror_plane_is_level_may_lie_on_its_side() -> None:
+    mesh = van(0.0)
+    lying = mesh.with_vertices(mesh.vertices[:, [0, 2, 1]] * [1, -1, 1])
+    (doubt,) = [doubt for doubt in read({"body": lying}).doubts if doubt.kind == DoubtKind.UP]
+    assert 'set up = "y"' in doubt.text
+    assert DoubtKind.UP not in kinds(read({"body": mesh}))
 
 
 def test_names_of_wheels_outweigh_a_rack_and_the_body_is_no_stray() -> None:
@@ -271,11 +291,11 @@ STUDIO = Mesh(
         ("Cube", box((2, 2, 2), (0, 0, 1.0)), True, ()),
         ("Cube", box((2, 2, 2), (0, 0, -0.2)), False, ("reaches below the wheels",)),
         ("Blueprint", card(1, -1), True, ()),
-        ("Blueprint", card(1, -1), False, ("reaches below the wheels",)),
+        ("Sheet_2", card(1, -1), False, ("reaches below the wheels",)),
         ("Cyc", STUDIO, False, ()),
         ("Plinth", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
         ("Object_9", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
-        ("Softbox", box((2, 2, 0.01), (0, 0, 5)), False, ("far from the rest",)),
+        ("Lamp_Card", box((2, 2, 0.01), (0, 0, 5)), False, ("far from the rest",)),
         ("Human_Reference", box((0.4, 0.4, 1.8), (0, 3.5, 0.9)), False, ()),
     ],
 )
@@ -381,7 +401,7 @@ def test_a_vehicle_on_a_show_platform_faces_along_its_gun() -> None:
 
 def test_a_vehicle_is_read_beside_thousands_of_larger_solids() -> None:
     # Fuzzing found it: all of the vehicle's solids were left out for the trees', and Blender's process ended.
-    trees = {f"Tree{k}": box((9, 9, 9), (20 * (k % 70), 20 * (k // 70) + 20, 0)) for k in range(MOST_SOLIDS)}
+    trees = {f"Tree{k}": box((9, 9, 9), (20 * (k % 70), 20 * (k // 70) + 20, 0)) for k in range(MAX_SOLIDS)}
     built = read(TANK | trees, turned(120), drop=("Tree*",))
     assert np.allclose(built.shape.size_xyz, read(TANK).shape.size_xyz, atol=1e-6)
     assert built.shape.part_names == ("hull", "turret", "gun")

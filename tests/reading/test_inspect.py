@@ -15,7 +15,7 @@ from hulldown import cli
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
-from hulldown.reading.inspect import FULL_SIZE_ASSETS, ROLE_COLORS, Inspected, draw_asset, write_pictures
+from hulldown.reading.inspect import MAX_FULL_SIZE_ASSETS, ROLE_COLORS, Inspected, draw_asset, write_pictures
 from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, ObjectRow
 from hulldown.tests.builders.blender_plans import run_python
 from hulldown.tests.builders.shapes import box, scenery_of, vehicle_of
@@ -136,9 +136,9 @@ def test_a_file_is_inspected(project: Path) -> None:
 def test_many_pictures_are_half_as_large(tmp_path: Path) -> None:
     # One sheet with all of the demo's assets had 3,000 x 8,000 pixels.
     report = FileReport("vehicle", "a.blend", (1.0, 1.0, 1.0), 12, 1.0, "z")
-    many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(2 * FULL_SIZE_ASSETS)]
+    many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(2 * MAX_FULL_SIZE_ASSETS)]
     few, more = (tmp_path / name for name in ("few.png", "more.png"))
-    write_pictures(many[:FULL_SIZE_ASSETS], few)
+    write_pictures(many[:MAX_FULL_SIZE_ASSETS], few)
     write_pictures(many, more)
     with Image.open(few) as large, Image.open(more) as small:
         assert abs(large.width - small.width) < 20

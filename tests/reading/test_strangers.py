@@ -1,5 +1,6 @@
 """Files from other programs, read in one process: their interpretation, and messages to the user."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from hulldown.planning.appearance import land_above_horizon
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow, refuse_missing
+from hulldown.reading.pieces.asset_report import By, FileReport, MaterialRow, Missing, ObjectRow, refuse_missing
 from hulldown.reading.pieces.doubt import DoubtKind, file_warnings
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import PieceRole
@@ -102,12 +103,15 @@ def read(tmp_path_factory):
         "white": (NAMELESS, {"*": "m"}, "newmtl m\nKd 0.8 0.8 0.8\nillum 2\n"),
         "moved": (CAR, {"*": "tire", "hull": "body"}, MOVED),
         "bare": (NAMELESS, {"*": "body"}, ""),
+        "colored": (NAMELESS, {"*": "body"}, ""),
         **{name: (parts, {"*": "body"}, "") for name, parts in sceneries.items()},
     }
     files = {
         name: write_obj(folder / name / ("meshes" * (name == "moved")) / f"{name}.obj", *how)
         for name, how in made.items()
     }
+    text = files["colored"].read_text().replace("usemtl", "#").replace("mtllib", "#")
+    files["colored"].write_text(re.sub(r"(?m)^(v .*)$", r"\1 0.2 0.5 0.1", text))
     textures = {"materials/textures/skin.png": 90, "textures/a/tire.png": 20, "meshes/b/tire.png": 30}
     for name, level in textures.items():
         (folder / "moved" / name).parent.mkdir(parents=True, exist_ok=True)
@@ -165,6 +169,32 @@ def test_magenta_in_a_vehicles_picture_is_a_doubt_unless_its_missing_file_is_nam
     assert kinds == [DoubtKind.MAGENTA] * found
 
 
+def test_colors_at_vertices_are_worn_where_there_is_no_material(read):
+    assert [row.name for row in read["colored"].report.materials] == ["vertex colors"]
+    assert not {DoubtKind.PALE, DoubtKind.NO_MATERIAL} & {doubt.kind for doubt in read["colored"].report.doubts}
+    picture = np.asarray(Image.open(read["colored"].picture).convert("RGB")).astype(int)
+    assert ((picture[..., 1] > 1.5 * picture[..., 0]) & (picture[..., 1] > 1.5 * picture[..., 2])).mean() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("rows", "level", "kind", "words"),
+    [
+        ([MaterialRow("m", 0.9, color=(1, 1, 1), metal=True)], 0.4, DoubtKind.PALE, "white metal"),
+        ([MaterialRow("m", 0.9, color=(0.05, 0.06, 0.03), metal=True)], 0.04, DoubtKind.BLACK, "a dark metal"),
+        ([MaterialRow("m", 0.7), MaterialRow("w", 0.3, clear=True)], 0.0, DoubtKind.BLACK, "the glass 'w'"),
+        ([MaterialRow("m", 0.6), MaterialRow("n", 0.4)], 0.0, DoubtKind.BLACK, "faces on top of each other"),
+        ([MaterialRow("m", 1.0, color=(0.8, 0.4, 0.06))], 0.3, DoubtKind.PALE, "all of it has one color"),
+        ([MaterialRow("m", 1.0, color=(0.7, 0.7, 0.7), metal=True), MaterialRow("n", 0.0)], 0.4, None, ""),
+    ],
+)
+def test_odd_colors_of_a_vehicle_have_their_cause(rows, level, kind, words):
+    picture = np.zeros((9, 9, 4))
+    picture[1:-1, 1:-1] = (level, 0.9 * level, 0.8 * level, 1.0)
+    report = FileReport("vehicle", "", (6.0, 3.0, 2.0), 0, 1.0, "z", materials=tuple(rows))
+    doubts = color_doubts(picture, report, beside=list, mapped=True)
+    assert [(doubt.kind, words in doubt.text) for doubt in doubts] == [(kind, True)] * bool(kind)
+
+
 def test_a_picture_that_cannot_be_read_is_named(read):
     (lost,) = read["pointer"].report.missing
     assert (Path(lost.path).name, lost.problem) == ("atlas.png", "unreadable")
@@ -174,7 +204,8 @@ def test_a_picture_that_cannot_be_read_is_named(read):
 
 def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):
     doubts = {name: [d.text for d in read[name].report.doubts if d.kind == DoubtKind.PALE] for name in read}
-    assert [len(doubts[name]) for name in ("max", "plain", "atlas", "bare", "white")] == [0, 0, 0, 1, 1]
+    assert [len(doubts[name]) for name in ("max", "atlas", "bare", "white", "plain")] == [0, 0, 1, 1, 1]
+    assert "all of it has one color" in doubts["plain"][0]
     assert "'Diffuse.png'" in doubts["white"][0]
     assert "beside it" not in doubts["bare"][0]
 

@@ -57,7 +57,9 @@ def test_vehicles_side_by_side_are_proposed_as_entries_that_leave_one_each(parts
 def test_a_library_of_vehicles_in_one_place_is_proposed_by_name():
     kit = {name: box(size, (0, 0, 1)) for name, size in
            (("minivan", (4.2, 1.8, 1.5)), ("tow_truck", (4.6, 2, 1.9)), ("hatchback", (3.6, 1.7, 1.4)))}  # fmt: skip
-    assert [thing.keep for thing in read(kit).things] == [("minivan",), ("tow_truck",), ("hatchback",)]
+    for more in ({}, {"Wheel": tube((0, 0, 0.3), (0, 0.2, 0.3), 0.3)}):
+        assert [thing.keep for thing in read(kit | more).things] == [("minivan",), ("tow_truck",), ("hatchback",)]
+    assert not read({"truck_body": box((6, 2, 2), (0, 0, 2)), "tank": box((5, 2, 2), (6, 0, 2)), **more}).things
     assert not read({"truck_paint": kit["minivan"], "truck_glass": kit["tow_truck"]}).things
     assert not read(kit | {"Mesh_7": kit["minivan"]}).things
 

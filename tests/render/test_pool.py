@@ -84,7 +84,7 @@ def test_a_job_is_given_up_after_three_failures_and_the_others_continue(tmp_path
 
 
 def test_a_job_that_takes_much_longer_than_the_first_ones_is_ended(tmp_path, blender, monkeypatch):
-    monkeypatch.setattr(process, "SHORTEST_S", 2.0)
+    monkeypatch.setattr(process, "MIN_TIME_LIMIT_S", 2.0)
     work = Work(tmp_path, [""] * FIRST_JOBS + ["hang", ""])
     work.run(tmp_path, blender, workers=1)
     assert sorted(work.done) == [*range(FIRST_JOBS), FIRST_JOBS + 1]

@@ -11,7 +11,7 @@ from hulldown.base.errors import ConfigError, DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.store.document import read_coco
 from hulldown.render.pool import Engine
-from hulldown.render.session import GIVE_UP_AFTER
+from hulldown.render.session import MAX_FAILURES_IN_A_ROW
 from hulldown.render.supervisor import Part
 from hulldown.tests.builders.editing import edit
 from hulldown.tests.builders.render_plans import make_row, write_plan
@@ -71,8 +71,8 @@ def test_a_blender_that_does_not_start_leaves_the_dataset_unchanged(tmp_path, bl
 
 
 def test_a_run_in_which_every_attempt_fails_leaves_only_logs(tmp_path, render):
-    plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(GIVE_UP_AFTER)])
-    with pytest.raises(HulldownError, match=f"logs: {GIVE_UP_AFTER} attempts have failed one after the other"):
+    plan = write_plan(tmp_path, [make_row(i, width=65536) for i in range(MAX_FAILURES_IN_A_ROW)])
+    with pytest.raises(HulldownError, match=f"logs: {MAX_FAILURES_IN_A_ROW} attempts have failed one after the other"):
         render(plan, tmp_path / "d")
     assert {path.name for path in (tmp_path / "d").rglob("*")} == {"logs", "worker-0.log"}
     render(write_plan(tmp_path, [make_row(0)]), tmp_path / "d")

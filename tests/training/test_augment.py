@@ -170,12 +170,12 @@ def test_pictures_that_no_network_reads_are_refused():
         Augmenter(augmentation(("ToFloat", {"p": 1.0})))(ellipse_sample(), 0)
 
 
-@pytest.mark.parametrize("kept_bytes", [0, 5 * 86 * 48 * 3, data.KEPT_BYTES])  # nothing, a few pictures, all
+@pytest.mark.parametrize("kept_bytes", [0, 5 * 86 * 48 * 3, data.KEPT_PICTURE_BYTES])  # nothing, a few pictures, all
 def test_draw_k_has_the_same_pixels_in_any_worker(tmp_path, monkeypatch, kept_bytes):
     _, sources = read_sources({"demo": make_dataset(tmp_path / "set", 12)})
     draws = make_draws([12], 30, seed=5)
     examples = [DrawnExamples(sources, draws, (64, 48), TABLE, masks=True)]
-    monkeypatch.setattr(data, "KEPT_BYTES", kept_bytes)
+    monkeypatch.setattr(data, "KEPT_PICTURE_BYTES", kept_bytes)
     examples.append(DrawnExamples(sources, draws, (64, 48), TABLE, masks=True))
     forwards = [examples[0][k] for k in range(30)]
     for k in range(29, -1, -1):

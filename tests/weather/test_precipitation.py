@@ -8,9 +8,9 @@ import pytest
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.weather.kinds import air_extinction
 from hulldown.weather.precipitation import (
-    FARTHEST,
-    MOST_DROPS,
-    NEAREST,
+    FARTHEST_M,
+    MAX_DROPS,
+    NEAREST_M,
     Drops,
     drops_in_view,
     rain_sizes,
@@ -126,7 +126,7 @@ def test_a_drop_that_moves_toward_the_camera_is_a_disc():
 def test_a_view_has_a_limited_number_of_drops(sizes, fov_x_deg, exposure_s):
     seen = view(1920, exposure_s, fov_x_deg)
     drops = drawn(sizes, seen, (100.0, -100.0))
-    assert len(drops.diameters) <= MOST_DROPS + 6.0 * math.sqrt(MOST_DROPS)
+    assert len(drops.diameters) <= MAX_DROPS + 6.0 * math.sqrt(MAX_DROPS)
     depth = drops.centers @ AHEAD[:3, 2]
-    assert ((depth >= NEAREST * (1 - 1e-6)) & (depth <= FARTHEST * (1 + 1e-6))).all()
+    assert ((depth >= NEAREST_M * (1 - 1e-6)) & (depth <= FARTHEST_M * (1 + 1e-6))).all()
     assert np.isfinite(streak_quads(drops, seen).vertices).all()

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import torch
 
 RUN_NAME = "run.json"
-WEIGHTS_NAME, WEIGHTS_FOLDER = "weights.pt", "weights"  # of RF-DETR, and of a detector of transformers
+WEIGHTS_NAME, WEIGHTS_FOLDER = "weights.pt", "weights"  # RF-DETR's, and those of a detector of transformers
 TRANSFORMERS_FILES = ("config.json", "preprocessor_config.json", "model.safetensors")  # in a folder of weights
 # Exceptions of unpickling damaged bytes, or of loading them into a network.
 DAMAGE_ERRORS = (
@@ -59,7 +59,7 @@ class Detections:
 
 @runtime_checkable
 class Detector(Protocol):
-    """A trained network; `classes` are the names of its classes."""
+    """A trained network; `classes` has the names of its classes."""
 
     classes: tuple[str, ...]
 
@@ -77,7 +77,7 @@ class RunFigures(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class RunSource(Struct, frozen=True):
-    """A dataset of a run."""
+    """A dataset that a run was trained on."""
 
     folder: str
     images: int
@@ -112,7 +112,7 @@ def read_run(folder: Path) -> Run:
 
 
 def find_weights(path: Path) -> Path:
-    """Return the weights of a finished run, a file or a folder; other paths are returned unchanged."""
+    """Return the weights of a finished run, a file or a folder; return other paths unchanged."""
     if not path.is_dir() or (path / TRANSFORMERS_FILES[-1]).exists():
         return path
     if not (path / RUN_NAME).exists():
@@ -149,7 +149,7 @@ def read_weights(path: Path) -> dict[str, object]:
 
 
 def load_tensors(file: BinaryIO) -> object:
-    """Load a PyTorch file that was opened as a regular one; code in it is refused."""
+    """Load an opened PyTorch file, which must be a regular one; code in it is refused."""
     import torch
 
     file.seek(0)

@@ -51,8 +51,8 @@ DETR_CONFIGS = {
     "medium": rf_config.RFDETRMediumConfig,
     "large": rf_config.RFDETRLargeConfig,
 }
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of ImageNet's colors, from 0 to 1
-COCO_LOGITS = 91  # of the pre-trained heads, which number classes as COCO does
+IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of colors from 0 to 1
+COCO_LOGITS = 91  # the pre-trained heads number classes as COCO does
 
 
 def starting_module(
@@ -89,7 +89,7 @@ def starting_module(
 
 
 def own_weights(model: str) -> Path:
-    """Return the file of RF-DETR's weights pretrained on COCO, which trainings download."""
+    """Return the file of RF-DETR's COCO weights, which trainings download."""
     return Path(get_model_cache_dir()) / str(DETR_CONFIGS[model].model_fields["pretrain_weights"].default)
 
 
@@ -102,7 +102,7 @@ def _check_kind(path: Path, found: Mapping[str, object]) -> None:
 def detr_configs(
     settings: Settings, classes: Sequence[str], *, weights: Path | None, device: torch.device, folder: Path
 ) -> tuple[Any, Any]:
-    """RF-DETR's own two configs for a run."""
+    """Return RF-DETR's own two configs for a run."""
     model = DETR_CONFIGS[settings.model](
         num_classes=len(classes),
         resolution=settings.resolution,
@@ -136,7 +136,7 @@ def detr_configs(
 
 def normalize_pictures(pictures: Tensor) -> Tensor:
     """Normalize pictures (..., 3, h, w) of 0 to 255 for RF-DETR."""
-    return normalize(pictures.float() / 255, MEAN, DEVIATION)
+    return normalize(pictures.float() / 255, IMAGENET_MEAN, IMAGENET_DEVIATION)
 
 
 def detr_contents(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
@@ -188,7 +188,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
     try:
         with silence_libraries():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
-    except DAMAGE_ERRORS as error:  # a shape or an entry of the file
+    except DAMAGE_ERRORS as error:  # an entry of the file may be missing or have another shape
         raise HulldownError(
             f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
         ) from None

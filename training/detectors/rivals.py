@@ -18,7 +18,7 @@ MIN_RIVAL_IOU = 0.5
 
 
 class ContestedDetector:
-    """A detector whose detections a pretrained detector's rivals contest; its own classes are no rivals."""
+    """A detector with a pretrained detector's rival classes; its own classes aren't rivals."""
 
     def __init__(self, detector: Detector, pretrained: Detector) -> None:
         self.classes = detector.classes
@@ -41,7 +41,7 @@ class ContestedDetector:
 
 
 def lower_scores(found: Detections, rivals: Detections) -> Detections:
-    """Return detections with scores times one minus the highest score of a rival that overlaps them."""
+    """Return detections with scores times one minus the highest score of an overlapping rival."""
     corners = [box_convert(torch.from_numpy(one.xywh), "xywh", "xyxy") for one in (found, rivals)]
     contested = (box_iou(*corners) >= MIN_RIVAL_IOU).numpy() * rivals.score
     score = found.score * (1.0 - contested.max(axis=1, initial=0.0))

@@ -11,14 +11,12 @@ from jaxtyping import UInt8
 
 from hulldown.training.detectors.detector import Detections, Detector
 
-TILE_OVERLAP_SHARE = 0.25  # share of a tile's sides
-MIN_SAME_OBJECT_SHARE = (
-    0.6  # share of the smaller of two boxes inside the other from which they're one object, which an edge may cut
-)
+TILE_OVERLAP_SHARE = 0.25  # of a tile's sides
+MIN_SAME_OBJECT_SHARE = 0.6  # of the smaller of two boxes of one object, which a tile's edge may cut
 
 
 class TiledDetector:
-    """A `Detector` that sees pictures as tiles of this width and height in pixels, those of its training pictures."""
+    """A `Detector` that sees pictures as tiles with this width and height in pixels, as in its training."""
 
     def __init__(self, detector: Detector, size: tuple[int, int], *, batch: int) -> None:
         self.classes = detector.classes
@@ -47,7 +45,7 @@ class TiledDetector:
 
 
 def _detect_tiles(detector: Detector, tiles: list[UInt8[np.ndarray, "_ _ 3"]]) -> list[sv.Detections]:
-    """Return the detections in some tiles, in their pixels."""
+    """Return the detections in some tiles, in the tiles' pixels."""
     return [
         sv.Detections(
             np.concatenate((one.xywh[:, :2], one.xywh[:, :2] + one.xywh[:, 2:]), axis=1),

@@ -48,7 +48,7 @@ from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings
 
 D_FINE_NANO = "ustc-community/dfine-nano-coco"  # at the Hugging Face hub
-LIKE_VEHICLES = "truck"  # class of COCO
+VEHICLE_LIKE_CLASS = "truck"  # of COCO
 MIN_SCORE = 0.01
 UNUSABLE_ERRORS = (*DAMAGE_ERRORS, SafetensorError, StrictDataclassError)
 _REMEDY = f"name a run, a folder with {', '.join(TRANSFORMERS_FILES)}, a detector at the Hugging Face hub, or none"
@@ -93,20 +93,20 @@ def starting_network(settings: Settings, classes: Sequence[str]) -> tuple[Any, A
 
 
 def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
-    """Start the lost outputs of each class from those of its name in another network, or of `LIKE_VEHICLES` there."""
+    """Start each class's lost outputs from those of its name in another network, or of `VEHICLE_LIKE_CLASS` there."""
     place = {name: i for i, name in before.config.id2label.items()}
-    if LIKE_VEHICLES not in place:
+    if VEHICLE_LIKE_CLASS not in place:
         return
-    rows = [place.get(name, place[LIKE_VEHICLES]) for _, name in sorted(network.config.id2label.items())]
+    rows = [place.get(name, place[VEHICLE_LIKE_CLASS]) for _, name in sorted(network.config.id2label.items())]
     new, old, classes = network.state_dict(), before.state_dict(), len(before.config.id2label)
     for key in lost:
-        last = [*range(classes, len(old[key]))]  # some have a row more, of no class
+        last = [*range(classes, len(old[key]))]  # some have one more row, for no class
         if len(new[key]) == len(rows) + len(last):
             new[key].copy_(old[key][rows + last])
 
 
 def _config_with_queries(config: Any, settings: Settings) -> Any:
-    """Return a config with as many queries as the settings ask for, and no more than the input has cells."""
+    """Return a config with as many queries as the settings ask for, but no more than the input has cells."""
     if settings.queries is not None:
         config.num_queries = settings.queries
     if (strides := getattr(config, "feat_strides", None)) is not None:
@@ -115,7 +115,7 @@ def _config_with_queries(config: Any, settings: Settings) -> Any:
 
 
 def _read_pretrained(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any, list[str]]:
-    """Load network and image processor from a folder or the hub, without its code; lastly, names of lost weights."""
+    """Read network and image processor from a folder or the hub, without its code; also return lost weights' names."""
     try:
         for name in TRANSFORMERS_FILES if Path(source).exists() else ():
             open_regular(Path(source, name)).close()
@@ -137,7 +137,7 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
 
 
 def normalized_pictures(pictures: UInt8[Tensor, "n 3 h w"], processor: Any) -> Float[Tensor, "n 3 h w"]:
-    """Return pictures as a network takes them."""
+    """Return pictures in the form that a network takes."""
     scaled = pictures.float() * processor.rescale_factor
     return normalize(scaled, processor.image_mean, processor.image_std) if processor.do_normalize else scaled
 

@@ -19,9 +19,9 @@ from hulldown.training.evaluation.metrics import safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
 RECALL_GRID = np.linspace(0.0, 1.0, 101)
-IOU_THRESHOLDS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # IoUs of AP, bit-equal to COCO's
+IOU_THRESHOLDS = tuple(np.linspace(0.5, 0.95, 10).tolist())  # of AP, bit-equal to COCO's
 AT_50, AT_75 = 0, 5  # indices of AP50's and AP75's
-MAX_ARRAY_CELLS = 1 << 22  # approximate largest size of an array
+MAX_ARRAY_CELLS = 1 << 22  # approximate
 AP_NAMES = ("ap", "ap50", "ap75")
 AP_SUMMARY = (
     *("ap", "ap50", "ap75", "ap_small", "ap_medium", "ap_large"),
@@ -30,12 +30,12 @@ AP_SUMMARY = (
 
 
 def average_precision(labels: Labels, predictions: Predictions) -> dict[str, float]:
-    """AP and AR over all classes as COCO defines them: the twelve figures of its summary; nan where COCO has -1."""
+    """Return the twelve figures of COCO's summary over all classes; nan where COCO has -1."""
     return coco_averages(labels, predictions)[0]
 
 
 def coco_averages(labels: Labels, predictions: Predictions) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
-    """COCO's summary over all classes, and `AP_NAMES` of each class; nan without labels."""
+    """Return COCO's summary over all classes, and `AP_NAMES` of each class; nan without labels."""
     if not len(predictions.score):
         # The library refuses an empty list of results. Without detections, AP is 0 if there are labels.
         wanted = np.bincount(labels.class_index[~labels.crowd], minlength=len(predictions.class_names)) > 0
@@ -52,7 +52,7 @@ def coco_averages(labels: Labels, predictions: Predictions) -> tuple[dict[str, f
 def resampled_averages(
     matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]
 ) -> Float[np.ndarray, "r c 3"]:
-    """`AP_NAMES` of each class in each resample of positions; nan if a resample has no label of the class."""
+    """Return `AP_NAMES` of each class in each resample of positions; nan if a resample has no label of it."""
     labels, predictions = matchings[0].labels, matchings[0].predictions
     order = np.argsort(-predictions.score, kind="stable")
     each = []
@@ -76,7 +76,7 @@ def weighted_averages(
     weight: Float[np.ndarray, "r d"],
     labels: Float[np.ndarray, " r"],
 ) -> Float[np.ndarray, "r i"]:
-    """COCO's AP of one class with integer weights of detections, at 101 recalls; nan without `labels`, their number."""
+    """Return COCO's AP of one class with integer weights of detections, at 101 recalls; nan for no `labels`."""
     # The least count of found labels that reaches each recall, with the rounding of a division.
     least = np.ceil(RECALL_GRID * labels[:, None])
     with np.errstate(invalid="ignore", divide="ignore"):

@@ -17,7 +17,7 @@ from hulldown.training.evaluation.matching import Matching
 from hulldown.training.evaluation.metrics import grouped_sums, safe_ratio
 from hulldown.training.evaluation.predictions import Predictions
 
-BINNED_SCALES = ("visible_fraction", "distance")  # of `SCALES`
+BINNED_SCALES = ("visible_fraction", "distance")  # keys of `SCALES`
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -33,7 +33,7 @@ class BinnedField:
 
 
 def binned_fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
-    """Return all attributes with bins; those that no label has are left out, as are empty bins."""
+    """Return all attributes with bins, but for attributes that no label has, and empty bins."""
     numbers = label_numbers(labels.annotations, labels.images, labels.image)
     classes = np.where(labels.crowd, -1, labels.class_index)
     sizes = (value_bins(_side_length(boxes), BOX_SIZE_SCALE) for boxes in (labels, predictions))
@@ -85,7 +85,7 @@ class BinFigures:
 
 
 def bin_figures(field: BinnedField, seen: Matching) -> BinFigures:
-    """Recall, precision if defined, and mean IoU in every bin."""
+    """Return recall, precision if it's defined, and mean IoU in every bin."""
     n = len(field.bins)
     sums = partial(grouped_sums, seen, of_label=field.of_label, bins=n)
     # A match is in its label's bin.

@@ -26,16 +26,16 @@ from scipy.special import stdtrit
 from hulldown.training.evaluation.metrics import MEAN_METRICS, safe_ratio
 
 RESAMPLE_COUNT = 2000
-LEAST_ERROR = 1e-150  # smallest error whose square doesn't underflow
+MIN_ERROR = 1e-150  # the square of a smaller one underflows
 CONFIDENCE_LEVEL = 0.95
-MIN_POSITIONS = 5  # positions: with fewer, coverage wasn't measured, so there is no interval
-DRAWN_AT_ONCE = 1 << 22
+MIN_POSITIONS = 5  # with fewer, coverage wasn't measured, so there is no interval
+MAX_BATCH_DRAWS = 1 << 22
 
 
 def draw_resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Float[np.ndarray, "r groups"]]:
     """Yield batches of resamples, `times` in all: the count of each group in each resample."""
     random = np.random.default_rng(0)
-    rows = max(1, DRAWN_AT_ONCE // max(groups, 1))
+    rows = max(1, MAX_BATCH_DRAWS // max(groups, 1))
     for start in range(0, times, rows):
         now = min(rows, times - start)
         chosen = random.integers(0, max(groups, 1), (now, groups)) + np.arange(now)[:, None] * groups
@@ -45,7 +45,7 @@ def draw_resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Floa
 def resampled_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLE_COUNT
 ) -> Float[np.ndarray, "r *columns"]:
-    """Sum over the groups of each resample; the resamples depend on the number of groups alone."""
+    """Return sums over the groups of each resample; resamples depend on the number of groups alone."""
     return np.concatenate([np.tensordot(weights, sums, 1) for weights in draw_resamples(len(sums), times=times)])
 
 
@@ -77,7 +77,7 @@ def share_interval(
     """Return Wilson's 95 % interval of a share with this `error` of `freedom` degrees; nan if `error` is."""
     value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
     spread = value * (1.0 - value)
-    variance = np.maximum(error, LEAST_ERROR) ** 2
+    variance = np.maximum(error, MIN_ERROR) ** 2
     worth = np.where((error > 0) & (spread > 0), safe_ratio(spread, variance), freedom + 1.0)
     scale = safe_ratio(_t_quantile(freedom) ** 2, np.minimum(worth, trials))
     middle = (value + scale / 2.0) / (1.0 + scale)

@@ -21,7 +21,7 @@ Ends = list[float | None]  # of an interval
 
 
 class ReportedFigures(Struct, frozen=True, kw_only=True):
-    """Figures over all classes, which alone have COCO's summary, or of one."""
+    """Figures over all classes, which alone have COCO's summary, or of one class."""
 
     tp: int
     fp: int
@@ -51,7 +51,7 @@ class Confusion(Struct, frozen=True):
 
 
 class ReportedBin(Struct, frozen=True):
-    """A bin of `BinFigures`."""
+    """A bin of `BinFigures` as in report.json."""
 
     bin: str
     labels: int
@@ -90,7 +90,7 @@ class DetectorReport(Struct, frozen=True, kw_only=True):
 
 
 class ReportedComparison(Struct, frozen=True):
-    """A `DetectorComparison`."""
+    """A `DetectorComparison` as in report.json."""
 
     first: str
     second: str
@@ -134,12 +134,12 @@ def detector_report(one: Evaluation) -> DetectorReport:
 
 
 def reported_comparison(found: DetectorComparison) -> ReportedComparison:
-    """Return a comparison for the report."""
+    """Return a comparison in the form of the report."""
     return ReportedComparison(**plain_json(asdict(found)))
 
 
 def plain_json(value: Any) -> Any:
-    """Numbers and arrays as JSON values, rounded; None for nan and infinity."""
+    """Return numbers and arrays as rounded JSON values; None for nan and infinity."""
     if isinstance(value, Mapping):
         return {key: plain_json(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):

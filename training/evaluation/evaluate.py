@@ -111,7 +111,7 @@ class Evaluation:
         return found | dict(zip(AP_NAMES, averages.T, strict=True))
 
     def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
-        """Of all figures, over all classes or of one."""
+        """Return intervals of all figures, over all classes or of one."""
         wholes = figure_denominators(self.position_sums[:, _describe_label(label)].sum(axis=1))
         wholes |= dict.fromkeys(AP_NAMES, wholes["recall"])
         return figure_intervals(self.values(label), self.resampled(label), wholes)
@@ -138,7 +138,7 @@ def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5
 
 
 def equal_count(labels: Labels, predictions: Predictions) -> float:
-    """Return the confidence that as many detections have as there are labels; 0 if there are fewer."""
+    """Return the confidence that as many detections reach as there are labels; 0 if there are fewer detections."""
     wanted = int((~labels.crowd).sum())
     return float(np.sort(predictions.score)[-wanted]) if 0 < wanted <= len(predictions.score) else 0.0
 

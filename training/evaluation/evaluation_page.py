@@ -52,10 +52,10 @@ FIGURE_TITLES = {
 }
 COMPARED_METRICS = ("precision", "recall", "f1", "mean_iou", "mean_confidence", "ap", "ap50", "ap75")
 THRESHOLD_SOURCES = {"given": "as given", "validation": "best F1 on the validation set"}
-MAX_TILES = 24  # of a sheet
+MAX_SHEET_TILES = 24
 TILE_SIZE = (320, 240)
-CROP_WIDTHS = 2.4  # widths of a box that its crop shows
-MIN_CROP_PX = 96  # for context
+CROP_BOX_WIDTHS = 2.4
+MIN_CROP_WIDTH_PX = 96  # for context
 LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 
@@ -104,7 +104,7 @@ def comparison_page(
 
 
 def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
-    """Precision over recall, with the operating points: of each class for one detector, of each of several."""
+    """Draw precision over recall with operating points: of each class for one detector, or of several detectors."""
     figure, axes = make_axes("precision over recall", 5.4, 3.6)
     colors = cycle(SERIES_COLORS)
     for one in evaluations:
@@ -125,12 +125,12 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
 
 
 def find_marker(values: np.ndarray) -> str:
-    """Return the marker of a curve: a dot if it has one point."""
+    """Return the marker of a curve: a dot if the curve has one point."""
     return "-" if len(values) > 1 else "."
 
 
 def over_thresholds(one: Evaluation) -> Figure:
-    """Precision, recall and F1 over the confidence from which detections count."""
+    """Draw precision, recall, and F1 over the confidence from which detections count."""
     figure, axes = make_axes("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
     curve = threshold_curves(one.matching)
     for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
@@ -142,7 +142,7 @@ def over_thresholds(one: Evaluation) -> Figure:
 
 
 def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
-    """Write and return sheets of the largest misses and of the most confident false positives; old ones are removed."""
+    """Write and return sheets of the largest misses and the most confident false positives; remove old ones."""
     sizes = np.sqrt(one.labels.xywh[:, 2] * one.labels.xywh[:, 3])
     chosen = {
         "misses.png": _ranked_tiles(one, one.labels, one.seen.missed, sizes, "size {:.0f} px"),
@@ -170,10 +170,10 @@ def _ranked_tiles(
     rank: Float[np.ndarray, " n"],
     word: str,
 ) -> dict[str, Image.Image]:
-    """Return pictures of the boxes of highest rank by their captions, in which a word has the rank."""
+    """Return pictures of the boxes of highest rank by caption; `word` formats the rank there."""
     rows = np.flatnonzero(among)
     tiles = {}
-    for number, k in enumerate(rows[np.argsort(-rank[rows], kind="stable")][:MAX_TILES].tolist(), start=1):
+    for number, k in enumerate(rows[np.argsort(-rank[rows], kind="stable")][:MAX_SHEET_TILES].tolist(), start=1):
         tile, problem = _cut_picture(one, int(boxes.image[k]), boxes.xywh[k])
         name = one.predictions.class_names[boxes.class_index[k]]
         tiles[", ".join((f"{number}. {name}", word.format(rank[k]), *problem))] = tile
@@ -181,14 +181,14 @@ def _ranked_tiles(
 
 
 def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[Image.Image, tuple[str, ...]]:
-    """Return a box's surroundings with the boxes of all labels and counted detections, and why it can't be read."""
+    """Return a box's surroundings with all labels' and counted detections' boxes, and why it can't be read."""
     tile, name = Image.new("RGB", TILE_SIZE, BACKGROUND_COLOR), one.labels.images[image].file_name
     try:
         whole = Image.fromarray(read_pixels(one.labels.folder / name))
     except DatasetError as error:
         return tile, (f"{name} {error.problem}",)
     ratio = TILE_SIZE[0] / TILE_SIZE[1]
-    width = max(CROP_WIDTHS * around[2], CROP_WIDTHS * around[3] * ratio, MIN_CROP_PX)
+    width = max(CROP_BOX_WIDTHS * around[2], CROP_BOX_WIDTHS * around[3] * ratio, MIN_CROP_WIDTH_PX)
     size = np.minimum([width, width / ratio], whole.size)
     low = np.clip(around[:2] + (around[2:] - size) / 2.0, 0.0, np.maximum(whole.size - size, 0.0))
     scale = min(TILE_SIZE[0] / size[0], TILE_SIZE[1] / size[1])

@@ -152,7 +152,7 @@ def _best_threshold(labels: Labels, predictions: Predictions, iou: float) -> Thr
 
 
 def _file_names(paths: Sequence[Path]) -> list[str]:
-    """Return names of files of detections: the file's, with its folder if needed to distinguish them, else numbered."""
+    """Return names of files of detections: the file's, with its folder if needed to tell them apart, or numbers."""
     for names in (
         [path.stem for path in paths],
         [path.resolve().parent.name or path.stem for path in paths],
@@ -172,7 +172,7 @@ def _write_reports(
 
 
 def metrics_csv(reports: Mapping[str, DetectorReport]) -> str:
-    """CSV with a line for all classes (``overall``) and one for each (``per_class.NAME``), per file of detections."""
+    """Return CSV with a line for all classes (``overall``) and each (``per_class.NAME``), per file of detections."""
     text = io.StringIO()
     writer = csv.DictWriter(text, REPORT_COLUMNS, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()

@@ -41,7 +41,7 @@ class Labels(BoxTable):
 
     @property
     def positions(self) -> int:
-        """Number of positions, which are independent of each other."""
+        """Number of positions, which are mutually independent."""
         return int(self.position.max(initial=-1)) + 1
 
 
@@ -51,7 +51,7 @@ def read_labels(path: Path | str) -> Labels:
 
 
 def evaluation_labels(found: LabeledImages, *, path: Path) -> Labels:
-    """Labels of a dataset's images."""
+    """Return the labels of a dataset's images."""
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)
     categories = sorted(found.categories, key=lambda category: category.id)

@@ -1,4 +1,4 @@
-"""COCO's matching of detections with labels, by faster-coco-eval, whose every decision is pycocotools'.
+"""COCO's matching of detections with labels, by faster-coco-eval, which decides exactly as pycocotools does.
 
 The library doesn't know oriented boxes; their overlaps come from Shapely.
 
@@ -20,13 +20,13 @@ from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
 MAX_DETECTIONS = 100  # of a class in an image, COCO's limit
-ANNOTATION_KEYS = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "score")  # of a COCO annotation
+COCO_ANNOTATION_KEYS = ("id", "image_id", "category_id", "bbox", "area", "iscrowd", "score")
 ALL_AREAS = [[0.0, 1e10]]  # COCO's range without a limit
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Matching:
-    """Matches of d detections and g labels, and with them the outcome of each."""
+    """Matches of d detections and g labels, and the outcome of each."""
 
     labels: Labels
     predictions: Predictions
@@ -58,7 +58,7 @@ class Matching:
         return (self.detection < 0) & ~self.labels.crowd
 
     def above_threshold(self, threshold: float) -> Matching:
-        """Ignore detections with scores below a threshold; the matches of the others don't depend on them."""
+        """Return the matching without detections below a score, on which other detections' matches don't depend."""
         ignored = self.ignored | (self.predictions.score < threshold)
         detection = self.detection.copy()
         detection[self.box[ignored & (self.box >= 0)]] = -1
@@ -66,10 +66,10 @@ class Matching:
 
 
 class _OrientedEvaluation(COCOeval_faster):
-    """The library's evaluation, with overlaps of oriented boxes."""
+    """faster-coco-eval's evaluation with overlaps of oriented boxes."""
 
     def computeIoU(self, imgId: int, catId: int) -> Float[np.ndarray, "d g"] | list[float]:
-        """Overlaps of an image's detections of a class, by falling score, with its labels."""
+        """Return overlaps of an image's detections of a class, by falling score, with its labels."""
         sets = self.dt_dataset, self.gt_dataset
         found, true = (one.get_instances([imgId], [catId], True)[0][0] for one in sets)
         found = sorted(found, key=lambda one: -one["score"])[: self.params.maxDets[-1]]
@@ -82,7 +82,7 @@ class _OrientedEvaluation(COCOeval_faster):
 def oriented_overlaps(
     found: Float[np.ndarray, "d 4 2"], true: Float[np.ndarray, "g 4 2"], crowd: Bool[np.ndarray, " g"]
 ) -> Float[np.ndarray, "d g"]:
-    """IoU of convex quadrilaterals by their corners; of crowds, intersection over the detection's area."""
+    """Return IoU of convex quadrilaterals by corners; for crowds, intersection over the detection's area."""
     first, second = shapely.polygons(found)[:, None], shapely.polygons(true)
     shared, own = shapely.area(shapely.intersection(first, second)), shapely.area(first)
     union = np.where(crowd, own, own + shapely.area(second) - shared)
@@ -90,7 +90,7 @@ def oriented_overlaps(
 
 
 def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_faster:
-    """Load labels and at least one detection into the library; images, classes, and boxes are numbered from 1."""
+    """Load labels and at least one detection into faster-coco-eval; images, classes, and boxes are numbered from 1."""
     true, found = None, predictions.corners
     areas, never = predictions.xywh[:, 2] * predictions.xywh[:, 3], np.zeros(len(predictions.score), dtype=bool)
     if found is not None:
@@ -103,7 +103,7 @@ def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_fast
     ):
         columns = (boxes.image + 1, boxes.class_index + 1, boxes.xywh, area, crowd.astype(np.int64), score)
         rows = enumerate(zip(*(column.tolist() for column in columns), strict=True), start=1)
-        records = [dict(zip(ANNOTATION_KEYS, (k, *row), strict=True)) for k, row in rows]
+        records = [dict(zip(COCO_ANNOTATION_KEYS, (k, *row), strict=True)) for k, row in rows]
         if corners is not None:
             records = [{**one, "corners": turned} for one, turned in zip(records, corners, strict=True)]
         coco = COCO()
@@ -124,7 +124,7 @@ def match_detections(labels: Labels, predictions: Predictions, *, iou: float = 0
 
 
 def match_repeatedly(labels: Labels, predictions: Predictions, ious: Sequence[float]) -> list[Matching]:
-    """Match with each of several least IoUs."""
+    """Match once for each of several least IoUs."""
     evaluation = loaded_evaluation(labels, predictions) if len(predictions.score) else None
     return [_match_class(labels, predictions, evaluation, iou) for iou in ious]
 

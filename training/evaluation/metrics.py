@@ -11,8 +11,8 @@ from numpy.typing import ArrayLike
 from hulldown.training.evaluation.matching import Matching, match_detections
 
 COUNT_METRICS = ("tp", "fp", "fn")
-SUM_METRICS = (*COUNT_METRICS, "iou", "confidence_tp", "confidence_fp")  # quantities that add up over images
-RATIO_METRICS = ("precision", "recall", "f1")  # ratios of counts
+SUM_METRICS = (*COUNT_METRICS, "iou", "confidence_tp", "confidence_fp")  # they add up over images
+RATIO_METRICS = ("precision", "recall", "f1")  # of counts
 MEAN_METRICS = ("mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confidence_fp")
 DERIVED_METRICS = (*RATIO_METRICS, *MEAN_METRICS)
 
@@ -36,7 +36,7 @@ def grouped_sums(
 
 
 def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
-    """`DERIVED_METRICS` from `SUM_METRICS` in the last axis; nan if undefined."""
+    """Return `DERIVED_METRICS` from `SUM_METRICS` in the last axis; nan if undefined."""
     tp, _, _, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
     parts = (tp, tp, 2.0 * tp, iou, sure_tp + sure_fp, sure_tp, sure_fp)
     return {
@@ -46,27 +46,27 @@ def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np
 
 
 def figure_denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
-    """Denominators of `DERIVED_METRICS`."""
+    """Return the denominators of `DERIVED_METRICS`."""
     tp, fp, fn = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)[:3]
     each = map(np.asarray, (tp + fp, tp + fn, 2.0 * tp + fp + fn, tp, tp + fp, tp, fp))
     return dict(zip(DERIVED_METRICS, each, strict=True))
 
 
 def safe_ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
-    """`part / whole`, nan if the whole is 0."""
+    """Return `part / whole`; nan if the whole is 0."""
     part, whole = np.asarray(part, dtype=np.float64), np.asarray(whole, dtype=np.float64)
     return np.divide(part, whole, out=np.full(np.broadcast(part, whole).shape, np.nan), where=whole != 0.0)
 
 
 def threshold_curves(matching: Matching, *, label: int | None = None) -> dict[str, Float[np.ndarray, " k"]]:
-    """``precision``, ``recall``, and ``f1`` at k values of ``threshold``: all scores, falling; of a class or of all."""
+    """Return ``precision``, ``recall``, and ``f1`` at k falling values of ``threshold``, of a class or of all."""
     labels, score = matching.labels, matching.predictions.score
     counted, wanted = ~matching.ignored, ~labels.crowd
     if label is not None:
         counted, wanted = counted & (matching.predictions.class_index == label), wanted & (labels.class_index == label)
     rows = np.flatnonzero(counted)
     rows = rows[np.argsort(-score[rows], kind="stable")]
-    last = np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)  # of each score
+    last = np.flatnonzero(np.diff(score[rows], append=np.nan) != 0.0)  # the last detection of each score
     tp = np.cumsum(matching.true[rows])[last]
     fp, fn = last + 1 - tp, int(wanted.sum()) - tp
     return {
@@ -78,7 +78,7 @@ def threshold_curves(matching: Matching, *, label: int | None = None) -> dict[st
 
 
 def confusion_matrix(matching: Matching) -> Int[np.ndarray, "k k"]:
-    """Return rows of true, columns of detected classes, the background last; false ones match ignoring classes."""
+    """Return rows of true, columns of detected classes, background last; false positives match any class's labels."""
     labels, predictions = matching.labels, matching.predictions
     background = len(predictions.class_names)
     counted, missed = ~matching.ignored, matching.missed

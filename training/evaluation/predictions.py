@@ -17,21 +17,21 @@ from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import Pixel, Share, Side, invalid_fields
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import DATA, describe_path, parse_value, read_json
+from hulldown.base.outside import MAX_DATA_BYTES, describe_path, parse_value, read_json
 from hulldown.training.evaluation.labels import Labels
 
-INFO_SUFFIX = ".info.json"  # of a file next to the results, a `PredictionInfo`
+INFO_SUFFIX = ".info.json"  # a file next to the results, a `PredictionInfo`
 
 
 class NewCategory(TypedDict):
-    """A class of the detector that the dataset lacks, or any of its classes if there is no dataset."""
+    """A detector's class that the dataset lacks, or any of its classes without a dataset."""
 
     id: int
     name: str
 
 
 class PredictionInfo(TypedDict):
-    """What `predict` writes beside its results: ids of all images, and their records if there is no dataset."""
+    """What `predict` writes beside results: ids of all images, and without a dataset their records."""
 
     detector: str
     images: list[int]
@@ -51,7 +51,7 @@ class _Detection(Struct, kw_only=True):
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class Predictions(BoxTable):
-    """d detections by image, class, falling score, and box; classes are the dataset's, then those of detections."""
+    """d detections by image, class, falling score, and box; classes are the dataset's, then detections' other ones."""
 
     name: str  # their name, unique in a comparison
     score: Float[np.ndarray, " d"]
@@ -65,7 +65,7 @@ class Predictions(BoxTable):
 
 
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
-    """Read COCO results, a list or the ``annotations`` of an object; `name`: None: the file's without extension."""
+    """Read COCO results, a list or an object's ``annotations``; `name` None: the file's without extension."""
     path = Path(path)
     found, names = _read_file(path), {}
     if isinstance(found, dict):
@@ -169,4 +169,4 @@ def _read_file(path: Path) -> object:
     refuse = partial(DatasetError, path=path, remedy="name a file of COCO results")
     if path.exists() and (kind := describe_path(path)) not in ("a JSON list", "a JSON file", "another file", "empty"):
         raise refuse(f"is {kind}, not a file of detections")
-    return read_json(path, object, refuse, what="valid JSON", most=DATA)
+    return read_json(path, object, refuse, what="valid JSON", most=MAX_DATA_BYTES)

@@ -17,13 +17,13 @@ from hulldown.annotate.masks import mask_box
 from hulldown.base.errors import ConfigError
 from hulldown.training.inputs.sources import Sample
 
-MIN_VISIBLE = 0.2  # least share of a box inside the picture
-MASK_ROUNDING = 1.0  # pixels between the box of a mask and that of its outline
-MIN_SIDE = 1.0  # least width and height of a box in pixels
+MIN_KEPT_BOX_SHARE = 0.2  # inside the picture
+MASK_ROUNDING_PX = 1.0  # between the box of a mask and that of its outline
+MIN_BOX_SIDE_PX = 1.0
 
 
 class Augmenter:
-    """Applies the contents of an Albumentations file to samples, as a function of a seed."""
+    """Augments samples by an Albumentations file and a seed."""
 
     def __init__(self, augmentation: Mapping[str, object]) -> None:
         with warnings.catch_warnings():
@@ -40,13 +40,13 @@ class Augmenter:
                 loaded.transforms if isinstance(loaded, A.Compose) else [loaded],
                 p=getattr(loaded, "p", 1.0) if isinstance(loaded, A.Compose) else 1.0,
                 bbox_params=A.BboxParams(
-                    format="pascal_voc", label_fields=["index"], min_visibility=MIN_VISIBLE,
-                    min_width=MIN_SIDE, min_height=MIN_SIDE, clip=True, check_each_transform=False,
+                    format="pascal_voc", label_fields=["index"], min_visibility=MIN_KEPT_BOX_SHARE,
+                    min_width=MIN_BOX_SIDE_PX, min_height=MIN_BOX_SIDE_PX, clip=True, check_each_transform=False,
                 ),
             )  # fmt: skip
 
     def __call__(self, sample: Sample, seed: int) -> Sample:
-        """Augment a sample with boxes inside its picture, which follow masks; boxes mostly outside afterwards go."""
+        """Augment a sample with boxes inside its picture, which follow masks; drop boxes that end up mostly outside."""
         # One generator for all: Albumentations' own seeding gives each transform the same numbers, and what is
         # applied with a probability of 0.05 would then be applied with all the rest.
         self._compose.set_random_state(np.random.default_rng(seed), random.Random(seed))
@@ -74,7 +74,7 @@ class Augmenter:
             if seen is None:
                 continue
             x, y, width, height = seen
-            if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING:
+            if np.abs([x, y, x + width, y + height] - corners[row]).max() > MASK_ROUNDING_PX:
                 xywh[row] = seen
             kept.append(row)
         return Sample(changed.picture, xywh[kept], changed.class_index[kept], tuple(masks[row] for row in kept))

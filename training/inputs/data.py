@@ -20,12 +20,12 @@ from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.sources import LabeledPictures, Sample
 
-KEPT_BYTES = 256 * 2**20  # bytes of pictures that each worker keeps in memory
+KEPT_PICTURE_BYTES = 256 * 2**20  # in each worker
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Example:
-    """A picture at the network's size, with its labels."""
+    """A picture at the network's size, and its labels."""
 
     picture: UInt8[torch.Tensor, "3 h w"]
     xyxy: Float[torch.Tensor, "n 4"]  # corners of boxes, pixels
@@ -47,13 +47,13 @@ class DrawnExamples(Dataset[Example | HulldownError]):
         self.sources, self.draws, self.size, self.masks = sources, draws, size, masks
         self.augment = Augmenter(augmentation)
         self._kept: dict[tuple[int, int], Sample] = {}
-        self._room = KEPT_BYTES
+        self._room = KEPT_PICTURE_BYTES
 
     def __len__(self) -> int:
         return len(self.draws)
 
     def __getitem__(self, k: int) -> Example | HulldownError:
-        """Return draw k, or why it can't be read: PyTorch's loader would add its traceback to an exception."""
+        """Return draw k, or why it can't be read, since PyTorch's loader would add its traceback to an exception."""
         cv2.setNumThreads(0)  # its threads compete with the loader's workers and the network
         try:
             return make_example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
@@ -95,7 +95,7 @@ def make_example(sample: Sample, size: tuple[int, int]) -> Example:
 
 
 class Batches(Sampler[list[int]]):
-    """Draws in batches, in order, from the batch `first` on; Lightning counts those before it."""
+    """Batches of draws in order, from the batch `first` on; Lightning counts those before it."""
 
     def __init__(self, draws: int, *, batch: int, first: int = 0) -> None:
         self._draws, self._batch, self._first = draws, batch, first
@@ -111,7 +111,7 @@ class Batches(Sampler[list[int]]):
 def network_pictures(
     images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]
 ) -> UInt8[torch.Tensor, "n 3 h w"]:
-    """Pictures of any sizes at a network's size (width, height), as in training."""
+    """Return pictures of any sizes at a network's size (width, height), as in training."""
     nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
     return torch.stack([make_example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])
 
@@ -129,7 +129,7 @@ class Draws:
 
 
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float] = ()) -> Draws:
-    """Draw pictures with replacement, by `shares` of the sources, see `source_shares`; else all are equally likely."""
+    """Draw pictures with replacement, by `source_shares`, or without `shares` all equally often."""
     if not sizes or min(sizes) < 1:
         raise ValueError(f"sizes: expected at least one picture in each of at least one source, got {list(sizes)}")
     if shares and len(shares) != len(sizes):
@@ -144,7 +144,7 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
 
 
 def source_shares(sizes: Mapping[str, int], shares: Mapping[str, float]) -> list[float]:
-    """Return each source's share of the draws: that in `shares`, or a part of the rest by its pictures in `sizes`."""
+    """Return each source's share of the draws: by `shares`, or a part of the rest by its number of pictures."""
     for name, share in shares.items():
         if name not in sizes:
             raise ConfigError(f"shares.{name}: no source has this name; there are {', '.join(sizes)}")

@@ -41,7 +41,7 @@ _MODEL_DEFAULTS: Mapping[str, Mapping[str, object]] = {
 
 
 class Settings(BaseModel):
-    """The settings that determine a run's weights, besides the data; missing ones are the model's defaults."""
+    """The settings that determine a run's weights besides the data; missing ones have the model's defaults."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -76,12 +76,12 @@ class Settings(BaseModel):
 
     @property
     def effective_batch(self) -> int:
-        """Pictures per step."""
+        """Number of pictures per step."""
         return self.batch * self.accumulate
 
     @property
     def steps(self) -> int:
-        """Steps of the run; the last may have fewer pictures."""
+        """Number of the run's steps; the last may have fewer pictures."""
         return math.ceil(self.budget / self.effective_batch)
 
 
@@ -133,7 +133,7 @@ def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
 
 
 def rate_factor(step: int, settings: Settings, steps: int) -> float:
-    """Return the learning rate of a step, from 0 on, as a share of the highest; `steps` is their number in the run."""
+    """Return the learning rate of a step, from 0 on, as a share of the highest; the run has `steps` steps."""
     rise = math.ceil(settings.warmup * steps)
     if step < rise:
         return (step + 1) / (rise + 1)

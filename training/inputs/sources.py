@@ -25,12 +25,12 @@ from hulldown.dataset.record_checks import read_usable
 from hulldown.dataset.usable_labels import clip_labels
 from hulldown.dataset.verification.check_pictures import near_duplicates, picture_hash
 
-READER_THREADS = 4  # threads that check pictures before training
+CHECK_THREADS = 4  # they check pictures before training
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Sample:
-    """A picture with its labels."""
+    """A picture and its labels."""
 
     picture: UInt8[np.ndarray, "h w 3"]
     xywh: Float[np.ndarray, "n 4"]  # boxes, pixels
@@ -38,7 +38,7 @@ class Sample:
     masks: tuple[Bool[np.ndarray, "h w"], ...] = ()  # mask of each box; empty if they are unknown or don't count
 
     def resized(self, width: int, height: int) -> Sample:
-        """Resize, each side by its own factor."""
+        """Return the sample with each side resized by its own factor."""
         import cv2  # not at the top: pictures are checked without the extra
 
         was_height, was_width = self.picture.shape[:2]
@@ -58,11 +58,11 @@ class Sample:
 
 @dataclass(frozen=True, eq=False, kw_only=True, slots=True)
 class LabeledPictures(BoxTable):
-    """A dataset of n pictures with m labeled boxes, in the order of the pictures' names; classes are all sources'."""
+    """A dataset's n pictures and m boxes, by the pictures' names; classes are numbered alike in all sources."""
 
     name: str  # the user's name for it
     folder: Path
-    file_names: tuple[str, ...]  # of each picture, relative to the folder
+    file_names: tuple[str, ...]  # relative to the folder
     sizes: tuple[tuple[int, int], ...]  # width and height of each, pixels
     segmentations: tuple[object, ...]  # COCO's segmentation of each box; None if it has none
     digest: str
@@ -76,7 +76,7 @@ class LabeledPictures(BoxTable):
         return None not in self.segmentations
 
     def sample(self, i: int, *, masks: bool = False) -> Sample:
-        """Picture i with its labels, without masks or with those of all boxes, which must have one."""
+        """Return picture i with its labels, without masks or with those of all boxes, which must have one."""
         boxes = slice(*np.searchsorted(self.image, [i, i + 1]))
         width, height = self.sizes[i]
         decoded = (decode_mask(segmentation, width, height) for segmentation in self.segmentations[boxes] if masks)
@@ -125,7 +125,7 @@ def check_source_pictures(
 ) -> dict[str, CheckedPictures]:
     """Read every picture of every source; return their hashes by the source's name."""
     checked, done, total = {}, 0, sum(map(len, sources))
-    with ThreadPoolExecutor(READER_THREADS) as pool:
+    with ThreadPoolExecutor(CHECK_THREADS) as pool:
         for source in sources:
             found: list[tuple[bytes, Bool[np.ndarray, "256"] | None]] = []
             paths = [source.folder / name for name in source.file_names]

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ArmKind:
-    """What an arm draws from, and what it's compared with besides the real arm."""
+    """The data that an arm draws from, and the arms besides the real one that it's compared with."""
 
     sources: tuple[str, ...] = ("real", "synthetic")
     # of the draws; by default every picture is equally likely

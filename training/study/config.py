@@ -18,17 +18,12 @@ from hulldown.training.inputs.settings import Settings, resolved_augmentation
 from hulldown.training.study.arms import ARM_KINDS, Arm
 from hulldown.training.subset import DEFAULT_FRACTIONS
 
-BUILT_IN_ARMS: tuple[Arm, ...] = (
-    "real",
-    "mixed",
-    "balanced",
-    "synthetic",
-)  # the paper's, and one that renders can't drown
+BUILT_IN_ARMS: tuple[Arm, ...] = ("real", "mixed", "balanced", "synthetic")  # the paper's, but for "balanced"
 Share = Annotated[float, Field(gt=0.0, le=1.0)]
 
 
 class NamedArm(BaseModel):
-    """An arm with another arm's draws and other settings."""
+    """An arm with the draws of another arm and other settings."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -119,7 +114,7 @@ def load_study(path: Path | str) -> StudyConfig:
 
 
 def _resolve_weights(folder: Path, weights: str | None) -> str | None:
-    """`Settings.weights`, of which files and folders are relative to a folder."""
+    """Return `Settings.weights`; files and folders in it are relative to a folder."""
     return str(folder / weights) if weights is not None and (folder / weights).exists() else weights
 
 

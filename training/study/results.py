@@ -43,7 +43,7 @@ RATIO_MEASURES = tuple(MEASURE_TITLES)[len(COUNT_MEASURES) :]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judged:
-    """A finished run and its figures on the test pictures."""
+    """A finished run, and its figures on the test pictures."""
 
     run: StudyRun
     photographs: int
@@ -54,7 +54,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Cell:
-    """An arm at a fraction: its runs of all seeds."""
+    """An arm at a fraction, with its runs of all seeds."""
 
     arm: str
     fraction: float | None
@@ -63,7 +63,7 @@ class Cell:
 
     @property
     def name(self) -> str:
-        """Its name."""
+        """Arm and share of the photographs, such as "mixed at 25 %"."""
         return self.arm if self.fraction is None else f"{self.arm} at {100 * self.fraction:.10g} %"
 
 
@@ -90,7 +90,7 @@ def evaluate_run(
     threshold: float | None = None,
     iou: float = 0.5,
 ) -> Judged:
-    """Evaluate a run on the test pictures; `threshold` None: at which there are as many detections as labels."""
+    """Evaluate a run on the test pictures; without `threshold`, as many detections count as there are labels."""
     predictions = read_predictions(detections["test"], labels["test"], name=run.name)
     if threshold is not None:
         chosen = Threshold(threshold, "given")
@@ -112,7 +112,7 @@ def evaluate_run(
 
 
 def group_cells(runs: Sequence[Judged]) -> list[Cell]:
-    """Group runs by arm and fraction, in the study's order."""
+    """Group runs by arm and fraction, in the order of the study."""
     groups: dict[tuple[str, float | None], dict[int, Judged]] = {}
     for one in runs:
         groups.setdefault((one.run.arm, one.run.fraction), {})[one.run.seed] = one
@@ -152,7 +152,7 @@ def _of_seeds(
 
 
 def compared_cells(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
-    """Pairs of cells with common seeds: with real, synthetic, later arms with mixed, and named arms with their base."""
+    """Return pairs of cells with common seeds: with real, synthetic, later arms with mixed, named arms with base."""
     by_key = {(cell.arm, cell.fraction): cell for cell in found}
     fractions = [cell.fraction for cell in found if cell.fraction is not None]
     whole = max(fractions, default=None)
@@ -206,7 +206,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
 def photographs_needed(
     counts: Float[np.ndarray, " n"], curve: Float[np.ndarray, "n r"], wanted: Float[np.ndarray, " r"]
 ) -> Float[np.ndarray, " r"]:
-    """Return the least photographs for a value of a rising curve, logarithmic between fractions; inf if none do."""
+    """Return the fewest photographs with a value of a rising curve, interpolated in logarithms; inf if none."""
     rising = np.maximum.accumulate(np.nan_to_num(curve), axis=0)
     wanted = np.nan_to_num(wanted)
     first = (rising >= wanted).argmax(axis=0)  # the fraction that reaches it, if one does
@@ -219,5 +219,5 @@ def photographs_needed(
 
 
 def known_ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
-    """Return the ends of an interval; None if there is none."""
+    """Return an interval's ends; None without an interval."""
     return None if np.isnan(ends).any() else ends.tolist()

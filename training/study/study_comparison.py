@@ -32,7 +32,7 @@ WORTH_BY = ("ap50", "f1", "recall")
 
 
 class StudyFacts(Struct, frozen=True, kw_only=True):
-    """What was compared; `datasets` and `train` are parts of study.json."""
+    """What a study compared; `datasets` and `train` are parts of study.json."""
 
     classes: list[str]
     datasets: dict[str, dict[str, object]]
@@ -40,13 +40,13 @@ class StudyFacts(Struct, frozen=True, kw_only=True):
     fractions: list[float]
     seeds: list[int]
     iou: float
-    threshold: float | str  # or how each run's is chosen
+    threshold: float | str  # a score, or how each run's is chosen
     train: dict[str, object]
     runs: int
 
 
 class ReportedCell(Struct, frozen=True, kw_only=True):
-    """A `Cell`: means over seeds, and each measure's interval and values."""
+    """A `Cell` in report.json: means over seeds, and each measure's interval and values."""
 
     arm: str
     fraction: float | None = None
@@ -97,7 +97,7 @@ class ReportedWorth(Struct, frozen=True):
 
 
 class ReportedRun(Struct, frozen=True, kw_only=True):
-    """A finished run and its figures."""
+    """A finished run in report.json, and its figures."""
 
     name: str
     arm: str
@@ -266,7 +266,7 @@ def worth_words(name: str, measure: str, found: Equivalent) -> str:
 
 
 def interval_note(study: Study, compared: int) -> str:
-    """Return a note on the meaning of the intervals, of which `compared` are of differences."""
+    """Return a note on the intervals' meaning; `compared` intervals are of differences."""
     seeds, images = len(study.config.seeds), study.datasets["test"].images
     trainings = (
         "With one seed, they don't cover other trainings."

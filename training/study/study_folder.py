@@ -33,12 +33,12 @@ from hulldown.training.study.config import StudyConfig
 from hulldown.training.subset import subset_name, write_subsets
 
 STUDY_NAME, RUNS_NAME, SUBSETS_NAME = "study.json", "runs", "subsets"
-MIN_PHOTOGRAPH_SHARE = 0.2  # of the draws, below which photographs may be too rare
+MIN_PHOTOGRAPH_SHARE = 0.2  # of the draws; with fewer, photographs may be too rare
 MAX_LISTED_PAIRS = 10  # of pictures, in an error
 
 
 class StudyData(BaseModel):
-    """A dataset of a study, with its state at the start."""
+    """A dataset of a study, as it was at the start."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -49,7 +49,7 @@ class StudyData(BaseModel):
 
 
 class Study(BaseModel):
-    """The contents of study.json: the config, in which masks are settled, and the datasets."""
+    """The contents of study.json: the config, with masks decided, and the datasets."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -60,7 +60,7 @@ class Study(BaseModel):
 
     @property
     def judged(self) -> tuple[str, ...]:
-        """The datasets to predict."""
+        """The datasets to predict on."""
         return tuple(which for which in ("test", "valid") if which in self.datasets)
 
 
@@ -76,12 +76,12 @@ class StudyRun:
 
     @property
     def name(self) -> str:
-        """Its name, and that of its folder."""
+        """Name of the run and of its folder."""
         share = "" if self.fraction is None else f"-{subset_name(self.fraction)}"
         return f"{self.arm}{share}-seed{self.seed}"
 
     def data(self, study: Study, folder: Path) -> dict[str, Path]:
-        """Folders of its sources by their names; `folder` is the study's."""
+        """Return the folders of its sources by name; `folder` is the study's."""
         folders = {name: Path(study.datasets[name].folder) for name in ARM_KINDS[self.base].sources}
         if self.fraction is not None:
             folders["real"] = subset_folder(folder, self.seed, self.fraction)
@@ -94,7 +94,7 @@ def subset_folder(folder: Path, seed: int, fraction: float) -> Path:
 
 
 def study_runs(config: StudyConfig) -> list[StudyRun]:
-    """All runs, seed by seed, so that a study stopped early has complete seeds."""
+    """Return all runs, seed by seed, so that a study that is stopped early has complete seeds."""
     arms = [(arm, "real" in ARM_KINDS[arm.base].sources) for arm in config.named_arms]
     of_seed = [
         *((arm, fraction) for fraction in config.fractions for arm, photographed in arms if photographed),
@@ -115,13 +115,13 @@ def study_runs(config: StudyConfig) -> list[StudyRun]:
 
 
 def is_finished(folder: Path, study: Study, run: StudyRun) -> bool:
-    """Return whether a run has everything for the report."""
+    """Return whether a run has all that the report needs."""
     path = folder / RUNS_NAME / run.name
     return all((path / f"{which}.json").exists() for which in study.judged) and RunFolder(path).finished() is not None
 
 
 def prepare_study(config: StudyConfig, folder: Path) -> Study:
-    """Write study.json and the subsets, after every picture was read; other data than before are refused."""
+    """Write study.json and the subsets after reading every picture; refuse data that differ from before."""
     folders = {"real": config.real, "synthetic": config.synthetic, "test": config.test}
     if config.valid is not None:
         folders["valid"] = config.valid
@@ -166,7 +166,7 @@ def read_study(folder: Path) -> Study:
 
 
 def study_warnings(study: Study, folder: Path) -> list[str]:
-    """Warnings about renders that drown photographs, and about shares without a box of some class."""
+    """Return warnings about renders that outnumber photographs, and about shares without a box of some class."""
     config, warnings = study.config, []
     arms = [arm.base for arm in config.named_arms]
     lowest = min(config.fractions) * study.datasets["real"].images

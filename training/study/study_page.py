@@ -35,7 +35,7 @@ PAPER_COLORS = {
 PAPER_FIGURES = ("precision", "recall", "f1")
 SPARE_COLORS = ("#8c564b", "#7f7f7f", "#17becf", "#bcbd22")  # of named arms
 CHART_PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",), ("mean_confidence",))
-BARS_WIDTH_SHARE = 0.8  # share of the width for the bars of one measure
+BARS_WIDTH_SHARE = 0.8  # for the bars of one measure
 
 
 def draw_charts(report: StudyReport) -> dict[str, tuple[str, Figure]]:
@@ -83,14 +83,14 @@ def _paper_rows(report: StudyReport) -> list[list[str]]:
 
 
 def arm_color(arm: str) -> str:
-    """Return the color of an arm, the same in every chart; of a named arm by its name."""
+    """Return an arm's color, the same in every chart; a named arm's is by its name."""
     return dict(zip(ARM_KINDS, SERIES_COLORS, strict=False)).get(
         arm, SPARE_COLORS[sum(arm.encode()) % len(SPARE_COLORS)]
     )
 
 
 def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
-    """Bars of arms in four panels, as in the paper's Figures 5 to 9; None in `group_cells` is unknown."""
+    """Draw bars of arms in four panels, as in the paper's Figures 5 to 9."""
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(CHART_PANELS), width_ratios=[len(keys) + 0.6 for keys in CHART_PANELS])
     for axis, keys in zip(axes, CHART_PANELS, strict=True):
@@ -127,7 +127,7 @@ def _draw_bars(axis: Axes, cell: ReportedCell, keys: Sequence[str], *, shift: fl
 
 
 def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> Figure:
-    """Return each measure over photographs: bands are intervals, dots seeds, level lines arms without photographs."""
+    """Draw each measure over photographs: bands are intervals, dots seeds, level lines arms without photographs."""
     figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
     axes = figure.subplots(1, len(measures), squeeze=False)[0]
     for axis, measure in zip(axes, measures, strict=True):
@@ -160,7 +160,7 @@ def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> 
 
 
 def figure_png(figure: Figure) -> bytes:
-    """Return a figure as PNG, with the same bytes each time."""
+    """Return a figure as PNG; equal figures have equal bytes."""
     file = io.BytesIO()
     figure.savefig(file, format="png", dpi=150, metadata={"Software": None})
     return file.getvalue()

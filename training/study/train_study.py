@@ -43,7 +43,7 @@ class StudyOutcome:
 
     finished: tuple[str, ...]  # finished now
     already: tuple[str, ...]  # finished before
-    elsewhere: tuple[str, ...]  # on which other processes are at work
+    elsewhere: tuple[str, ...]  # other processes are at work on these
     failed: Mapping[str, str]  # reasons; the next call tries them again
 
 
@@ -84,7 +84,7 @@ def train_study(
     if progress is None:
         with progress_bars() as bars:
             return train_study(config, output, device=device, workers=workers, progress=bars, say=say)
-    Augmenter(asked.train.augmentation)  # refuses a wrong one
+    Augmenter(asked.train.augmentation)  # refuses a wrong file
     with OutputFolder(out, "study", [STUDY_NAME]):
         study = prepare_study(asked, out)
     # Downloads the weights once, or refuses them, before a run begins.

@@ -19,14 +19,14 @@ from hulldown.dataset.exports.layouts.splits import COMMON_SPLIT_NAMES, Splits
 
 UNKNOWN_BOX_3D = (-1.0, -1.0, -1.0, -1000.0, -1000.0, -1000.0, -10.0)  # KITTI's own values
 UNKNOWN_ALPHA = -10.0
-SEEN_WHOLE, SEEN_HALF = 0.95, 0.5  # visible fractions from which a label is "fully visible" and "partly occluded"
+MIN_FULLY_VISIBLE, MIN_PARTLY_VISIBLE = 0.95, 0.5  # visible fractions of KITTI's occlusion 0 and 1
 # The pose of a fictitious lidar at the camera, x forward and z up, which readers require.
 CAMERA_FROM_LIDAR = "0 -1 0 0 0 0 -1 0 1 0 0 0"
 LIDAR_FROM_IMU = "1 0 0 0 0 1 0 0 0 0 1 0"
 
 
 def write_kitti(splits: Splits, out: Path) -> None:
-    """Write ``training/image_2``, ``label_2``, ``calib`` (where a field of view is known), and ``ImageSets``."""
+    """Write ``training/image_2``, ``label_2``, ``calib`` (for images with a known field of view), and ``ImageSets``."""
     pictures, texts, cameras = (out / "training" / name for name in ("image_2", "label_2", "calib"))
     lists = out / "ImageSets"
     for folder in (pictures, texts, cameras, lists):
@@ -62,7 +62,7 @@ def label_line(label: Label) -> str:
     """
     x, y, w, h = label.bbox.tolist()
     seen, cut = label.visible_fraction, label.truncated_fraction
-    hidden = 3 if math.isnan(seen) else 0 if seen >= SEEN_WHOLE else 1 if seen >= SEEN_HALF else 2
+    hidden = 3 if math.isnan(seen) else 0 if seen >= MIN_FULLY_VISIBLE else 1 if seen >= MIN_PARTLY_VISIBLE else 2
     alpha = UNKNOWN_ALPHA
     numbers: tuple[float, ...] = UNKNOWN_BOX_3D
     if (box := label.read(BoxInCamera).bbox_3d) is not None:

@@ -23,12 +23,12 @@ COMMON_SPLIT_NAMES = {"train": "train", "valid": "val", "test": "test"}  # most 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ExportedImage:
-    """An image of an export."""
+    """An image of a dataset, and its picture in the export."""
 
     image: Image  # the image in the dataset, with the labels that are kept
     name: str  # name of its picture in the export: without folders, with a unique stem
     picture: Path  # the picture's file, links resolved
-    sha256: str  # of the picture's file
+    sha256: str  # hash of the picture's file
 
     @property
     def stem(self) -> str:
@@ -51,7 +51,6 @@ class Splits:
     progress: Callable[[int, int], None] = lambda done, total: None  # called with (done, all) after each image
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[ExportedImage]]]:
-        """Yield each split with its items."""
         done = count(1)
         for split, items in self.items.items():
             yield split, self._count_items(items, done)
@@ -68,7 +67,7 @@ class Splits:
 
 
 def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[tuple[Path, str]]:
-    """Return the file of each picture, links resolved, and its hash; one with the hash in its record isn't decoded."""
+    """Return each picture's file, links resolved, and hash; a file with the hash in its record isn't decoded."""
 
     def checked(image: Image) -> tuple[Path, str] | str:
         name = image.file_name
@@ -90,7 +89,7 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
 
 
 def flat_names(images: Sequence[Image]) -> list[str]:
-    """Return a unique name without folders for each image, dots in stems as underscores, which readers need."""
+    """Return a unique name without folders for each image; dots in stems become underscores, as readers need."""
     names = []
     taken: set[str] = set()
     for image in images:

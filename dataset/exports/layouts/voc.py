@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 
 from hulldown.dataset.exports.layouts.splits import COMMON_SPLIT_NAMES, ExportedImage, Splits
 
-TRUNCATED, OCCLUDED = 0.0, 0.95  # truncated above the first; occluded below the second
+MAX_WHOLE_TRUNCATION, MIN_UNOCCLUDED_FRACTION = 0.0, 0.95
 
 
 def write_voc(splits: Splits, out: Path) -> None:
-    """Write ``JPEGImages``, ``Annotations`` (in whole pixels, crowds ``difficult``), and ``ImageSets/Main``."""
+    """Write ``JPEGImages``, ``Annotations`` in whole pixels with crowds as ``difficult``, and ``ImageSets/Main``."""
     pictures, texts, lists = out / "JPEGImages", out / "Annotations", out / "ImageSets" / "Main"
     for folder in (pictures, texts, lists):
         folder.mkdir(parents=True)
@@ -43,8 +43,8 @@ def _annotation_xml(item: ExportedImage) -> ElementTree.Element:
             shown,
             name=label.category,
             pose="Unspecified",
-            truncated=int(label.truncated_fraction > TRUNCATED),  # nan, if it isn't known, is neither
-            occluded=int(label.visible_fraction < OCCLUDED),
+            truncated=int(label.truncated_fraction > MAX_WHOLE_TRUNCATION),  # nan, if it isn't known, is neither
+            occluded=int(label.visible_fraction < MIN_UNOCCLUDED_FRACTION),
             difficult=int(label.crowd),
         )
         _add_elements(

@@ -28,7 +28,7 @@ MakeLabelLines: TypeAlias = Callable[[ExportedImage, Mapping[int, int]], list[st
 
 
 def label_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
-    """Return a line for each label but crowds: boxes, or if any label has polygons, one polygon for each, in shares."""
+    """Return a line for each label but crowds, in shares: a box, or polygons for all if any label has one."""
     labels = [label for label in item.image.labels if not label.crowd]
     masks = [label.read(VisibleMask).segmentation for label in labels]
     if any(isinstance(mask, list) and mask for mask in masks):

@@ -24,7 +24,7 @@ from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 
 class CutoutReader:
-    """Reads cut-outs; looks at each material and each image once."""
+    """Reads cut-outs; each material and each image is read once."""
 
     def __init__(self, longest: int) -> None:
         self._longest = longest
@@ -46,7 +46,7 @@ class CutoutReader:
                     self.doubts.append(Doubt(DoubtKind.OPACITY, text))
 
     def mesh_cutouts(self, data: Any, materials: list[Any]) -> Cutouts | None:
-        """Cut-outs of an evaluated mesh with loop triangles."""
+        """Return the cut-outs of an evaluated mesh with loop triangles."""
         cutters = [self._material_cutter(material) if material else None for material in materials]
         if not any(cutters):
             return None
@@ -56,7 +56,7 @@ class CutoutReader:
             return None
         corners = read_property(data.loop_triangles, "loops", np.int32, 3).reshape(-1, 3)[face]
         uv, face_map = np.empty((len(face), 3, 2), dtype=np.float32), np.empty(len(face), dtype=np.int64)
-        maps: dict[AlphaMap, int] = {}  # those that a face wears, and their numbers
+        maps: dict[AlphaMap, int] = {}  # maps that a face uses, and their numbers
         for number, cutter in enumerate(cutters):
             of_slot = slot[face] == number
             if cutter is not None and of_slot.any():
@@ -92,7 +92,7 @@ class CutoutReader:
 
 
 def _corner_coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
-    """Coordinates of face corners; zeros if the mesh has no such layer, as in Cycles."""
+    """Return the coordinates of face corners; zeros if the mesh has no such layer, as in Cycles."""
     found = texture_coordinates(data, cutter.layer)
     uv = np.zeros((*corners.shape, 2)) if found is None else found[corners]
     onto = np.array(cutter.image_from_uv)

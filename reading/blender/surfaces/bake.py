@@ -19,10 +19,10 @@ from hulldown.blender.opacity_nodes import show_opacity
 from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Extension
 from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, material_lookup
 
-CYCLES_NOISE = 2e-6  # of Cycles, whose luminance of white is 1.000001
-MIN_BAKE_PX = 4  # pixels along each side of a picture that Blender renders
+CYCLES_NOISE = 2e-6  # Cycles' luminance of white is 1.000001
+MIN_BAKE_SIDE_PX = 4  # of a picture that Blender renders
 UNIT_SQUARE = np.array([[0.0, 0.0], [1.0, 1.0]])
-MAX_REPEATS = 16.0  # times that an image may repeat in what is baked
+MAX_IMAGE_REPEATS = 16.0  # in what is baked
 # Nodes whose outputs follow from their inputs.
 PLAIN_NODES = (
     *("Math", "VectorMath", "Mix", "MixRGB", "MapRange", "Clamp", "ValToRGB", "Invert", "RGBCurve", "FloatCurve"),
@@ -33,7 +33,7 @@ TEXTURE_NODES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Mag
 
 
 def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
-    """Return the opacity of materials by pointer, without those that aren't a monotone function of one lookup."""
+    """Return the opacity of materials by pointer, if it's a monotone function of one lookup."""
     found: dict[int, Lookup | float] = {}
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
@@ -111,7 +111,7 @@ def _own_groups(tree: Any) -> Iterator[Any]:
 
 
 def _opacity_layer(material: Any) -> str:
-    """Return the one layer of coordinates that the opacity depends on; "" is the one that is rendered."""
+    """Return the one layer of coordinates that the opacity depends on; "" is the rendered layer."""
     output = material_output(material)
     found = {_node_layer(node, socket) for node, socket in upstream_nodes(output.inputs["Surface"], ())}
     layers = sorted(layer for layer in found if layer is not None)
@@ -142,7 +142,7 @@ def _coordinate_range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
         uv = texture_coordinates(mesh, layer)
         if uv is not None and len(uv):
             low, high = np.minimum(low, uv.min(axis=0)), np.maximum(high, uv.max(axis=0))
-    if (high - low).max() > MAX_REPEATS:
+    if (high - low).max() > MAX_IMAGE_REPEATS:
         raise NotUnderstoodError(f"nodes whose texture repeats {(high - low).max():.0f} times")
     return np.stack([low, high])
 
@@ -154,9 +154,9 @@ def _render_materials(
     scene, lens = bpy.data.scenes.new("hulldown bake"), bpy.data.cameras.new("hulldown bake")
     mesh = bpy.data.meshes.new("hulldown bake")
     (width, height), count = size, len(materials)
-    seen = np.maximum([width, count * height], MIN_BAKE_PX)
+    seen = np.maximum([width, count * height], MIN_BAKE_SIDE_PX)
     x, y = np.array([width, height]) / seen.max()
-    ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # of a rectangle's corners, along both sides
+    ends = [(0, 0), (1, 0), (1, 1), (0, 1)]  # a rectangle's corners along both sides
     points = [(x * i, y * (k + j), 0.0) for k in range(count) for i, j in ends]
     mesh.from_pydata(points, [], np.arange(4 * count).reshape(-1, 4).tolist())
     corners = np.tile([(uv[i, 0], uv[j, 1]) for i, j in ends], (count, 1))

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from hulldown.blender.buffers import read_property
-from hulldown.blender.shaders import is_clear, surface_shaders
+from hulldown.blender.shaders import BASE_COLOR_INPUTS, is_clear, surface_shaders
 from hulldown.reading.pieces.asset_report import MaterialRow
 from hulldown.reading.pieces.roles import Piece
 
@@ -27,7 +27,7 @@ def material_rows(meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Se
             areas[material] += scale * area
     total = sum(areas.values()) or 1.0
     rows = [
-        MaterialRow(material.name, area / total, is_clear(material), _least_alpha(material))
+        MaterialRow(material.name, area / total, is_clear(material), _least_alpha(material), *_plain_color(material))
         for material, area in areas.items()
     ]
     return tuple(sorted(rows, key=lambda row: (-row.share, row.name)))
@@ -47,6 +47,17 @@ def _material_areas(mesh: Any) -> dict[Any, float]:
         if material is not None and one > 0.0:
             found[material] += one
     return found
+
+
+def _plain_color(material: Any) -> tuple[tuple[float, float, float] | None, bool]:
+    """Return the color of a material's only shader, None unless it's one color, and whether that's all metal."""
+    shaders = [shader for shader, _ in surface_shaders(material)]
+    socket = shaders[0].inputs.get(BASE_COLOR_INPUTS.get(shaders[0].type, "")) if len(shaders) == 1 else None
+    if socket is None or socket.is_linked:
+        return None, False
+    red, green, blue, _ = (round(float(level), 4) for level in socket.default_value)
+    metallic = shaders[0].inputs.get("Metallic")
+    return (red, green, blue), bool(metallic and not metallic.is_linked and metallic.default_value > 1 - 1e-3)
 
 
 def _least_alpha(material: Any) -> float:

@@ -42,7 +42,7 @@ def _rotate_bits(number: int, bits: int) -> int:
 
 
 def detach_materials(materials: Iterable[Any]) -> None:
-    """Make materials read `RANDOM_PROPERTY`, not Cycles' random number, and no other object's coordinates."""
+    """Make materials read `RANDOM_PROPERTY` instead of Cycles' random number, and no other object's coordinates."""
     nodes = [pair for material in materials for pair in _material_nodes(material) if not pair[0].library]
     for tree, node in nodes:
         if node.type == "TEX_COORD":
@@ -54,7 +54,7 @@ def detach_materials(materials: Iterable[Any]) -> None:
 
 
 def lost_inputs(materials: Iterable[Any], *, moved: bool) -> list[Doubt]:
-    """Return a doubt about materials that read what twins lack; `moved`: they have coordinates of their own."""
+    """Return a doubt about materials that read what tidy twins lack, such as positions if twins are `moved`."""
     losing = [m.name for m in materials if any(_is_lost(node, moved=moved) for _, node in _material_nodes(m))]
     text = (
         f"the materials {quote_names(losing)} read attributes, particles, strands, or positions of the file's objects, "

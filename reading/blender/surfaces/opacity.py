@@ -19,7 +19,7 @@ from hulldown.blender.nodes import Stack, material_output, socket_source
 from hulldown.blender.shaders import TRANSPARENT_SHADER, surface_shaders
 from hulldown.geometry.alpha import AlphaMap, Extension
 
-MOST_PIXELS = 1 << 26  # read at once; of larger images Blender makes a smaller one first
+MAX_READ_PIXELS = 1 << 26  # Blender shrinks larger images first
 IDENTITY_AFFINE = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 Affine = tuple[tuple[float, float, float], tuple[float, float, float]]
 # Nodes that make of a gray value what they make of each color's luminance.
@@ -27,7 +27,7 @@ OF_GRAY = ("Emission", "Math", "Mix", "MapRange", "Clamp", "Invert", "RGBToBW", 
 
 
 class NotUnderstoodError(Exception):
-    """A node tree that is more than one lookup."""
+    """Raised for a node tree that is more than one lookup."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ class Cutter:
 
 
 def is_opaque(material: Any) -> bool:
-    """Return whether nothing can be seen through a material, whatever its textures."""
+    """Return whether nothing is visible through a material, whatever its textures."""
     for shader, around in surface_shaders(material):
         if shader.type == TRANSPARENT_SHADER:
             return False
@@ -164,11 +164,11 @@ def is_curved(image: Any, channel: str) -> bool:
 
 
 def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
-    """Texels of a channel of an image with pixels, in 255ths if the file has bytes, and in sRGB if `is_curved`."""
+    """Return the texels of an image's channel, in 255ths if the file has bytes, and in sRGB if `is_curved`."""
     if image.alpha_mode == "NONE" and channel == "alpha":
         return np.full((1, 1), 255, np.uint8)
     width, height = image.size
-    share = min(1.0, (MOST_PIXELS / (width * height)) ** 0.5)
+    share = min(1.0, (MAX_READ_PIXELS / (width * height)) ** 0.5)
     rgba = image_pixels(image, (int(width * share), int(height * share)))
     if channel == "alpha":
         return _stored(rgba[..., 3], image)

@@ -21,7 +21,7 @@ TEXTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".
 
 
 def used_files() -> list[str]:
-    """Absolute path of every file that the open file refers to, existing or not; without packed ones."""
+    """Return the absolute path of every file that the open file refers to, existing or not, without packed ones."""
     paths = {path for path in bpy.utils.blend_paths(absolute=True, packed=False, local=False) if path}
     paths |= {path for block in _referring_blocks() if (path := _block_path(block))}
     return sorted(paths)
@@ -57,7 +57,7 @@ def find_moved(path: Path) -> list[Doubt]:
 
 
 def nearby_pictures(path: Path) -> list[str]:
-    """Pictures that `find_moved` would search near an asset, relative to its folder, without those in hidden ones."""
+    """Return pictures that `find_moved` searches near an asset, relative to its folder, without hidden folders."""
     near = {
         Path(os.path.relpath(file, path.parent))
         for file in nearby_files(path)
@@ -75,7 +75,7 @@ def _replace_image(image: Any, file: str) -> None:
 
 
 def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
-    """Files and pictures that drawn objects refer to and that are missing, or that Blender can't read."""
+    """Return files and pictures of drawn objects that are missing, or that Blender can't read."""
     users = bpy.data.user_map()
     found: dict[tuple[str, str], set[str]] = {}
     for block in _referring_blocks():
