@@ -27,7 +27,14 @@ from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.pivots import marked_points
 from hulldown.reading.vehicle.solids import MAX_SOLIDS, PlacedPieces
-from hulldown.reading.vehicle.stance import Upright, find_nose, find_solids_again, vehicle_from_upright
+from hulldown.reading.vehicle.stance import (
+    UP_AXES,
+    Upright,
+    find_nose,
+    find_solids_again,
+    up_matrix,
+    vehicle_from_upright,
+)
 from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
@@ -161,7 +168,10 @@ def _lying_doubt(shape: VehicleShape) -> Doubt | None:
     gaps = [mirror_gap(points, axis) / max(float(size[axis]), 1e-30) for axis in (1, 2)]
     if not gaps[1] < MAX_LYING_GAP_SHARE <= gaps[0]:
         return None
-    axis = "xyz"[int(np.abs(shape.vehicle_from_file[1, :3]).argmax())]
+    outer = [points[side * points[:, 1] > 0.3 * size[1]][:, [0, 2]] for side in (1, -1)]
+    left, right = (float(np.ptp(one, axis=0).prod()) if len(one) else 0.0 for one in outer)
+    up = shape.vehicle_from_file[1, :3] * (1 if left <= right else -1)  # toward the narrower side
+    axis = max(UP_AXES, key=lambda name: float(up_matrix(name)[2, :3] @ up))
     text = f'it is alike above and below, and not on its left and right; set up = "{axis}" if it lies on its side'
     return Doubt(DoubtKind.UP, text)
 

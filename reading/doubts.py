@@ -16,7 +16,7 @@ from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
 from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, as_key, quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
-from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, canopy_sheets, enclosing_piece
+from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, MIN_PIT_DEPTH_M, canopy_sheets, enclosing_piece
 
 MAX_VEHICLE_LENGTH_M = 60.0  # the longest road trains
 MIN_VEHICLE_LENGTH_M = 0.8
@@ -48,6 +48,7 @@ def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     if not MIN_VEHICLE_LENGTH_M <= longest <= MAX_VEHICLE_LENGTH_M:
         hint = likely_scale(longest, report.unit)
         text = f"the vehicle is {format_length(longest)} long; set scale{hint} if that is wrong"
+        text += ", or list it under [[assets.sceneries]] if it's one" * (longest > MAX_VEHICLE_LENGTH_M)
         yield Doubt(DoubtKind.SCALE, text)
     if height > 1.5 * across and options.up is None:
         other = "z" if report.up == "y" else "y"
@@ -134,6 +135,10 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
     if grounds and _level_area(level) > _level_area(grounds):
         text = f"obstacles have more level surface than the ground, {quote_names(piece.name for piece in grounds)}"
         yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(level)}")
+    lowest = min((piece.bounds[0, 2] for piece in solid), default=-np.inf)
+    if grounds and (depth := float(lowest - max(piece.bounds[1, 2] for piece in grounds))) > MIN_PIT_DEPTH_M:
+        text = f"the ground, {quote_names(piece.name for piece in grounds)}, is {depth:.0f} m below everything else"
+        yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(solid)}")
     for sheet, above in canopy_sheets(solid, [piece.bounds for piece in grounds]):
         name = as_key([sheet.name])
         text = f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it"

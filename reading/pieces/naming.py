@@ -89,7 +89,7 @@ PRIMITIVE_WORDS = (
 
 GROUND_WORDS = (
     *("ground", "groundplane", "terrain", "landscape", "floor", "road", "soil", "dirt", "sand", "grassland", "field"),
-    *("meadow", "street", "path", "track", "hill", "land", "earth", "heightmap", "dem"),
+    *("meadow", "street", "path", "track", "hill", "land", "earth", "heightmap", "dem", "island"),
 )
 NOT_GROUND = (
     *("rock", "stone", "boulder", "tree", "bush", "bushes", "shrub", "grass", "grasses", "plant", "fern", "flower"),

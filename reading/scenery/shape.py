@@ -174,19 +174,19 @@ def carpet_meshes(
 def tile_meshes(
     among: Sequence[int], pieces: Sequence[Piece], ground: Sequence[Piece], obstacles: Sequence[Piece]
 ) -> list[int]:
-    """Find level tiles beside the ground, copies of one mesh that together cover much of the scenery."""
+    """Find level tiles of one size beside the ground that together cover much of the scenery."""
     if not ground:
         return []
     bounds = np.array([piece.bounds for piece in (*ground, *obstacles)])
     extent = bounds[:, 1].max(axis=0) - bounds[:, 0].min(axis=0)
     low, high = (np.array([piece.bounds[end, 2] for piece in ground]) for end in (0, 1))
-    families: dict[int, list[int]] = {}
+    families: dict[tuple[float, ...], list[int]] = {}
     for i in among:
         piece = pieces[i]
         thin = piece.size[2] <= MAX_TILE_THICKNESS_SHARE * max(piece.size[:2])
         beside = low.min() - MIN_WATER_DEPTH_M <= piece.bounds[0, 2] <= high.max() + MIN_WATER_DEPTH_M
         if thin and beside and _may_be_ground(piece, MIN_THING_WIDTH_M**2):
-            families.setdefault(piece.mesh, []).append(i)
+            families.setdefault(tuple(np.round(piece.size, 2).tolist()), []).append(i)
     least = MIN_COVERED_SHARE * extent[0] * extent[1]
     return [i for own in families.values() if sum(pieces[i].area for i in own) > least and len(own) > 1 for i in own]
 

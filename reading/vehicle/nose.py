@@ -12,7 +12,15 @@ from jaxtyping import Bool, Float
 from scipy.spatial import cKDTree
 
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import FRONT_WORDS, GUN_WORDS, REAR_WORDS, TURRET_WORDS, first_match
+from hulldown.reading.pieces.naming import (
+    FRONT_WORDS,
+    GUN_WORDS,
+    REAR_WORDS,
+    TURRET_HINTS,
+    TURRET_WORDS,
+    first_match,
+    hinted_stem,
+)
 from hulldown.reading.vehicle.solids import MIN_PARALLEL_COSINE, Solids, Wheels
 
 Value = TypeVar("Value", str, float)
@@ -98,7 +106,9 @@ def find_forward(
     # Two agreeing signs are as good as a name.
     alone = abs(total) < 2 or abs(total) < abs(tubes) + sum(map(abs, built))
     slender = 0.0 if gun_end else slender_end(corners, ahead)
-    armed = any(first_match(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) for name in names)
+    armed = any(
+        first_match(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) or hinted_stem(name, TURRET_HINTS) for name in names
+    )
     # In order of trust: the end of a sign (0 for neither), the reason, the doubt.
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),

@@ -171,6 +171,12 @@ def test_tiles_beside_roads_are_ground_by_any_name_and_roofs_are_not() -> None:
         assert uses(road, *grass) == ["ground", *[use] * 9]
 
 
+def test_ground_far_below_everything_is_a_doubt_with_the_ground() -> None:
+    floor = piece("bottom_land", size=(2000, 2000, 0), at=(0, 0, -90), level=1.0)
+    (doubt,) = [d for d in doubts_about(floor, HILLS, *HOUSES) if d.kind == DoubtKind.NOT_GROUND]
+    assert 'ground = ["Plane.003"]' in doubt.text
+
+
 def test_ground_far_below_everything_else_is_not_used() -> None:
     skirt = piece("Terrain_outer", size=(1200, 1200, 0), at=(0, 0, -200), level=1.0)
     track = piece("Track", size=(400, 400, 3), level=1.0)
