@@ -347,9 +347,11 @@ def class_names(entry: ModelEntry) -> tuple[str, str]:
 
 def odd_length(names: Sequence[str], report: FileReport) -> tuple[str, tuple[float, float]] | None:
     """Return the class by these names and its usual lengths, if the vehicle's length isn't usual."""
-    kind = next((kind for name in names for kind in USUAL_LENGTHS_M if first_match(name, kind)), ANY_VEHICLE)
-    low, high = USUAL_LENGTHS_M.get(kind, ANY_LENGTH)
-    return None if low <= max(report.size) <= high else (kind[0], (low, high))
+    told = ([kind for kind in USUAL_LENGTHS_M if first_match(name, kind)] for name in names)
+    kinds = next(filter(None, told), [ANY_VEHICLE])  # several of "car-truck-tanker"
+    lows, highs = zip(*(USUAL_LENGTHS_M.get(kind, ANY_LENGTH) for kind in kinds), strict=True)
+    low, high = min(lows), max(highs)
+    return None if low <= max(report.size) <= high else (kinds[0][0], (low, high))
 
 
 def with_odd_length(report: FileReport, *names: str) -> FileReport:

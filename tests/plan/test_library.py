@@ -12,7 +12,12 @@ def report_of(length: float) -> FileReport:
 
 @pytest.mark.parametrize(
     ("names", "kind"),
-    [(("truck", "car-truck-tanker"), None), (("", "car-truck-tanker"), "car"), (("vehicle", "mbt_1"), None)],
+    [
+        (("truck", "car-truck-tanker"), None),
+        (("", "car-tanker"), "car"),
+        (("", "car-truck"), None),
+        (("vehicle", "mbt_1"), None),
+    ],
 )
 def test_the_category_outweighs_the_name(names: tuple[str, str], kind: str | None) -> None:
     odd = odd_length(names, report_of(10.8))
