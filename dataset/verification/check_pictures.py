@@ -39,8 +39,8 @@ MIN_TEXTURE_DEVIATION_LEVELS = 2.0  # of 255: a picture with less has nothing to
 MIN_CONTRAST_LEVELS = 1.0  # of 255: a target with less, outside and within itself, isn't in the picture
 CLEAR_CONTRAST_LEVELS = 8.0  # of 255: a target with less is hard to make out; sound renders had 20.9 and more
 MIN_BRIGHTEST, MAX_DARKEST = 16.0, 250.0  # of 255: the brightest twentieth of a sound target had 34 and more
-# Of the pixels: Blender's color of missing pictures as AgX shows it, in light from 0.05 to 1, white or warm.
-MAX_MAGENTA_SHARE, MAX_MAGENTA_GREEN, MIN_MAGENTA_BALANCE, MIN_MAGENTA_LEVEL = 0.01, 0.62, 0.8, 40
+# Of the pixels: Blender's color of missing pictures as AgX shows it, white or warm light up to twice white.
+MAX_MAGENTA_SHARE, MAX_MAGENTA_GREEN, MIN_MAGENTA_BALANCE, MIN_MAGENTA_LEVEL = 0.03, 0.75, 0.8, 40
 SURROUNDINGS_WIDTH_SHARE = 0.25  # of the mask's longer side
 
 

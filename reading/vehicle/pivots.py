@@ -255,7 +255,7 @@ def gun_guess(
         aside > 0.5 * solids.size[barrel, 1] and len(tubes) > MAX_TWIN_BARRELS
     )
     if several and held is not None:
-        return Pivot(held, "the top of the plates that hold its tubes", guessed=True)
+        return Pivot(held, "the top of the plates that hold its tubes")
     if several or not slender:
         return Pivot(rear, "the middle of its rear end", guessed=True)
     reach = (solids.bounds[:, 0] - start) @ line, (solids.bounds[:, 1] - start) @ line

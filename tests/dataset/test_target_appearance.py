@@ -56,7 +56,9 @@ def test_a_target_that_is_black_or_overexposed_is_found(tmp_path, level, problem
     assert found.figure == pytest.approx(level, abs=0.1)
 
 
-@pytest.mark.parametrize(("color", "found"), [((171, 71, 173), True), ((166, 70, 140), True), ((161, 99, 145), False)])
+@pytest.mark.parametrize(
+    ("color", "found"), [((212, 150, 209), True), ((166, 70, 140), True), ((161, 130, 165), False)]
+)
 def test_ground_in_the_color_of_missing_pictures_is_found(tmp_path, color, found):
     picture, mask = scene(0)
     picture[150:] = color
