@@ -24,8 +24,8 @@ def atomic_writer(path: Path) -> Iterator[BinaryIO]:
         os.replace(temporary, path)
         sync_folder(path.parent)
     except OSError as error:
-        # A full disk does not say which file it has no room for.
-        if error.errno is not None and error.filename is None:
+        # A full disk does not say which file it has no room for, and users don't know the temporary one.
+        if error.errno is not None and error.filename in (None, str(temporary)):
             error.filename = str(path)
         raise
     finally:

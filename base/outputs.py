@@ -142,6 +142,8 @@ class OutputFolder(OutputLock):
         ):
             self.release()
             raise OutputError(f"isn't empty: it has {min(names)} and no {what}", path=path, remedy=OTHER_FOLDER)
+        for left in path.glob(".*.[0-9]*.tmp"):  # written by killed processes
+            left.unlink()
         if marks is None:
             replace_file(path / own, b"")
 
