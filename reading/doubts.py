@@ -23,6 +23,7 @@ MIN_VEHICLE_LENGTH_M = 0.8
 MIN_SCENERY_EXTENT_M = 20.0
 MAX_SCENERY_EXTENT_M = 200_000.0
 MAX_UPRIGHT_GROUND_SHARE = 0.05  # of a scenery's height and length: narrower ground stands upright
+MAX_CROWDED_SHARE = 0.05  # of the widest ground's area
 LIKELY_LENGTHS = (2.0, 20.0)
 UsedPieces = Sequence[tuple[Piece, PieceRole]]  # what is rendered, with its use
 # Words for things of known height, their usual median height in meters, and words for parts of such things.
@@ -135,6 +136,17 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
     if grounds and _level_area(level) > _level_area(grounds):
         text = f"obstacles have more level surface than the ground, {quote_names(piece.name for piece in grounds)}"
         yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(level)}")
+    rest = [piece for piece, role in used if role.use in ("ground", "obstacle") and grounds and piece is not main]
+    if len(grounds) > 1 and len(rest) > len(grounds):
+        (left, front, _), (right, back, _) = (
+            np.min([p.bounds[0] for p in rest], 0),
+            np.max([p.bounds[1] for p in rest], 0),
+        )
+        if (share := (right - left) * (back - front) / main.area) < MAX_CROWDED_SHARE:
+            text = (
+                f"everything but {main.name!r} is in {100 * share:.1g} % of its area, and most positions are elsewhere"
+            )
+            yield Doubt(DoubtKind.GROUND, f"{text}; to leave it out, set not_ground = {as_key([main.name])}")
     lowest = min((piece.bounds[0, 2] for piece in solid), default=-np.inf)
     if grounds and (depth := float(lowest - max(piece.bounds[1, 2] for piece in grounds))) > MIN_PIT_DEPTH_M:
         text = f"the ground, {quote_names(piece.name for piece in grounds)}, is {depth:.0f} m below everything else"

@@ -171,6 +171,13 @@ def test_tiles_beside_roads_are_ground_by_any_name_and_roofs_are_not() -> None:
         assert uses(road, *grass) == ["ground", *[use] * 9]
 
 
+@pytest.mark.parametrize(("width", "doubted"), [(2000, True), (400, False)])
+def test_a_town_in_a_corner_of_a_plain_is_a_doubt(width: float, doubted: bool) -> None:
+    plain = piece("OuterGround", size=(width, width, 0), at=(0, 0, -0.3), level=1.0)
+    texts = [doubt.text for doubt in doubts_about(plain, ROAD, HILLS, *HOUSES)]
+    assert any('not_ground = ["OuterGround"]' in text for text in texts) is doubted
+
+
 def test_ground_far_below_everything_is_a_doubt_with_the_ground() -> None:
     floor = piece("bottom_land", size=(2000, 2000, 0), at=(0, 0, -90), level=1.0)
     (doubt,) = [d for d in doubts_about(floor, HILLS, *HOUSES) if d.kind == DoubtKind.NOT_GROUND]
