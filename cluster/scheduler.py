@@ -39,7 +39,11 @@ class Scheduler:
         The same.
     """
 
-    address: Annotated[str, Parameter(name="--scheduler")]
+    address: Annotated[
+        str,
+        make_check("tcp://HOST:PORT or a .json file", lambda text: "://" in text or text.endswith(".json")),
+        Parameter(name="--scheduler"),
+    ]
     tls_ca_file: str | None = None
     tls_client_cert: Annotated[str | None, Parameter(name="--tls-cert")] = None
     tls_client_key: Annotated[str | None, Parameter(name="--tls-key")] = None
