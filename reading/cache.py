@@ -31,7 +31,7 @@ from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import Exported, export_asset, folder_export
 
-EXPORTER_VERSION = 40
+EXPORTER_VERSION = 41
 NOTE_NAME = "entry.json"
 MAX_NOTE_BYTES = 1 << 26
 KEY_BYTES = 32

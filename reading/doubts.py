@@ -130,9 +130,12 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
         text = "if buildings are part of it, vehicles are placed on their roofs; make them objects of their own"
         yield Doubt(DoubtKind.STEEP_GROUND, f"{steep}: {text} in Blender")
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
-    level = [
-        p for p, role in used if role.use == "obstacle" and role.by is not By.SHAPE and not (p.hair or p.scattered)
-    ]
+    named = [piece for piece, role in used if role.use == "obstacle" and role.by is not By.SHAPE]
+    low = np.min([piece.bounds[0] for piece in grounds], axis=0, initial=np.inf)
+    high = np.max([piece.bounds[1] for piece in grounds], axis=0, initial=-np.inf)
+    middles = [(piece, piece.bounds.mean(axis=0)) for piece in named if not (piece.hair or piece.scattered)]
+    # Without hills on the horizon.
+    level = [piece for piece, at in middles if ((at >= low) & (at <= high))[:2].all()]
     if grounds and _level_area(level) > _level_area(grounds):
         text = f"obstacles have more level surface than the ground, {quote_names(piece.name for piece in grounds)}"
         yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(level)}")

@@ -313,6 +313,9 @@ def test_dropping_the_hull_is_a_doubt_and_many_pieces_get_a_pattern():
     doubts = scenery_doubts(report, [*tiles, road], [*roles[:40], PieceRole("ground", "", By.NAME)], Options())
     (kept,) = [doubt.text for doubt in doubts if doubt.kind == DoubtKind.NOT_GROUND]
     assert 'ground = ["TERR*"]' in kept
+    far = [replace(tile, bounds=np.add(tile.bounds, (0, 5000, 0))) for tile in tiles]
+    doubts = scenery_doubts(report, [*far, road], [*roles[:40], PieceRole("ground", "", By.NAME)], Options())
+    assert not any(doubt.kind == DoubtKind.NOT_GROUND for doubt in doubts)
 
 
 def test_a_curb_around_a_track_is_not_water(read):
