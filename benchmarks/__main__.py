@@ -26,8 +26,8 @@ from hulldown.base.code import package_version
 
 ROOT = Path(__file__).parents[1]
 SUITES = (
-    "top_hits", "top_hits_demo", "settling", "visibility", "boxes", "coco", "planning", "rendering", "cluster",
-    "reading",
+    "top_hits", "top_hits_demo", "settling", "visibility", "boxes", "coco", "planning", "rendering",
+    "rendering_error", "cluster", "reading",
 )  # fmt: skip
 HARD_CASES = Path(__file__).with_name("hard-cases.md")  # the page without its measured table
 LIBRARIES = ("embreex", "numpy", "scipy", "trimesh", "bpy", "distributed", "open3d", "pycocotools")

@@ -1,6 +1,6 @@
-"""Rendering: the time of an image besides Cycles' sampling, and error against samples.
+"""Rendering: CPU seconds of an image by phases, beside Cycles alone.
 
-All on the CPU, on the demo assets.
+On the CPU, on the demo assets.
 """
 
 from __future__ import annotations
@@ -12,11 +12,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
+from msgspec.structs import replace as altered
 
-from hulldown.benchmarks import rendering_error
-from hulldown.benchmarks.rendering_error import FAST, PAPER
 from hulldown.benchmarks.tables import table
+from hulldown.dataset.row_records import Segmenter
 from hulldown.demo.project import create_project
+from hulldown.plan.config.scene_sections import RENDER_PROFILES
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import Library, load_library, load_planned_library
 from hulldown.plan.plan_file import Plan
@@ -27,21 +29,60 @@ from hulldown.render.jobs import render_job
 from hulldown.render.outline import sort_key
 from hulldown.render.process import Allowance, Blender, Limits
 
-FEW_SAMPLES = 4  # samples of the pictures whose sampling is not what is measured
-MORE_SAMPLES = 32  # samples that, beside few, tell what one more sample takes
-STEPPE, HILLS = "dry_steppe", "temperate_hills"
+SIZES = ((320, 180), (640, 360))
+PHASES = {
+    "load": "loading and posing",
+    "sync": "syncing, BVH, sky map",
+    "sample": "sampling and denoising",
+    "save": "saving",
+    "labels": "labels with masks",
+}
 
 
 def run(quick: bool) -> dict:
-    """Measure."""
+    """Measure the first images of `init`'s plan in the order of `render`; each job is done again: Cycles alone."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        config_path = create_project(folder, seed=0)
+        config = Config.read(create_project(folder, seed=0))
+        plan = write_plan(config, load_library(config).assets, folder / "plan.jsonl")
+        library = load_planned_library(plan)
+        rows = sorted(plan, key=sort_key)[: 3 if quick else 7]
         return {
-            "loading": _loading(folder, config_path, quick),
-            "large": _large(folder, config_path, quick),
-            "error": _error(folder, config_path, quick),
+            "settings": RENDER_PROFILES["train"],
+            "sizes": [
+                {"size": size, **_measure_size([_resized(row, size) for row in rows], plan, library, folder)}
+                for size in SIZES
+            ],
         }
+
+
+def _resized(row: Row, size: tuple[int, int]) -> Row:
+    boxes = [v.bbox and type(v.bbox)(*(size[0] / row.width * np.array(v.bbox)).tolist()) for v in row.planned]
+    planned_vehicles = [altered(v, bbox=box) for v, box in zip(row.planned, boxes, strict=True)]
+    return altered(row, width=size[0], height=size[1], planned=type(row.planned)(planned_vehicles))
+
+
+def _measure_size(rows: list[Row], plan: Plan, library: Library, folder: Path) -> dict[str, Any]:
+    segmenter, images = Segmenter.of_plan(plan, library), []
+    with make_blender(folder) as blender:
+        blender.start_process()
+        start = _cpu_seconds(blender)
+        for row in rows:
+            job = make_job(row, library, RENDER_PROFILES["train"], folder / "image.png")
+            began = time.process_time()
+            segmenter.records(row)
+            labels, before = time.process_time() - began, _cpu_seconds(blender)
+            parts = blender.do(job).seconds
+            after = _cpu_seconds(blender)
+            assert blender.do(job).content
+            alone = _cpu_seconds(blender) - after
+            images.append({**parts, "labels": labels, "render": after - before + labels, "alone": alone})
+    return {"start": start, "images": images}
+
+
+def _cpu_seconds(blender: Blender) -> float:
+    times = psutil.Process(blender.process_id).cpu_times()
+    return times.user + times.system
 
 
 def planned(
@@ -70,121 +111,40 @@ def planned(
     return plan, load_planned_library(plan)
 
 
-def _job(row: Row, library: Library, settings: dict[str, Any], output: Path) -> RenderJob:
+def make_job(row: Row, library: Library, settings: dict[str, Any], output: Path) -> RenderJob:
+    """Return the job of rendering a row with these settings."""
     return render_job(row, library, CyclesSettings(**settings), output)
 
 
-def _in_order(plan: Plan) -> list[Row]:
-    """As the supervisor sorts them."""
-    return sorted(plan, key=sort_key)
-
-
-def _overhead(parts: dict[str, float]) -> float:
-    return parts["load"] + parts["sync"] + parts["save"]
-
-
-def _blender(folder: Path) -> Blender:
+def make_blender(folder: Path) -> Blender:
+    """Return a Blender on the CPU that may take any time."""
     return Blender(folder / "log", device="cpu", allowance=Allowance(Limits(job_s=math.inf)))
-
-
-def _loading(folder: Path, config_path: Path, quick: bool) -> dict:
-    """Measure twelve images of three vehicles; in a larger dataset a vehicle has many more that follow each other."""
-    size = (160, 90) if quick else (480, 270)
-    plan, library = planned(folder, config_path, 4, size, one_of_a_class=True)
-    settings = {**FAST, "samples": FEW_SAMPLES} if quick else FAST
-    jobs = [_job(row, library, settings, folder / f"{i}.png") for i, row in enumerate(_in_order(plan))]
-    with _blender(folder) as blender:
-        start = time.perf_counter()
-        blender.start_process()
-        started = time.perf_counter() - start
-        start = time.perf_counter()
-        parts = [blender.do(job).seconds for job in jobs]
-        ours = time.perf_counter() - start
-    overhead = [_overhead(p) for p in parts]
-    return {
-        "size": size,
-        "settings": settings,
-        "images": len(jobs),
-        "start_s": started,
-        "parts": parts,
-        "first_overhead_s": overhead[0],
-        "steady_overhead_s": float(np.median(overhead[1:])),
-        "ours_s": ours,
-    }
-
-
-def _large(folder: Path, config_path: Path, quick: bool) -> dict:
-    """Return the time of 1080p images outside sampling, and that of the paper's 128 samples.
-
-    In the scenery that samples faster, which makes the share larger. On a CPU 128 samples take a quarter of an hour, so
-    they are reckoned from few and more samples of one picture.
-    """
-    size = (192, 108) if quick else (1920, 1080)
-    plan, library = planned(folder, config_path, 4, size, scenery=STEPPE, one_of_a_class=True)
-    rows = _in_order(plan)[:4]
-    with _blender(folder) as blender:
-        parts = [
-            blender.do(_job(row, library, {**PAPER, "samples": samples}, folder / "l.png")).seconds
-            for row, samples in zip(
-                [*rows, rows[-1]], (FEW_SAMPLES, FEW_SAMPLES, FEW_SAMPLES, FEW_SAMPLES, MORE_SAMPLES), strict=True
-            )
-        ]
-    overhead = float(np.median([_overhead(p) for p in parts[1:]]))
-    few, more = parts[-2]["sample"], parts[-1]["sample"]
-    sampling = few + (PAPER["samples"] - FEW_SAMPLES) * (more - few) / (MORE_SAMPLES - FEW_SAMPLES)
-    return {
-        "size": size,
-        "samples": PAPER["samples"],
-        "parts": parts,
-        "overhead_s": overhead,
-        "sample_s": sampling,
-        "share": overhead / (overhead + sampling),
-    }
-
-
-def _error(folder: Path, config_path: Path, quick: bool) -> dict:
-    size = (64, 36) if quick else (128, 72)
-    near = {"target_fraction": [0.3, 0.5]}
-    # Behind leaves, which let light through: what bounces, and transparency, matter most for.
-    hidden = {**near, "visible_fraction": [0.4, 0.85]}
-    open_plan, open_library = planned(folder, config_path, 1, size, scenery=STEPPE, one_of_a_class=True, camera=near)
-    wood_plan, wood_library = planned(folder, config_path, 1, size, scenery=HILLS, one_of_a_class=True, camera=hidden)
-    pictures = [("open ground", open_plan[0], open_library)]
-    pictures += [(f"wood {i + 1}", wood_plan[i], wood_library) for i in range(1 if quick else 2)]
-    with _blender(folder) as blender:
-        return rendering_error.measure(
-            pictures, lambda job: blender.do(job).seconds, folder, reference_samples=256 if quick else 4096
-        )
 
 
 def report(results: dict) -> str:
     """Return a Markdown section."""
-    loading, large = results["loading"], results["large"]
-    parts = loading["parts"][1:]
-    steady = {key: float(np.median([p[key] for p in parts])) for key in ("load", "sync", "sample", "save")}
-    width, height = loading["size"]
-    rows = [
-        ("loading and posing, steady state", f"{steady['load']:.3f}"),
-        ("syncing, BVH, sky map", f"{steady['sync']:.3f}"),
-        ("saving", f"{steady['save']:.3f}"),
-        ("sum outside sampling, steady state", f"{loading['steady_overhead_s']:.3f}"),
-        ("first image", f"{loading['first_overhead_s']:.3f}"),
-        ("sampling and denoising", f"{steady['sample']:.3f}"),
-    ]
+    sizes, settings = results["sizes"], results["settings"]
+    keys = (*PHASES, "render", "alone")
+    means = [{key: float(np.mean([image[key] for image in one["images"][1:]])) for key in keys} for one in sizes]
+    titles = {
+        **PHASES,
+        "render": "**`render`**, all of it",
+        "alone": "Cycles alone: the same job again, nothing changed",
+    }
+    rows = [(titles[key], *(f"{mean[key]:.2f}" for mean in means)) for key in keys]
+    rows.append(("`render` / Cycles alone", *(f"**{mean['render'] / mean['alone']:.2f}**" for mean in means)))
+    rows.append(("without labels", *(f"{(m['render'] - m['labels']) / m['alone']:.2f}" for m in means)))
+    rows.append(("once: starting Blender", *(f"{one['start']:.2f}" for one in sizes)))
+    fixed = [one["images"][0]["render"] - one["images"][0]["alone"] for one in sizes]
+    rows.append(("once a scenery: the first image, beyond Cycles alone", *(f"{seconds:.2f}" for seconds in fixed)))
     return "\n\n".join([
         "## Rendering",
-        f"{loading['images']} images of the demo at {width} x {height}, {loading['settings']['samples']} samples, "
-        "denoised, adaptive, on the CPU: three vehicles in two sceneries. Starting Blender takes "
-        f"{loading['start_s']:.1f} s once.",
-        table(["", "s an image"], rows),
-        f"At {large['size'][0]} x {large['size'][1]} the sum outside sampling is {large['overhead_s']:.2f} s (median "
-        f"of {len(large['parts']) - 1} images in steady state), and {large['samples']} samples, denoised, take "
-        f"{large['sample_s']:.0f} s (extrapolated from {FEW_SAMPLES} and {MORE_SAMPLES} samples of one picture): "
-        f"**{large['share']:.1%}** of the image's time is not sampling.",
-        rendering_error.report(results["error"]),
+        f"CPU seconds an image: {len(sizes[0]['images']) - 1} images that follow each other in `init`'s plan, profile "
+        f"`train` ({settings['samples']} samples, denoised, adaptive), on the CPU.",
+        table(["", *("{} x {}".format(*one["size"]) for one in sizes)], rows),
     ])  # fmt: skip
 
 
 def plots(results: dict, folder: Path) -> list[Path]:
-    """Draw error against time."""
-    return [rendering_error.plot(results["error"], folder / "rendering_error.png")]
+    """Draw nothing."""
+    return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,12 @@ from matplotlib.figure import Figure
 from msgspec.structs import replace as altered
 from PIL import Image
 
+from hulldown.benchmarks.rendering import make_blender, make_job, planned
 from hulldown.benchmarks.tables import table
+from hulldown.demo.project import create_project
 from hulldown.plan.library import Library
 from hulldown.plan.row import Row
-from hulldown.render.blender.messages import CyclesSettings, RenderJob
-from hulldown.render.jobs import render_job
+from hulldown.render.blender.messages import RenderJob
 
 PAPER = {"samples": 128, "denoise": True, "adaptive_threshold": 0.0, "bounces": 12}
 FAST = {"samples": 32, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4}
@@ -36,15 +38,34 @@ PLOTTED = ("16 ", "64 ", "256 ", *(f"{DEFAULT}, {end}" for end in ("threshold 0.
 Ask = Callable[[RenderJob], Mapping[str, Any]]
 
 
+def run(quick: bool) -> dict:
+    """Measure three pictures of the demo, one on open ground."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        config_path = create_project(folder, seed=0)
+        size = (64, 36) if quick else (128, 72)
+        near = {"target_fraction": [0.3, 0.5]}
+        # Behind leaves, which let light through: what bounces, and transparency, matter most for.
+        hidden = {**near, "visible_fraction": [0.4, 0.85]}
+        pictures = []
+        for where, scenery, camera in (("open ground", "dry_steppe", near), ("wood", "temperate_hills", hidden)):
+            plan, library = planned(folder, config_path, 1, size, scenery=scenery, one_of_a_class=True, camera=camera)
+            pictures += [(f"{where} {i + 1}", plan[i], library) for i in range(1 if quick or camera is near else 2)]
+        with make_blender(folder) as blender:
+            return measure(
+                pictures, lambda job: blender.do(job).seconds, folder, reference_samples=256 if quick else 4096
+            )
+
+
 def measure(
     pictures: list[tuple[str, Row, Library]], ask: Ask, folder: Path, *, reference_samples: int
 ) -> dict[str, Any]:
-    """Each variant of each picture, in another order for each, so that no disturbance falls on one variant alone."""
+    """Measure each variant of each picture, in another order for each: no disturbance falls on one variant alone."""
     rng = np.random.default_rng(0)
     found: dict[str, dict[str, dict[str, float]]] = {}
 
     def picture(row: Row, library: Library, settings: dict[str, Any]) -> tuple[np.ndarray, float]:
-        seconds = ask(render_job(row, library, CyclesSettings(**settings), folder / "e.png"))
+        seconds = ask(make_job(row, library, settings, folder / "e.png"))
         with Image.open(folder / "e.png") as image:
             return np.asarray(image, dtype=np.float64), seconds["sample"]
 
@@ -77,7 +98,7 @@ def means(results: dict) -> dict[str, dict[str, float]]:
 
 
 def report(results: dict) -> str:
-    """Return a part of a Markdown section."""
+    """Return a Markdown section."""
     pictures = results["pictures"]
     rows = [
         (
@@ -98,8 +119,9 @@ def report(results: dict) -> str:
     ])  # fmt: skip
 
 
-def plot(results: dict, path: Path) -> Path:
+def plots(results: dict, folder: Path) -> list[Path]:
     """Draw error against time."""
+    path = folder / "rendering_error.png"
     variants = means(results)
     figure = Figure(figsize=(10, 4), layout="constrained")
     axes = figure.subplots(1, 2, sharey=True)
@@ -118,4 +140,4 @@ def plot(results: dict, path: Path) -> Path:
     axes[0].set_ylabel("RMS difference, 8-bit steps")
     axes[0].legend()
     figure.savefig(path, dpi=120)
-    return path
+    return [path]

@@ -109,7 +109,7 @@ class Lost(AttemptFailed):
 class Outcome:
     """What a job gave: its output, or why it failed, and what did it."""
 
-    seconds: Mapping[str, float] = field(default_factory=dict)  # duration of each part of a picture, as in `Reply`
+    seconds: Mapping[str, float] = field(default_factory=dict)  # CPU seconds of each part of a picture, as in `Reply`
     content: bytes = b""  # contents of the job's output file
     reasons: tuple[str, ...] = ()  # reason of each failed attempt, if all failed
     restarts: int = 0

@@ -81,17 +81,17 @@ class Renderer:
         return stage
 
     def _render_picture(self, job: RenderJob) -> Reply:
-        start = time.monotonic()
+        start = time.process_time()
         stage = self._prepare_scene(job)
         output = Path(job.output)
         output.unlink(missing_ok=True)  # from a failed attempt
         stage.scene.render.filepath = os.fspath(output)
-        posed = time.monotonic()
+        posed = time.process_time()
         with _Stopwatch() as watch:
             bpy.ops.render.render(write_still=True, scene=stage.scene.name)
         if not output.is_file():
             raise RuntimeError("Blender has written no picture")
-        end = time.monotonic()
+        end = time.process_time()
         seconds = {
             "load": posed - start,
             "sync": watch.sampling - posed,
@@ -129,11 +129,11 @@ class _Stopwatch:
 
     def __exit__(self, *_: object) -> None:
         bpy.app.handlers.render_stats.remove(self._note_stats)
-        self.finished = self.finished or time.monotonic()
+        self.finished = self.finished or time.process_time()
         self.sampling = self.sampling or self.finished
 
     def _note_stats(self, stats: str, *_: object) -> None:
         if "Sample " in stats and not self.sampling:
-            self.sampling = time.monotonic()
+            self.sampling = time.process_time()
         if "Finished" in stats:
-            self.finished = time.monotonic()
+            self.finished = time.process_time()

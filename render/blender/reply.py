@@ -15,7 +15,7 @@ class Reply:
     # device, devices: name of the device that a start has chosen, and the number of graphics cards, 1 if there are none
     device: str = ""
     devices: int = 1
-    # duration of each part of a picture: "load", "sync", "sample", and "save"
+    # CPU seconds of each part of a picture: "load", "sync", "sample", and "save"
     seconds: dict[str, float] = field(default_factory=dict)
     failed: str = ""
     unusable: str = ""  # unusable, remedy: why every image would fail, which ends the run, and what to do about it
