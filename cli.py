@@ -25,16 +25,10 @@ MAX_LINE_CHARACTERS = 2000
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
 REFUSED_ERRNOS = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT, errno.EFBIG), "make room and run the same command again"),
-    **dict.fromkeys(
-        (errno.EROFS, errno.EACCES, errno.EPERM), "name another place, or give yourself the right to use it"
-    ),
+    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "name another place, or give yourself the right to it"),
     **dict.fromkeys((errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG, errno.ELOOP), "name another file or folder"),
 }
-CHANGED_FILE_ERRNOS = (
-    errno.ENOENT,
-    errno.EINVAL,
-    errno.ESTALE,
-)  # a named file that is gone, or something else than before
+CHANGED_FILE_ERRNOS = (errno.ENOENT, errno.EINVAL, errno.ESTALE)  # a named file is gone, or another than before
 VERBS = planning.VERBS | rendering.VERBS | training.VERBS | demo.VERBS
 
 
