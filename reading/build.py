@@ -172,6 +172,7 @@ def _lying_doubt(shape: VehicleShape) -> Doubt | None:
     left, right = (float(np.ptp(one, axis=0).prod()) if len(one) else 0.0 for one in outer)
     up = shape.vehicle_from_file[1, :3] * (1 if left <= right else -1)  # toward the narrower side
     axis = max(UP_AXES, key=lambda name: float(up_matrix(name)[2, :3] @ up))
+    axis = axis.removeprefix("-") if abs(left - right) < MAX_LYING_GAP_SHARE * max(left, right) else axis
     text = f'it is alike above and below, and not on its left and right; set up = "{axis}" if it lies on its side'
     return Doubt(DoubtKind.UP, text)
 
