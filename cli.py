@@ -48,9 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _print_refusal(f"{parser_problem(error)} (see `{' '.join(asked.split())}`)")
     except KeyboardInterrupt:
         resumes = any(verb.resumes for name, verb in VERBS.items() if words[: name.count(" ") + 1] == name.split())
-        return _print_refusal(
-            f"stopped; {'the same command goes on from here' if resumes else 'nothing was written'}", STOPPED
-        )
+        return _print_refusal(f"stopped; {'the same command goes on from here' if resumes else 'nothing was written'}", STOPPED)
     except BrokenPipeError:
         # The reader of stdout is gone, as with `head`.
         silence_stdout()

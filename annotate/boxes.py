@@ -195,9 +195,7 @@ class VehicleBoxes:
         xywh, amodal = np.full((n, 4), np.nan), np.full((n, 4), np.nan)
         for start in range(0, n, MAX_BATCH_POSES):
             rows = slice(start, min(start + MAX_BATCH_POSES, n))
-            camera_from_parts = self._parts.camera_from_parts(
-                vehicles[rows], cameras.world_from_camera[rows], angles[rows]
-            )
+            camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras.world_from_camera[rows], angles[rows])
             xywh[rows], amodal[rows] = self._view_boxes(camera_from_parts, lenses.take(rows))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
@@ -259,9 +257,7 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
     return np.asarray(np.clip(1.0 - share, 0.0, 1.0))
 
 
-def _view_box(
-    points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView
-) -> Float[np.ndarray, "4"]:
+def _view_box(points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView) -> Float[np.ndarray, "4"]:
     extremes = surface_extremes(points, faces, view)
     empty = not extremes[0] <= extremes[2]
     return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])

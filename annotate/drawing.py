@@ -19,15 +19,7 @@ from hulldown.annotate.label_type import Pen
 from hulldown.annotate.record_fields import declared_fields
 
 # Okabe and Ito, Color Universal Design, 2008: told apart by color-blind readers too. Black is left out.
-CLASS_COLORS = (
-    (230, 159, 0),
-    (86, 180, 233),
-    (0, 158, 115),
-    (240, 228, 66),
-    (0, 114, 178),
-    (213, 94, 0),
-    (204, 121, 167),
-)
+CLASS_COLORS = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (240, 228, 66), (0, 114, 178), (213, 94, 0), (204, 121, 167))
 IGNORED_COLOR = (170, 170, 170)
 
 

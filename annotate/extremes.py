@@ -170,9 +170,7 @@ def _may_widen(
     if not near.all():
         corners, low, high = (columns.compress(near, axis=1) for columns in (corners, low, high))
     farthest = np.sqrt(_squared_length(np.maximum(-low, high)))
-    gain, _, _ = view.box_gain(
-        best, [pixels.take(corner, axis=1) for corner in corners], _squared_length(high - low), farthest
-    )
+    gain, _, _ = view.box_gain(best, [pixels.take(corner, axis=1) for corner in corners], _squared_length(high - low), farthest)
     return corners.compress(~(gain <= 0.0), axis=1)  # nan where a corner isn't seen
 
 
@@ -216,11 +214,7 @@ def _clip_to_disk(
     if math.isinf(radius) or not start.size:
         return start, end
     along = end - start
-    a, b, c = (
-        _squared_length(along),
-        start[0] * along[0] + start[1] * along[1],
-        _squared_length(start) - radius * radius,
-    )
+    a, b, c = (_squared_length(along), start[0] * along[0] + start[1] * along[1], _squared_length(start) - radius * radius)
     root = b * b - a * c
     met = (root >= 0.0) & ((a > 0.0) | (c <= 0.0))
     start, end, along = start[:, met], end[:, met], along[:, met]

@@ -9,14 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.record_fields import (
-    CameraRecord,
-    CategoryKeypoints,
-    Declared,
-    LabelRecord,
-    Pose,
-    declared_fields,
-)
+from hulldown.annotate.record_fields import CameraRecord, CategoryKeypoints, Declared, LabelRecord, Pose, declared_fields
 from hulldown.base.outside import parse_value
 from hulldown.camera.intrinsics import Intrinsics
 

@@ -46,10 +46,7 @@ def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.nd
     left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1
     # A run that goes through several columns is a bar in the first, one in the last, and a block between them.
     one_column, full = left == right, np.full(len(first), height)
-    bars = [
-        (left, left + 1, top, np.where(one_column, bottom, full)),
-        (right, right + 1, np.where(one_column, top, 0), bottom),
-    ]
+    bars = [(left, left + 1, top, np.where(one_column, bottom, full)), (right, right + 1, np.where(one_column, top, 0), bottom)]
     bars.append((np.minimum(left + 1, right), right, np.where(one_column, top, 0), np.where(one_column, bottom, full)))
     corners = [np.stack([bar[i], bar[j]], axis=1) for bar in bars for i in (0, 1) for j in (2, 3)]
     return np.concatenate(corners).astype(np.float64)

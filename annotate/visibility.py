@@ -35,12 +35,7 @@ class Visibility:
 
 
 def visible_fraction(
-    subjects: Sequence[PosedVehicle],
-    cameras: Cameras,
-    *,
-    world: Scene = EMPTY_SCENE,
-    rays: int = 256,
-    seed: int = 0,
+    subjects: Sequence[PosedVehicle], cameras: Cameras, *, world: Scene = EMPTY_SCENE, rays: int = 256, seed: int = 0
 ) -> Visibility:
     """Return the visible share of each subject, by a jittered ray per cell of its box; nan outside the frame."""
     n = len(cameras)
@@ -72,10 +67,7 @@ def jittered_points(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n
 
 
 def _count_rays(
-    subjects: list[PosedVehicle],
-    world: Scene,
-    cameras: Cameras,
-    pattern: Float[np.ndarray, "r 2"],
+    subjects: list[PosedVehicle], world: Scene, cameras: Cameras, pattern: Float[np.ndarray, "r 2"]
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """For each camera: the rays on its subject, how many of these see it, and the area that all rays go through."""
     n, r = len(cameras), len(pattern)
@@ -98,10 +90,7 @@ def _count_rays(
 
 
 def _window_pencils(
-    low: Float[np.ndarray, "n 2"],
-    high: Float[np.ndarray, "n 2"],
-    cameras: Cameras,
-    pattern: Float[np.ndarray, "r 2"],
+    low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"], cameras: Cameras, pattern: Float[np.ndarray, "r 2"]
 ) -> tuple[CameraPencils, Float[np.ndarray, " n"]]:
     extent, poses, lenses = np.clip(high - low, 0.0, None), cameras.world_from_camera, cameras.lenses
     if not lenses.is_distorted:

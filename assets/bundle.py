@@ -50,11 +50,7 @@ def save_asset(path: Path | str, asset: VehicleShape | Scenery) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     with atomic_writer(path) as file:
         np.savez(
-            file,
-            hulldown_bundle=np.int64(BUNDLE_FORMAT),
-            kind=np.str_(BUNDLE_KINDS[type(asset)]),
-            tree=np.str_(tree),
-            **arrays,
+            file, hulldown_bundle=np.int64(BUNDLE_FORMAT), kind=np.str_(BUNDLE_KINDS[type(asset)]), tree=np.str_(tree), **arrays
         )
 
 

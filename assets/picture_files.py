@@ -78,11 +78,7 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.nda
 
 def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
     """Describe how a picture's size differs from the size in its record."""
-    turned = (
-        ""
-        if picture.orientation == UPRIGHT_ORIENTATION
-        else f" when displayed (EXIF orientation {picture.orientation})"
-    )
+    turned = "" if picture.orientation == UPRIGHT_ORIENTATION else f" when displayed (EXIF orientation {picture.orientation})"
     width, height = picture.size
     return f"is {width} x {height} pixels{turned}, its record has {stated[0]} x {stated[1]}"
 

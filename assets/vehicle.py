@@ -117,9 +117,7 @@ class VehicleShape:
         every |= points
         part = [self._nearest_part(point) if given is None else given for point, given in every.values()]
         places = np.array([point for point, _ in every.values()], dtype=np.float64).reshape(-1, 3)
-        return replace(
-            self, keypoint_names=tuple(every), keypoints=places, keypoint_part=np.array(part, dtype=np.int64)
-        )
+        return replace(self, keypoint_names=tuple(every), keypoints=places, keypoint_part=np.array(part, dtype=np.int64))
 
     def _nearest_part(self, point: ArrayLike) -> int:
         return int(self.vertex_part[self.mesh.faces[self.mesh.nearest_face(point), 0]])

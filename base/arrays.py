@@ -12,12 +12,7 @@ MAX_FLOAT = sys.float_info.max
 
 
 def checked_array(
-    value: ArrayLike,
-    name: str,
-    shape: tuple[int | str, ...],
-    *,
-    dtype: DTypeLike = np.float64,
-    finite: bool = True,
+    value: ArrayLike, name: str, shape: tuple[int | str, ...], *, dtype: DTypeLike = np.float64, finite: bool = True
 ) -> np.ndarray:
     """Return `value` as a contiguous array of `dtype`, or raise a ValueError that names it."""
     expected = "(" + ", ".join(str(s) for s in shape) + ("," if len(shape) == 1 else "") + ")"

@@ -30,12 +30,7 @@ class Child:
     """
 
     def __init__(
-        self,
-        command: Sequence[str],
-        *,
-        env: Mapping[str, str],
-        on_line: Callable[[bytes], None],
-        log: Path | None = None,
+        self, command: Sequence[str], *, env: Mapping[str, str], on_line: Callable[[bytes], None], log: Path | None = None
     ) -> None:
         self._log, self._on_line = log, on_line
         self._log_start = 0

@@ -102,9 +102,7 @@ class OutputLock:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.release()
 
 
@@ -136,9 +134,7 @@ class OutputFolder(OutputLock):
         super().__init__(path / LOCK_NAME, what, output=path)
         names = self._other_names() - {remains}
         if names and not any(
-            (home / mark).exists()
-            for mark in ((own,) if marks is None else marks)
-            for home in (path, self._unfinished_folder)
+            (home / mark).exists() for mark in ((own,) if marks is None else marks) for home in (path, self._unfinished_folder)
         ):
             self.release()
             raise OutputError(f"isn't empty: it has {min(names)} and no {what}", path=path, remedy=OTHER_FOLDER)

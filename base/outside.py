@@ -42,9 +42,7 @@ FILE_BEGINNINGS = {
 FILE_KINDS = {".toml": "a config", ".json": "a JSON file", ".blend": "a .blend file"}
 T = TypeVar("T")
 _ONE_THREAD = threading.RLock()
-MakeError: TypeAlias = Callable[
-    [str], Exception
-]  # makes an error of a problem, such as partial(ConfigError, path=path)
+MakeError: TypeAlias = Callable[[str], Exception]  # makes an error of a problem, such as partial(ConfigError, path=path)
 
 
 def read_file(path: Path, refuse: MakeError, *, most: int = MAX_DOCUMENT_BYTES) -> bytes:
@@ -84,9 +82,7 @@ def describe_path(path: Path) -> str:
         return "another file"
     kind = FILE_KINDS.get(path.suffix.lower(), "another file")
     kind = "a JSON list" if kind == "a JSON file" and start.startswith(b"[") else kind
-    return next(
-        (known for mark, known in FILE_BEGINNINGS.items() if start.startswith(mark)), kind if start else "empty"
-    )
+    return next((known for mark, known in FILE_BEGINNINGS.items() if start.startswith(mark)), kind if start else "empty")
 
 
 def file_sha256(path: Path) -> str:

@@ -105,9 +105,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
 
 
 @contextmanager
-def progress_bar(
-    title: str, progress: Callable[[int, int], None] | None = None
-) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(title: str, progress: Callable[[int, int], None] | None = None) -> Iterator[Callable[[int, int], None]]:
     """Yield `progress`, or if it's None a function that shows a bar in a terminal or notebook."""
     if progress is not None:
         yield progress

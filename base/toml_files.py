@@ -31,11 +31,7 @@ def read_toml(path: Path, *, remedy: str | None = None) -> dict[str, Any]:
 
 
 def validate_model(
-    model: type[Document],
-    data: Mapping[str, object],
-    path: Path | None,
-    *,
-    removed: Mapping[str, str] = MappingProxyType({}),
+    model: type[Document], data: Mapping[str, object], path: Path | None, *, removed: Mapping[str, str] = MappingProxyType({})
 ) -> Document:
     """Return the model of a file's data; `removed` has the replacements of keys and values of earlier versions."""
     try:

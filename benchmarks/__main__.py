@@ -124,8 +124,7 @@ def document(results: dict, plots: Path) -> str:
         parts += [
             module.report(result["figures"]).strip(),
             *(f"![{Path(p).stem.replace('_', ' ')}](plots/{Path(p).name})" for p in drawn),
-            f"<sub>`BENCH={name}` at commit {result['commit']} ({result['date']}): "
-            f"{note}{result['seconds']} s, {on}</sub>",
+            f"<sub>`BENCH={name}` at commit {result['commit']} ({result['date']}): {note}{result['seconds']} s, {on}</sub>",
         ]
     return "\n\n".join(parts) + "\n"
 

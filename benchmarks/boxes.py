@@ -98,11 +98,7 @@ def tank(vertices: int) -> VehicleShape:
     """Return an invented tank with about so many vertices: rounded, rough bodies, like scanned or sculpted models."""
     rng = np.random.default_rng(0)
     n = max(2, round(math.sqrt(vertices / 3 / 6)))
-    bodies = [
-        ((7.0, 3.5, 1.6), (0.0, 0.0, 0.8)),
-        ((3.0, 2.4, 0.8), (-0.3, 0.0, 2.0)),
-        ((5.0, 0.2, 0.2), (3.5, 0.0, 2.1)),
-    ]
+    bodies = [((7.0, 3.5, 1.6), (0.0, 0.0, 0.8)), ((3.0, 2.4, 0.8), (-0.3, 0.0, 2.0)), ((5.0, 0.2, 0.2), (3.5, 0.0, 2.1))]
     points, faces, part = [], [], []
     for i, (size, at) in enumerate(bodies):
         v, f = _rounded_box(n)
@@ -151,9 +147,7 @@ class _Rules:
         self.build_s = time.perf_counter() - started
         self.parts = PosedParts(shape)
         low, high = shape.mesh.bounds
-        self.corners = np.array(
-            [[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])]
-        )
+        self.corners = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
         self.by_name: dict[str, Callable[..., np.ndarray | None]] = {
             "8 corners": self.eight_corners,
             "oriented box": self.oriented_box,
@@ -172,9 +166,7 @@ class _Rules:
     def oriented_box(self, pose: np.ndarray, camera: Cameras, _turned: dict) -> np.ndarray | None:
         return _clamped(*transform_points(camera.camera_from_world @ pose, self.corners).T, camera)
 
-    def dropped(
-        self, points: np.ndarray, slices: list, pose: np.ndarray, camera: Cameras, turned: dict
-    ) -> np.ndarray | None:
+    def dropped(self, points: np.ndarray, slices: list, pose: np.ndarray, camera: Cameras, turned: dict) -> np.ndarray | None:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
         return _clamped(*transform_parts(points, slices, poses)[:, 0], camera)

@@ -72,9 +72,7 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
             nodes.add(environment={SHARE_VARIABLE: str(WORKER_COUNT)})
         with (
             Pool(output / "logs", engine, confinement=Confinement(output, readable_paths(library))) as local,
-            ClusterPool(
-                Scheduler(nodes.address), engine, library, say=lambda line: None, stopping=lambda: False
-            ) as dask,
+            ClusterPool(Scheduler(nodes.address), engine, library, say=lambda line: None, stopping=lambda: False) as dask,
         ):
             once(local), once(dask)  # everything is loaded
             for _ in range(rounds):
@@ -109,9 +107,7 @@ def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
             "seconds": report.seconds,
             "workers killed": victims.count("worker"),
             "Blenders killed": victims.count("Blender"),
-            "differences": {
-                "files": len(digests(folder / "whole").items() ^ digests(folder / name / "dataset").items())
-            },
+            "differences": {"files": len(digests(folder / "whole").items() ^ digests(folder / name / "dataset").items())},
         }
     return found
 

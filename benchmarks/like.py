@@ -41,9 +41,7 @@ SETS: dict[str, dict[str, Any]] = {
 }
 SHARES = (0.2, 0.3, 0.5)  # of the stand-ins: for camera.like, for thresholds, to test on
 STAND_INS_PER_CLASS, RENDERS_PER_CLASS = 60, 40
-DEFAULT = {
-    key: CameraSection.model_fields[key.removeprefix("camera.")].default for key in SHARED if key.startswith("camera.")
-}
+DEFAULT = {key: CameraSection.model_fields[key.removeprefix("camera.")].default for key in SHARED if key.startswith("camera.")}
 ARMS = {  # `again` differs from `like` in the seed of half of its images: how much the choice of images matters
     "default": ("default", "default-2"),
     "like": ("like", "like-2"),
@@ -107,9 +105,7 @@ def table(arms: Mapping[str, Cell]) -> tuple[list[str], dict[str, Any]]:
     for name, cell in arms.items():
         figures = {key: estimate_measure(cell, key) for key in MEASURES}
         gains = {} if name == "like" else {key: estimate_measure(cell, key, minus=arms["like"]) for key in MEASURES}
-        own, gained = (
-            {key: [one.value, *one.ends.tolist()] for key, one in found.items()} for found in (figures, gains)
-        )
+        own, gained = ({key: [one.value, *one.ends.tolist()] for key, one in found.items()} for found in (figures, gains))
         of_seeds = {key: [one.values[key] for one in cell.judged.values()] for key in MEASURES}
         numbers[name] = {"figures": own, "minus_like": gained, "of_seeds": of_seeds}
         shown = ["{:.3f} ({:.3f} to {:.3f})".format(*one) for one in own.values()]

@@ -23,12 +23,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-VEHICLES = {
-    "mbt_wedge": "tank",
-    "mbt_classic": "tank",
-    "truck_canvas": "truck",
-    "sam_turret": "launcher",
-}
+VEHICLES = {"mbt_wedge": "tank", "mbt_classic": "tank", "truck_canvas": "truck", "sam_turret": "launcher"}
 SMALL = {"width": 160, "height": 90, "samples": 2, "bounces": 2, "denoise": False}
 # Sections of each config besides its assets; positions and pictures are few.
 CONFIGS: dict[str, dict[str, dict[str, Any]]] = {
@@ -88,9 +83,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m hulldown.benchmarks.outputs", description=__doc__)
     parser.add_argument("assets", type=Path, help="folder that `hulldown init` filled")
     parser.add_argument("--work", type=Path, required=True, help="new folder for the outputs and digests.json")
-    parser.add_argument(
-        "--photographs", type=Path, nargs="*", default=[], help="COCO folders; the first one for `like`"
-    )
+    parser.add_argument("--photographs", type=Path, nargs="*", default=[], help="COCO folders; the first one for `like`")
     parser.add_argument("--against", type=Path, help="digests.json of the other version")
     parser.add_argument("--no-render", action="store_true", help="leave out what needs Blender's renderer")
     arguments = parser.parse_args()
@@ -138,12 +131,7 @@ def run_command(*arguments: object, allowed: tuple[int, ...] = (0,)) -> str:
 
 
 def write_planned(
-    name: str,
-    sections: dict[str, dict[str, Any]],
-    assets: Path,
-    work: Path,
-    photographs: list[Path],
-    digests: dict[str, str],
+    name: str, sections: dict[str, dict[str, Any]], assets: Path, work: Path, photographs: list[Path], digests: dict[str, str]
 ) -> None:
     """Plan, check, preview, and write the passes of a config."""
     config, plan = work / f"{name}.toml", work / f"{name}.jsonl"

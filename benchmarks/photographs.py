@@ -30,9 +30,7 @@ from hulldown.demo.make_assets import ASSET_FILES, build_demo_assets
 from hulldown.plan.config.config_keys import config_text
 
 TOWNS = ("sceneries/town_1.blend", "sceneries/town_2.blend")
-CAR_PAINT = [
-    {"materials": ["Paint"], "colors": ["own", *CAR_COLORS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]}
-]
+CAR_PAINT = [{"materials": ["Paint"], "colors": ["own", *CAR_COLORS, "#e6e6e4", "#f2f2f0", "#1a1b1e", "#a7abb0", "#9b1c1a"]}]
 NEEDS = """\
 make photographs needs labeled photographs in COCO folders `train` and `dev`; {lacking} is missing.
 Name their folder with PHOTOGRAPHS=DIR. Those behind the figures in docs/study.md are 320 photographs from Open Images

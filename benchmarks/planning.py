@@ -214,13 +214,7 @@ def run(quick: bool, project: Path | None = None) -> dict[str, Any]:
     images = [420, 4200, 42_000]
     some = images[0] if quick else images[1]
     alone = 4200 if quick else 42_000
-    results: dict[str, Any] = {
-        "triangles": 2 * cells**2,
-        "config": config_hash(),
-        "init": [],
-        "variants": [],
-        "peer": [],
-    }
+    results: dict[str, Any] = {"triangles": 2 * cells**2, "config": config_hash(), "init": [], "variants": [], "peer": []}
     with TemporaryDirectory() as made:
         folder = str(project or made)
         if not project:

@@ -39,9 +39,7 @@ def nested_rows(source: LabeledPictures, count: int, seed: int) -> np.ndarray:
     return np.flatnonzero([name in names for name in source.file_names])
 
 
-def drawn_examples(
-    sources: Sequence[LabeledPictures], rows: Sequence[np.ndarray], budget: int, seed: int
-) -> DrawnExamples:
+def drawn_examples(sources: Sequence[LabeledPictures], rows: Sequence[np.ndarray], budget: int, seed: int) -> DrawnExamples:
     """Return draws from rows of each source: photographs are half, or all if there are no renders."""
     share = np.array([len(one) for one in rows]) / sum(map(len, rows))
     if sources[0].name == PHOTOGRAPHS and len(sources) > 1:
@@ -93,9 +91,7 @@ def main() -> None:
     def trained(count: int, sources: Sequence[LabeledPictures]) -> np.ndarray:
         def each_seed() -> Iterator[np.ndarray]:
             for seed in given.seeds:
-                of_each = [
-                    nested_rows(one, count, seed) if one is photographs else np.arange(len(one)) for one in sources
-                ]
+                of_each = [nested_rows(one, count, seed) if one is photographs else np.arange(len(one)) for one in sources]
                 yield figures(train_yolox(given.weights, drawn_examples(sources, of_each, given.draws, seed), rows))
 
         return np.stack(list(each_seed()), axis=1)

@@ -93,9 +93,7 @@ def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[Doubt]]:
     built = build_vehicle("it", upright, options)
     uses = [role.use for role in built.roles]
     rows = (ObjectRow(p.name, "", r.use, r.why, 1, p.faces) for p, r in zip(drawn.pieces, built.roles, strict=True))
-    report = FileReport(
-        "vehicle", "", format_xyz(built.shape.size_xyz), 0, opened.unit, upright.up.value, rows=tuple(rows)
-    )
+    report = FileReport("vehicle", "", format_xyz(built.shape.size_xyz), 0, opened.unit, upright.up.value, rows=tuple(rows))
     return built.shape, uses, [*built.doubts, *vehicle_doubts(report, options), *opened.doubts]
 
 
@@ -105,10 +103,7 @@ def _compared(truth: Truth, drawn: Any, uses: list[str]) -> set[str]:
     is_ = np.array([truth.part_of.get(p.name, truth.part_of.get(p.data, 0)) for p in drawn.pieces])
     used = np.array([(*PARTS, "dropped").index(u) for u in uses])
     wrong = {"drop"} if ((is_ == LITTER_PART) & (used != LITTER_PART)).any() else set()
-    if (
-        faces[(is_ != LITTER_PART) & (used == LITTER_PART)].sum()
-        > MAX_MISPLACED_SHARE * faces[is_ != LITTER_PART].sum()
-    ):
+    if faces[(is_ != LITTER_PART) & (used == LITTER_PART)].sum() > MAX_MISPLACED_SHARE * faces[is_ != LITTER_PART].sum():
         wrong.add("keep")
     for part, name in enumerate(PARTS[1:], start=1):
         most = MAX_MISPLACED_SHARE * max(int(faces[is_ == part].sum()), 100)

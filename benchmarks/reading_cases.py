@@ -34,9 +34,7 @@ GROUPS: dict[str, dict[str, tuple[Any, ...]]] = {
             *("as built", "as built", "one word", "camel", "exporter", "german", "french", "russian", "numbered"),
             "drums",
         ),
-        "layout": (
-            *("as built", "as built", "flat", "zero", "zero flat", "middles", "part meshes", "one mesh", "loose"),
-        ),
+        "layout": (*("as built", "as built", "flat", "zero", "zero flat", "middles", "part meshes", "one mesh", "loose"),),
         "turn_deg": (0.0, 0.0, 0.0, 90.0, 180.0, -90.0, 33.0, 60.0, -128.0),
         "up": ("z", "z", "z", "z", "y blend", "z glb", "y obj", "z obj", "y glb"),
         "mirrored": (False, False, False, True),

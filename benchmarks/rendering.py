@@ -54,8 +54,7 @@ def run(quick: bool) -> dict:
         return {
             "settings": RENDER_PROFILES["train"],
             "sizes": [
-                {"size": size, **_measure_size([_resized(row, size) for row in rows], plan, library, folder)}
-                for size in SIZES
+                {"size": size, **_measure_size([_resized(row, size) for row in rows], plan, library, folder)} for size in SIZES
             ],
         }
 
@@ -130,11 +129,7 @@ def report(results: dict) -> str:
     sizes, settings = results["sizes"], results["settings"]
     keys = (*PHASES, "render", "alone")
     means = [{key: float(np.mean([image[key] for image in one["images"][1:]])) for key in keys} for one in sizes]
-    titles = {
-        **PHASES,
-        "render": "**`render`**, all of it",
-        "alone": "Cycles alone: the same job again, nothing changed",
-    }
+    titles = {**PHASES, "render": "**`render`**, all of it", "alone": "Cycles alone: the same job again, nothing changed"}
     rows = [(titles[key], *(f"{mean[key]:.2f}" for mean in means)) for key in keys]
     rows.append(("`render` / Cycles alone", *(f"**{mean['render'] / mean['alone']:.2f}**" for mean in means)))
     rows.append(("without labels", *(f"{(m['render'] - m['labels']) / m['alone']:.2f}" for m in means)))

@@ -52,14 +52,10 @@ def run(quick: bool) -> dict:
             plan, library = planned(folder, config_path, 1, size, scenery=scenery, one_of_a_class=True, camera=camera)
             pictures += [(f"{where} {i + 1}", plan[i], library) for i in range(1 if quick or camera is near else 2)]
         with make_blender(folder) as blender:
-            return measure(
-                pictures, lambda job: blender.do(job).seconds, folder, reference_samples=256 if quick else 4096
-            )
+            return measure(pictures, lambda job: blender.do(job).seconds, folder, reference_samples=256 if quick else 4096)
 
 
-def measure(
-    pictures: list[tuple[str, Row, Library]], ask: Ask, folder: Path, *, reference_samples: int
-) -> dict[str, Any]:
+def measure(pictures: list[tuple[str, Row, Library]], ask: Ask, folder: Path, *, reference_samples: int) -> dict[str, Any]:
     """Measure each variant of each picture, in another order for each: no disturbance falls on one variant alone."""
     rng = np.random.default_rng(0)
     found: dict[str, dict[str, dict[str, float]]] = {}
@@ -101,12 +97,7 @@ def report(results: dict) -> str:
     """Return a Markdown section."""
     pictures = results["pictures"]
     rows = [
-        (
-            name,
-            f"{mean['seconds']:.2f}",
-            f"{mean['box']:.2f}",
-            f"{mean['frame']:.2f}",
-        )
+        (name, f"{mean['seconds']:.2f}", f"{mean['box']:.2f}", f"{mean['frame']:.2f}")
         for name, mean in means(results).items()
         if not name.startswith(PLOTTED)
     ]

@@ -31,10 +31,7 @@ UNSURE_EDGE_M = 0.2  # meters: a center of gravity nearer to the edge of its con
 
 def run(quick: bool) -> dict[str, Any]:
     """Measure everything; seeded."""
-    return {
-        "speed": _speed(quick),
-        "error": {name: _errors(*terrain, quick) for name, terrain in terrains(quick).items()},
-    }
+    return {"speed": _speed(quick), "error": {name: _errors(*terrain, quick) for name, terrain in terrains(quick).items()}}
 
 
 def _grid_mesh(heights: np.ndarray, cell: float) -> Mesh:
@@ -176,9 +173,7 @@ def report(results: dict[str, Any]) -> str:
         "degrees/95% penetration/median gap in meters.",
     ]
     errors = {name: {(r["rule"], r["n"]): _error(r) for r in rows} for name, rows in results["error"].items()}
-    lines = [
-        (f"{rule}, {n} x {n}", *(by_rule[rule, n] for by_rule in errors.values())) for rule in RULES for n in SHOWN
-    ]
+    lines = [(f"{rule}, {n} x {n}", *(by_rule[rule, n] for by_rule in errors.values())) for rule in RULES for n in SHOWN]
     parts.append(table(["rule and rays", *errors], lines))
     return "\n\n".join(parts)
 

@@ -179,7 +179,7 @@ seeds = [0]
 model = "small"
 budget = 2400
 resolution = 160
-""",
+"""
 }
 
 

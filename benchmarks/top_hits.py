@@ -28,11 +28,7 @@ def run(quick: bool) -> dict:
     """Measure."""
     sizes = (20_000, 200_000) if quick else (20_000, 500_000, 2_000_000, 8_000_000)
     rays, rounds = (100_000, 3) if quick else (1_000_000, 5)
-    return {
-        "rays": rays,
-        "speed": {str(n): _speed(n, rays, rounds) for n in sizes},
-        "errors": _errors(300 if quick else 2_000),
-    }
+    return {"rays": rays, "speed": {str(n): _speed(n, rays, rounds) for n in sizes}, "errors": _errors(300 if quick else 2_000)}
 
 
 def _speed(faces: int, rays: int, rounds: int) -> dict[str, dict[str, float]]:
@@ -54,9 +50,7 @@ def _speed(faces: int, rays: int, rounds: int) -> dict[str, dict[str, float]]:
     }
 
 
-def timed(
-    queries: Mapping[str, Callable], xy: np.ndarray, rounds: int, clock: Callable[[], float]
-) -> dict[str, list[float]]:
+def timed(queries: Mapping[str, Callable], xy: np.ndarray, rounds: int, clock: Callable[[], float]) -> dict[str, list[float]]:
     """Seconds of each query for all points, in each round but a first one that warms up; queries take turns."""
     seconds: dict[str, list[float]] = {name: [] for name in queries}
     for warming in [True] + [False] * rounds:
@@ -140,9 +134,7 @@ def plots(results: dict, folder: Path) -> list[Path]:
         rates = [results["speed"][str(n)][name]["rays_per_s"] for n in sizes]
         marker, width = ("*", 2.5) if name == OURS else (".", 1)
         line = "--" if name.endswith(TWO) else "-"
-        right.plot(
-            sizes, rates, line, marker=marker, lw=width, color=f"C{ways.index(name.removesuffix(TWO))}", label=name
-        )
+        right.plot(sizes, rates, line, marker=marker, lw=width, color=f"C{ways.index(name.removesuffix(TWO))}", label=name)
     right.set(xscale="log", yscale="log", xlabel="triangles", ylabel="points a second", title="Speed by size")
     right.grid(alpha=0.3)
     right.set_ylim(top=right.get_ylim()[1] * 6)

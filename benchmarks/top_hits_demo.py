@@ -50,10 +50,7 @@ def _grounds() -> Iterator[tuple[str, Mesh]]:
 def _speed(mesh: Mesh, rays: int, rounds: int) -> dict[str, float]:
     """Median rays a CPU second, each way on one thread."""
     xy = peers.points(mesh, rays)
-    queries: dict[str, Callable] = {
-        RAW: peers.raw_embreex(mesh),
-        "embreex, sorted and centered": peers.sorted_embreex(mesh),
-    }
+    queries: dict[str, Callable] = {RAW: peers.raw_embreex(mesh), "embreex, sorted and centered": peers.sorted_embreex(mesh)}
     for peer in (peers.ours, peers.trimesh_peer, peers.open3d_peer):
         try:
             queries |= {name: query for name, query in peer(mesh).items() if "threads" not in name}

@@ -24,9 +24,7 @@ def hills(faces: int, *, seed: int = 0) -> Mesh:
     inner = (x > 0) & (x < n) & (y > 0) & (y < n)
     vertices[inner.ravel(), :2] += rng.uniform(-0.3, 0.3, (int(inner.sum()), 2))
     i = (np.arange(n)[:, None] * (n + 1) + np.arange(n)).ravel()
-    return Mesh(
-        vertices, np.concatenate([np.stack([i, i + n + 1, i + 1], 1), np.stack([i + 1, i + n + 1, i + n + 2], 1)])
-    )
+    return Mesh(vertices, np.concatenate([np.stack([i, i + n + 1, i + 1], 1), np.stack([i + 1, i + n + 1, i + n + 2], 1)]))
 
 
 def points(mesh: Mesh, n: int, *, seed: int = 1) -> np.ndarray:
@@ -101,9 +99,7 @@ def open3d_peer(mesh: Mesh) -> dict[str, Query]:
     import open3d
 
     scene = open3d.t.geometry.RaycastingScene()
-    scene.add_triangles(
-        open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32))
-    )
+    scene.add_triangles(open3d.core.Tensor(mesh.vertices.astype(np.float32)), open3d.core.Tensor(mesh.faces.astype(np.uint32)))
     above = mesh.bounds[1, 2] + 1.0
 
     def cast(xy: np.ndarray, threads: int) -> object:

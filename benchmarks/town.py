@@ -84,9 +84,7 @@ def write_town(path: Path, *, rng: np.random.Generator) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     ground_picture(rng).save(path.with_suffix(".png"))
     points = np.linspace(-HALF, HALF, 21)
-    ground = land.add(
-        "Ground", make_sheet(points, points, lambda x, y: 0 * x), paved(path.with_suffix(".png")), home="Land"
-    )
+    ground = land.add("Ground", make_sheet(points, points, lambda x, y: 0 * x), paved(path.with_suffix(".png")), home="Land")
     mesh = ground.data
     at = np.array([mesh.vertices[loop.vertex_index].co[:2] for loop in mesh.loops])
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", ((at + HALF) / (2 * HALF)).astype(np.float32).ravel())

@@ -282,15 +282,7 @@ def report(results: dict) -> str:
         spent = f"{cost[f'{rays} rays']:.0f}" if f"{rays} rays" in cost else ""
         peers = [f"{by_rays[rays]['rms']:.4f}" if rays in by_rays else "" for by_rays in others_by_rays]
         rows.append(
-            (
-                rays,
-                f"{s['rms']:.4f}",
-                f"{s['p95']:.4f}",
-                f"{s['max']:.3f}",
-                f"{error['bound'][rays]:.3f}",
-                spent,
-                *peers,
-            )
+            (rays, f"{s['rms']:.4f}", f"{s['p95']:.4f}", f"{s['max']:.3f}", f"{error['bound'][rays]:.3f}", spent, *peers)
         )
     others = [(name, f"{us:.0f}") for name, us in cost.items() if not name[:-5].isdigit()]
     parts = [

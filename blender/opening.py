@@ -110,9 +110,7 @@ def _replace_unknown_nodes() -> list[str]:
     for material in list(bpy.data.materials):
         if material.node_tree and material.node_tree.bl_idname == UNKNOWN_NODE_TREE:
             name, new = material.name, bpy.data.materials.new(material.name)
-            left_out.append(
-                f"the nodes of the material {name!r} are left out, since this Blender doesn't know their kind"
-            )
+            left_out.append(f"the nodes of the material {name!r} are left out, since this Blender doesn't know their kind")
             material.user_remap(new)
             bpy.data.materials.remove(material)
             new.name = name

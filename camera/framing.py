@@ -77,11 +77,7 @@ def _panned_axes(
     ca, sa = _unit_vector(seen_z * cp + seen_y * sp, seen_x)
     old_x, old_y = -right[..., 1], right[..., 0]
     x, y, zero = ca * old_x - sa * old_y, sa * old_x + ca * old_y, np.zeros_like(cp)
-    axes = [
-        np.stack([y, -x, zero], -1),
-        np.stack([sp * x, sp * y, -cp], -1),
-        np.stack([cp * x, cp * y, sp], -1),
-    ]
+    axes = [np.stack([y, -x, zero], -1), np.stack([sp * x, sp * y, -cp], -1), np.stack([cp * x, cp * y, sp], -1)]
     return np.stack(axes, -1)
 
 

@@ -16,19 +16,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hulldown.base.portable import arctan2, hypot, tan
-from hulldown.camera.distortion import (
-    NO_DISTORTION,
-    along_sides,
-    distort_points,
-    frame_bounds,
-    seen_radius,
-    undistort_points,
-)
+from hulldown.camera.distortion import NO_DISTORTION, along_sides, distort_points, frame_bounds, seen_radius, undistort_points
 
-WHOLE_NUMBER_TYPES = (
-    int,
-    np.integer,
-)  # built once: building the union for each camera would take longer than the checks
+WHOLE_NUMBER_TYPES = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
 WINDOW_SIDE_PARTS = 8  # a window's image is measured at the ends of these parts of its sides
 
 

@@ -30,9 +30,7 @@ _LEVEL_POWER = 2.2
 _EXPOSURE_HALVINGS = 48  # they narrow the range of exposures to 1e-13 EV
 _XYZ_FROM_RGB = np.array([[0.41239, 0.35758, 0.18048], [0.21264, 0.71517, 0.07219], [0.01933, 0.11919, 0.95053]])
 _BLACK_BODY = ((0.5267, 0.4133), (0.4770, 0.4137), (0.4369, 0.4041))  # xy at 2000, 2500, and 3000 K
-_CONES_FROM_RGB = (
-    np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ_FROM_RGB
-)
+_CONES_FROM_RGB = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]) @ _XYZ_FROM_RGB
 
 
 def display_levels(radiance: np.ndarray) -> np.ndarray:

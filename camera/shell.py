@@ -36,9 +36,7 @@ def camera_pose(
     return rigid_matrix(rotation, c + d[..., None] * outward)
 
 
-def shell_axes(
-    azimuth: ArrayLike, elevation: ArrayLike
-) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
+def shell_axes(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
     """Return unit direction from the center to the camera, and the camera's axes (right, down, forward) as columns."""
     a = checked_array(azimuth, "azimuth", ("...",))
     e = checked_array(elevation, "elevation", ("...",))

@@ -23,12 +23,7 @@ MAX_SECANT_STEPS = 12  # a distorting lens takes 4 to 6
 
 
 def solve_distance(
-    cameras: Cameras,
-    points_world: ArrayLike,
-    *,
-    center: ArrayLike,
-    pixels: ArrayLike,
-    measure: Measure = "height",
+    cameras: Cameras, points_world: ArrayLike, *, center: ArrayLike, pixels: ArrayLike, measure: Measure = "height"
 ) -> Float[np.ndarray, " m"]:
     """Return the distance from the center at which the points' projected box has exactly the wanted size.
 
@@ -98,10 +93,7 @@ def refine_distance(
 
 
 def _solve_depth(
-    aside: Float[np.ndarray, "m n 2"],
-    depth: Float[np.ndarray, "m n"],
-    target: Float[np.ndarray, " m"],
-    measure: Measure,
+    aside: Float[np.ndarray, "m n 2"], depth: Float[np.ndarray, "m n"], target: Float[np.ndarray, " m"], measure: Measure
 ) -> Float[np.ndarray, " m"]:
     """Return the depth of the center at which the box around aside / (x + depth) measures `target`."""
     nearest = -depth.min(axis=1)

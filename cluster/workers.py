@@ -57,13 +57,7 @@ class Cluster:
     """A connection to a cluster's workers. Leaving it as a context cancels its tasks."""
 
     def __init__(
-        self,
-        scheduler: Scheduler,
-        resource: str,
-        refusal: Callable[[], str],
-        *,
-        at_once: int = 1,
-        say: Callable[[str], None],
+        self, scheduler: Scheduler, resource: str, refusal: Callable[[], str], *, at_once: int = 1, say: Callable[[str], None]
     ) -> None:
         self._address, self._resource, self._refusal = scheduler.address, resource, refusal
         self._at_once, self._say = at_once, say
@@ -122,9 +116,7 @@ class Cluster:
     def _has_room(self, task: _Task[Job, Result], running: int) -> bool:
         return running < self._at_once * self.working and not (running and task.losses == MAX_TASK_LOSSES)
 
-    def _submit_task(
-        self, function: Callable[..., object], *given: object, workers: Iterable[str], retries: int = 0
-    ) -> Future:
+    def _submit_task(self, function: Callable[..., object], *given: object, workers: Iterable[str], retries: int = 0) -> Future:
         return self.client.submit(
             function, *given, workers=list(workers), resources={self._resource: 1}, retries=retries, pure=False
         )
@@ -165,9 +157,7 @@ class Cluster:
             with contextlib.suppress(OSError):
                 # Client.scheduler_info() is replaced every other second by an answer without workers.
                 workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
-                self._check_workers(
-                    {at for at, about in workers.items() if about["resources"].get(self._resource, 0) >= 1}
-                )
+                self._check_workers({at for at, about in workers.items() if about["resources"].get(self._resource, 0) >= 1})
         for address, check in list(self._checks.items()):
             if check.done() and address not in self._fit | self._refused.keys():
                 self._judge_worker(address, check)
@@ -187,8 +177,7 @@ class Cluster:
         self._refused = {address: why for address, why in self._refused.items() if address in there}
         self._cancel_tasks(check for address, check in self._checks.items() if address not in there)
         self._checks = {
-            address: self._checks.get(address) or self._submit_task(self._refusal, workers=[address])
-            for address in there
+            address: self._checks.get(address) or self._submit_task(self._refusal, workers=[address]) for address in there
         }
 
     def _judge_worker(self, address: str, check: Future) -> None:

@@ -17,15 +17,7 @@ import msgspec
 from hulldown.base.errors import DatasetError
 from hulldown.base.outputs import OutputFolder
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
-from hulldown.dataset.store.entries import (
-    Record,
-    check_annotation,
-    check_image,
-    free_id,
-    new_category,
-    normal_name,
-    plain_json,
-)
+from hulldown.dataset.store.entries import Record, check_annotation, check_image, free_id, new_category, normal_name, plain_json
 from hulldown.dataset.store.journal import MERGED_LINE, Journal
 from hulldown.dataset.store.reservations import Reservation
 

@@ -14,14 +14,7 @@ from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.provenance import (
-    Failure,
-    Provenance,
-    add_provenance,
-    read_failures,
-    read_provenance,
-    write_failures,
-)
+from hulldown.dataset.provenance import Failure, Provenance, add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.record_checks import refuse_unusable
 from hulldown.dataset.store.document import Document, check_is_dataset, read_document
 from hulldown.dataset.store.placed_pictures import path_inside, place_picture, resolve_own_picture

@@ -73,9 +73,7 @@ def finding_lines(findings: Iterable[Finding]) -> list[str]:
         kinds[kind] += 1
         if kinds[kind] <= MAX_LISTED_FINDINGS:
             lines.append(str(finding))
-    more = [
-        (severity, kind, n - MAX_LISTED_FINDINGS) for (severity, kind), n in kinds.items() if n > MAX_LISTED_FINDINGS
-    ]
+    more = [(severity, kind, n - MAX_LISTED_FINDINGS) for (severity, kind), n in kinds.items() if n > MAX_LISTED_FINDINGS]
     return lines + [f"{severity}: and {n} more like: {' '.join(kind.split())}" for severity, kind, n in more]
 
 

@@ -25,11 +25,7 @@ from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.plan_file import Plan
 
 DatasetColumns = dict[str, Shaped[np.ndarray, " n"]]
-CONDITION_TITLES = {
-    "scenery": "scenery",
-    "hdri": "HDRI",
-    "weather": "weather",
-}  # columns that name an image's, with titles
+CONDITION_TITLES = {"scenery": "scenery", "hdri": "HDRI", "weather": "weather"}  # columns that name an image's, with titles
 
 
 class Dataset(ShownInNotebooks):
@@ -112,13 +108,7 @@ class Dataset(ShownInNotebooks):
         if not labels:
             return image
         boxes = [
-            Overlay(
-                label.bbox,
-                label.category_id,
-                label.category,
-                ignored=label.crowd,
-                record=label.record,
-            )
+            Overlay(label.bbox, label.category_id, label.category, ignored=label.crowd, record=label.record)
             for label in self.images[i].labels
         ]
         try:
@@ -150,9 +140,7 @@ class Dataset(ShownInNotebooks):
         return f"Dataset({self.name!r}, {len(self):,} images)"
 
     def _table_facts(self) -> dict[str, object]:
-        classes, counts = np.unique(
-            [label.category for image in self.images for label in image.labels], return_counts=True
-        )
+        classes, counts = np.unique([label.category for image in self.images for label in image.labels], return_counts=True)
         labels = {f"labels of {name}": f"{n:,}" for name, n in zip(classes.tolist(), counts.tolist(), strict=True)}
         return {"images": f"{len(self):,}", **labels}
 

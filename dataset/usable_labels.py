@@ -90,15 +90,11 @@ def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "
     """Raise one error that lists all problems, at most `MAX_LISTED_BOXES`, if there are any."""
     if wrong:
         more = (
-            f", and {len(wrong) - MAX_LISTED_BOXES} more; `hulldown verify` lists all"
-            if len(wrong) > MAX_LISTED_BOXES
-            else ""
+            f", and {len(wrong) - MAX_LISTED_BOXES} more; `hulldown verify` lists all" if len(wrong) > MAX_LISTED_BOXES else ""
         )
         several = {"box": "boxes"}.get(what, f"{what}s")
         counted = f"1 {what}" if len(wrong) == 1 else f"{len(wrong)} {several}"
-        raise DatasetError(
-            f"{counted} cannot be used: {', '.join(wrong[:MAX_LISTED_BOXES])}{more}", path=folder, remedy=remedy
-        )
+        raise DatasetError(f"{counted} cannot be used: {', '.join(wrong[:MAX_LISTED_BOXES])}{more}", path=folder, remedy=remedy)
 
 
 @Parameter(name="*")

@@ -19,10 +19,7 @@ SCENERY_BUILDERS = {"temperate_hills": hills.temperate_hills, "dry_steppe": step
 def _asset_jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
     """Yield each asset's name and maker; each has random numbers of its own, so that none depends on its neighbors."""
     for k, name in enumerate(VEHICLE_CLASSES):
-        yield (
-            name,
-            partial(vehicles.build_vehicle_file, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k])),
-        )
+        yield (name, partial(vehicles.build_vehicle_file, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k])))
     for name in dict.fromkeys((*DISTRACTORS, *CIVILIAN_NAMES)):
         yield name, partial(vehicles.write_distractor, name, folder / "distractors")
     for k, name in enumerate(SCENERY_NAMES):
@@ -39,9 +36,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m hulldown.demo", description=__doc__)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--only", nargs="*", metavar="NAME", help="of vehicles, distractors, sceneries, HDRIs; default: all"
-    )
+    parser.add_argument("--only", nargs="*", metavar="NAME", help="of vehicles, distractors, sceneries, HDRIs; default: all")
     arguments = parser.parse_args()
     for name, build in _asset_jobs(arguments.folder, arguments.seed):
         if not arguments.only or name in arguments.only:

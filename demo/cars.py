@@ -56,9 +56,7 @@ def car_wheels(m: BlendModel, p: Paints, axles: Sequence[float], *, y: float, ra
         m.add(f"Tire_{k + 1}", tire.moved(x, y, radius), p.rubber, bevel=0, mirror=True)
         m.add(f"Rim_{k + 1}", dish.moved(x, y, radius), p.dark, bevel=0, mirror=True)
         m.add(f"Spokes_{k + 1}", (spokes + hub).moved(x, y, radius), p.steel, bevel=0, mirror=True)
-    well = join_shapes(
-        make_block((x - radius - 0.06, -y + w, 0.24), (x + radius + 0.06, y - w - 0.02, 0.75)) for x in axles
-    )
+    well = join_shapes(make_block((x - radius - 0.06, -y + w, 0.24), (x + radius + 0.06, y - w - 0.02, 0.75)) for x in axles)
     m.add("Wheel_Wells", well, p.dark, bevel=0)
 
 
@@ -131,9 +129,7 @@ def civilian_car(m: BlendModel, p: Paints) -> None:
     m.add("Head_Lamps", head_lamps, p.lamp, mirror=True, bevel=0.03)
     fog_lamps = profile_tube([(2.24, 0.06), (2.305, 0.055)], sides=16).moved(y=0.62, z=0.38)
     m.add("Fog_Lamps", fog_lamps, p.lamp, mirror=True, bevel=0)
-    m.add(
-        "Rear_Bumper", make_slab([(-2.24, 0.3), (-2.36, 0.36), (-2.35, 0.56), (-2.24, 0.6)], 0.84), p.body, bevel=0.04
-    )
+    m.add("Rear_Bumper", make_slab([(-2.24, 0.3), (-2.36, 0.36), (-2.35, 0.56), (-2.24, 0.6)], 0.84), p.body, bevel=0.04)
     tail_lamps = make_prism([(-2.3, 0.66), (-2.16, 0.66), (-2.1, 1.0), (-2.25, 0.98)], 0.66, 0.86)
     m.add("Tail_Lamps", tail_lamps, p.red, mirror=True, bevel=0.02)
     m.add("Tailgate_Seam", path_tube([(-2.285, -0.62, 0.62), (-2.285, 0.62, 0.62)], 0.008, sides=4), p.dark, bevel=0)

@@ -21,10 +21,7 @@ VEHICLE_CLASSES = {
 }
 # Army vehicles keep their camouflage as often as not, or wear one plain color.
 PLAIN_COLORS = ["own", "own", "own", "#5b6146", "#94835e", "#4d5154"]
-CAMOUFLAGE_MATERIALS = {
-    "mbt_slab": "Desert_Blocks",
-    "sam_turret": "Forest_Blocks",
-}  # where the material has another name
+CAMOUFLAGE_MATERIALS = {"mbt_slab": "Desert_Blocks", "sam_turret": "Forest_Blocks"}  # where the material has another name
 CAR_COLORS = ["#d9dad6", "#8d9194", "#2b2d30", "#16191c", "#7d1f1c", "#23406e", "#3b4a3a", "#b9ad92"]
 # More cars, trucks, and a bus, for `make photographs`.
 CIVILIAN_NAMES = ("hatchback", "sedan", "suv", "offroader", "minivan", "pickup", "box_truck", "tipper", "bus")
@@ -33,10 +30,7 @@ DISTRACTORS: dict[str, dict[str, object]] = {
     "civilian_car": {"weight": 1.5, "paint": [{"materials": ["Paint"], "colors": CAR_COLORS}]},
     "panel_van": {"paint": [{"materials": ["Paint"], "colors": ["own", "own", *CAR_COLORS]}]},
     "container": {"paint": [{"materials": ["Paint"], "colors": ["own", "#7d3a1c", "#6b6a1f", "#23406e", "#8d9194"]}]},
-    **{
-        name: {"paint": [{"materials": ["Paint"], "colors": CAR_COLORS}]}
-        for name in ("suv", "pickup", "box_truck", "bus")
-    },
+    **{name: {"paint": [{"materials": ["Paint"], "colors": CAR_COLORS}]} for name in ("suv", "pickup", "box_truck", "bus")},
 }
 SCENERY_NAMES = ("temperate_hills", "dry_steppe")
 # Blender's own HDRIs that show the open air, then the skies computed here, which add crisp sunlight.

@@ -62,9 +62,7 @@ def add_tracks(m: BlendModel, p: Paints, gear: Running) -> None:
     """Add road wheels, sprocket, idler, return rollers, and two tracks; the links touch z = 0."""
     r, w = gear.radius, gear.width
     z = r + TRACK_LINK_THICKNESS_M
-    tire = turn_profile(
-        [(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True
-    )
+    tire = turn_profile([(r * 0.78, -w * 0.40), (r, -w * 0.36), (r, -w * 0.07), (r * 0.78, -w * 0.05)], sides=22, hollow=True)
     tires = tire + tire.scaled(1, -1, 1)
     disc = turn_profile(
         [
@@ -172,9 +170,7 @@ def add_wheels(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radiu
         + turn_profile([(0.1, -0.25), (0.2, -0.12), (0.2, 0.12), (0.1, 0.25)], sides=12).moved(x, 0, radius)
         for x in at
     )
-    springs = join_shapes(
-        make_block((x - 0.55, 0.42, radius + 0.1), (x + 0.55, 0.52, radius + 0.18)).pair() for x in at
-    )
+    springs = join_shapes(make_block((x - 0.55, 0.42, radius + 0.1), (x + 0.55, 0.52, radius + 0.18)).pair() for x in at)
     m.add("Axles", axles + springs, p.dark, bevel=0)
 
 
@@ -187,9 +183,7 @@ def ladder_frame(m: BlendModel, p: Paints, x0: float, x1: float, z: float, *, y:
     m.add("Frame", rails + cross, p.dark, bevel=0.01)
 
 
-def add_mudguards(
-    m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5
-) -> None:
+def add_mudguards(m: BlendModel, p: Paints, at: Sequence[float], *, y: float, radius: float, width: float = 0.5) -> None:
     """Add bent sheets over the wheels."""
     angles = np.radians(np.linspace(15, 165, 9))
     sheets = []
@@ -227,13 +221,7 @@ def add_lamps(
 
 
 def add_antenna(
-    m: BlendModel,
-    p: Paints,
-    at: tuple[float, float, float],
-    *,
-    height: float = 0.9,
-    lean: float = 0.35,
-    part: str = "hull",
+    m: BlendModel, p: Paints, at: tuple[float, float, float], *, height: float = 0.9, lean: float = 0.35, part: str = "hull"
 ) -> None:
     """Add a whip aerial on its base, bent by its weight."""
     x, y, z = at
@@ -257,10 +245,6 @@ def smoke_launchers(x: float, y: float, z: float, *, tubes: int = 4) -> Shape:
     """Return a row of grenade tubes pointing forward, outward and up; for the left side (mirror it)."""
     shapes, spread = [], 0.16
     for k in range(tubes):
-        cup = (
-            profile_tube([(0, 0.055), (0.34, 0.055), (0.345, 0.045)], sides=10)
-            .turned("y", -30)
-            .turned("z", 15 + 12 * k)
-        )
+        cup = profile_tube([(0, 0.055), (0.34, 0.055), (0.345, 0.045)], sides=10).turned("y", -30).turned("z", 15 + 12 * k)
         shapes.append(cup.moved(x - k * spread, y + 0.03 * k, z + 0.05 * (k % 2)))
     return join_shapes(shapes) + make_box((tubes * spread, 0.06, 0.1), (x - (tubes - 1) * spread / 2, y, z - 0.1))

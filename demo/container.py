@@ -6,15 +6,7 @@ import numpy as np
 
 from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
-from hulldown.demo.shapes import (
-    join_shapes,
-    make_block,
-    make_box,
-    make_prism,
-    make_tube,
-    path_tube,
-    stack_outlines,
-)
+from hulldown.demo.shapes import join_shapes, make_block, make_box, make_prism, make_tube, path_tube, stack_outlines
 
 
 def corrugated_outline(length: float, *, depth: float = 0.036) -> list[tuple[float, float]]:
@@ -35,9 +27,7 @@ def add_container(m: BlendModel, p: Paints) -> None:
         [(z, [(x - half + 0.1, y + width - 0.02) for x, y in corrugated_outline(2 * half - 0.2)]) for z in (0.16, 2.5)]
     )
     m.add("Side_Panels", side + side.turned("z", 180), p.body, bevel=0, smooth=20)
-    end = stack_outlines(
-        [(z, [(x - width + 0.1, y) for x, y in corrugated_outline(2 * width - 0.2)]) for z in (0.16, 2.5)]
-    )
+    end = stack_outlines([(z, [(x - width + 0.1, y) for x, y in corrugated_outline(2 * width - 0.2)]) for z in (0.16, 2.5)])
     m.add("Front_Panel", end.turned("z", -90).moved(half - 0.02), p.body, bevel=0, smooth=20)
     roof = [(x - half + 0.05, y + height - 0.03) for x, y in corrugated_outline(2 * half - 0.1, depth=0.02)]
     m.add("Roof_Panel", make_prism(roof, -width + 0.06, width - 0.06), p.body, bevel=0, smooth=20)
@@ -82,19 +72,14 @@ def add_container(m: BlendModel, p: Paints) -> None:
     )
     m.add("Doors", leaf + folds, p.body, mirror=True, bevel=0.01)
     bars = join_shapes(make_tube((-half - 0.07, y, 0.14), (-half - 0.07, y, 2.5), 0.02, sides=8) for y in (0.24, 0.86))
-    keeps = join_shapes(
-        make_box((0.07, 0.09, 0.07), (-half - 0.05, y, z)) for y in (0.24, 0.86) for z in (0.2, 0.8, 1.5, 2.36)
-    )
+    keeps = join_shapes(make_box((0.07, 0.09, 0.07), (-half - 0.05, y, z)) for y in (0.24, 0.86) for z in (0.2, 0.8, 1.5, 2.36))
     m.add("Lock_Bars", bars + keeps, p.steel, mirror=True, bevel=0)
-    handles = join_shapes(
-        path_tube([(-half - 0.09, y, 1.02), (-half - 0.1, y + 0.34, 1.06)], 0.016) for y in (0.24, 0.5)
-    )
+    handles = join_shapes(path_tube([(-half - 0.09, y, 1.02), (-half - 0.1, y + 0.34, 1.06)], 0.016) for y in (0.24, 0.5))
     m.add("Handles", handles, p.steel, mirror=True, bevel=0)
     hinges = join_shapes(make_box((0.05, 0.1, 0.14), (-half - 0.01, width - 0.06, z)) for z in (0.4, 1.0, 1.6, 2.2))
     m.add("Hinges", hinges, p.dark, mirror=True, bevel=0.01)
     m.add("Seals", make_block((-half - 0.028, -0.015, 0.2), (-half + 0.02, 0.015, 2.44)), p.rubber, bevel=0)
     marks = join_shapes(
-        make_block((x, width - 0.018, 2.08), (x + 0.11, width - 0.012, 2.26))
-        for x in (1.1, 1.28, 1.46, 1.64, 2.0, 2.18)
+        make_block((x, width - 0.018, 2.08), (x + 0.11, width - 0.012, 2.26)) for x in (1.1, 1.28, 1.46, 1.64, 2.0, 2.18)
     )
     m.add("Markings", marks + make_block((-half - 0.04, 0.3, 1.86), (-half - 0.036, 0.82, 1.98)), p.canvas, bevel=0)

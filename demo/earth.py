@@ -41,9 +41,7 @@ def ground_material(name: str, soil: Soil, *, far: bool = False) -> Any:
     # Tips in the light, dark gaps between tussocks, and tussocks unlike their neighbors.
     tips = g.maths("MULTIPLY", g.ramp(small, 0.48, 0.66), 0.45 * soil.clumps)
     cover = g.shade(g.mix(tips, cover, dry), g.noise(where, 1.1, detail=2.0, rough=0.8, warp=0.5), 0.22)
-    cover = g.mix(
-        g.maths("MULTIPLY", g.ramp(small, 0.46, 0.30), 0.55 * soil.clumps), cover, g.mix(0.65, lush, "#14150d")
-    )
+    cover = g.mix(g.maths("MULTIPLY", g.ramp(small, 0.46, 0.30), 0.55 * soil.clumps), cover, g.mix(0.65, lush, "#14150d"))
     cover = g.shade(g.shade(cover, small, 0.22), fine, 0.35)
     bare = g.shade(g.shade(g.mix(g.ramp(middle, 0.35, 0.65), *soil.bare), small, 0.22), fine, 0.2)
     rock = g.shade(g.mix(g.ramp(small, 0.3, 0.7), *soil.rock), middle, 0.3)
@@ -51,9 +49,7 @@ def ground_material(name: str, soil: Soil, *, far: bool = False) -> Any:
     # Patches of bare ground have ragged edges because fine noise decides them too.
     patch = g.maths("ADD", g.maths("MULTIPLY", wide, 0.6), g.maths("MULTIPLY", small, 0.4))
     worn = g.maths(
-        "MAXIMUM",
-        g.ramp(patch, *soil.bare_share),
-        g.ramp(g.maths("ADD", up, g.maths("MULTIPLY", small, 0.12)), 0.955, 0.90),
+        "MAXIMUM", g.ramp(patch, *soil.bare_share), g.ramp(g.maths("ADD", up, g.maths("MULTIPLY", small, 0.12)), 0.955, 0.90)
     )
     pebble = g.maths("MULTIPLY", g.ramp(clod, 0.30, 0.20), g.ramp(kind, 0.52, 0.58))
     seen = g.maths("MULTIPLY", pebble, g.maths("MAXIMUM", g.maths("MULTIPLY", worn, 0.8), soil.stony))
@@ -95,9 +91,7 @@ def road_material(name: str, tones: tuple[Color, Color], verge: Color, *, half: 
     color = g.mix(g.maths("MAXIMUM", g.maths("MULTIPLY", grown, 0.7), edge), color, verge)
     color = g.shade(g.shade(color, small, 0.2), fine, 0.22)
     height = g.maths("SUBTRACT", g.maths("ADD", small, g.maths("MULTIPLY", fine, 0.3)), g.maths("MULTIPLY", rut, 0.6))
-    return g.surface(
-        {"Base Color": color, "Roughness": 0.93, "Specular IOR Level": 0.2, "Normal": g.bump(height, 0.05, 0.8)}
-    )
+    return g.surface({"Base Color": color, "Roughness": 0.93, "Specular IOR Level": 0.2, "Normal": g.bump(height, 0.05, 0.8)})
 
 
 def stone_material(name: str, tones: tuple[Color, Color], growth: Color) -> Any:

@@ -37,10 +37,7 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     hill = make_mound((-90.0, 110.0), (115.0, 85.0), 20.0, 27.0, meadow, steep=1.9)
     knoll = make_mound((120.0, -110.0), (70.0, 55.0), -35.0, 15.0, meadow, steep=1.7)
     crest = make_mound((40.0, 150.0), (105.0, 24.0), -12.0, 4.6, meadow, steep=1.3)
-    grass, hillside = (
-        earth.ground_material("Meadow_Ground", MEADOW_SOIL),
-        earth.ground_material("Hill_Ground", MEADOW_SOIL),
-    )
+    grass, hillside = (earth.ground_material("Meadow_Ground", MEADOW_SOIL), earth.ground_material("Hill_Ground", MEADOW_SOIL))
     field = np.linspace(-land.half, land.half, 201)
     land.add("Ground_Meadow", make_sheet(field, field, meadow), grass, home="Terrain")
     wooded = land.add("Ground_Hill", make_patch((-90, 110), 125, hill), hillside, home="Terrain")
@@ -52,9 +49,7 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 70 + 110 * noise(x, y, 900.0, octaves=4, rough=0.45)
 
-    land.surroundings(
-        meadow, mountains, earth.ground_material("Far_Ground", MEADOW_SOIL, far=True), rise=(250.0, 2600.0)
-    )
+    land.surroundings(meadow, mountains, earth.ground_material("Far_Ground", MEADOW_SOIL, far=True), rise=(250.0, 2600.0))
     planting = Planting(land, highest_surface(meadow, hill, knoll, crest), rng)
     _add_plants(planting, noise, course, wooded)
     land.camera((-20.0, -150.0, 14.0), 5.0)

@@ -73,9 +73,7 @@ class Land:
         """Add the camera that the file is delivered with."""
         camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
         camera.matrix_world = (
-            Matrix.Translation(at)
-            @ Matrix.Rotation(np.radians(turn_deg), 4, "Z")
-            @ Matrix.Rotation(np.radians(84), 4, "X")
+            Matrix.Translation(at) @ Matrix.Rotation(np.radians(turn_deg), 4, "Z") @ Matrix.Rotation(np.radians(84), 4, "X")
         )
         camera.data.clip_end = 2 * LAND_REACH_M
         self.scene.collection.objects.link(camera)

@@ -44,9 +44,7 @@ def make_dish(radius: float, depth: float) -> Shape:
     bowl = [(radius * t, depth * t * t) for t in np.linspace(0.02, 1, 7)]
     skin = turn_profile([*bowl, *((r, y + 0.04) for r, y in reversed(bowl))], sides=24).turned("z", -90)
     struts = join_shapes(
-        make_tube(
-            (depth, radius * 0.9 * np.cos(a), radius * 0.9 * np.sin(a)), (depth + radius * 0.8, 0, 0), 0.02, sides=5
-        )
+        make_tube((depth, radius * 0.9 * np.cos(a), radius * 0.9 * np.sin(a)), (depth + radius * 0.8, 0, 0), 0.02, sides=5)
         for a in np.radians([90, 210, 330])
     )
     return skin + struts + profile_tube([(depth + radius * 0.62, 0.05), (depth + radius * 0.9, 0.1)])
@@ -193,10 +191,6 @@ def sam_turret(m: BlendModel, p: Paints, folder: Path) -> None:
             cells.append(make_block((-1.5, y, z), (1.7, y + 0.4, z + 0.4)))
             lids.append(make_block((1.7, y + 0.03, z + 0.03), (1.74, y + 0.37, z + 0.37)))
     gaps = [make_block((x, 0.88, 1.98), (x + 0.12, 1.8, 2.9)) for x in (-1.2, 0.1, 1.3)]
-    for name, parts, paint in (
-        ("Missile_Boxes", cells, p.body),
-        ("Box_Lids", lids, p.dark),
-        ("Box_Bands", gaps, p.steel),
-    ):
+    for name, parts, paint in (("Missile_Boxes", cells, p.body), ("Box_Lids", lids, p.dark), ("Box_Bands", gaps, p.steel)):
         m.add(name, join_shapes(parts).turned("y", rise, hinge), paint, part="gun", mirror=True, bevel=0.015)
     m.add("Trunnion", make_tube((-0.3, -0.95, 2.35), (-0.3, 0.95, 2.35), 0.18), p.dark, part="gun", bevel=0)

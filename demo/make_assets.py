@@ -18,11 +18,7 @@ BUILT_LINE_PREFIX = "hulldown built "  # starts a line of the child process that
 
 
 def build_demo_assets(
-    folder: Path | str,
-    *,
-    seed: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-    files: Sequence[str] = ASSET_FILES,
+    folder: Path | str, *, seed: int = 0, progress: Callable[[int, int], None] | None = None, files: Sequence[str] = ASSET_FILES
 ) -> tuple[Path, ...]:
     """Build vehicles/, distractors/, sceneries/ and hdris/ of the demo below `folder`; existing files are kept."""
     folder = Path(folder)

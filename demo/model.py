@@ -90,12 +90,8 @@ class BlendModel:
     def save(self, path: Path) -> None:
         """Add what such files usually have too (floor, grid, camera, lamps), and write the file."""
         u = self.unit
-        floor = bpy.data.objects.new(
-            "Floor", _mesh_data("Floor", make_box((24 * u, 24 * u, 0.1 * u), (0, 0, -0.1 * u)), 1)
-        )
-        grid_lines = [((-12, y, 0), (12, y, 0)) for y in range(-12, 13)] + [
-            ((x, -12, 0), (x, 12, 0)) for x in range(-12, 13)
-        ]
+        floor = bpy.data.objects.new("Floor", _mesh_data("Floor", make_box((24 * u, 24 * u, 0.1 * u), (0, 0, -0.1 * u)), 1))
+        grid_lines = [((-12, y, 0), (12, y, 0)) for y in range(-12, 13)] + [((x, -12, 0), (x, 12, 0)) for x in range(-12, 13)]
         grid_mesh = bpy.data.meshes.new("Grid")
         ends = [np.array(p, float) * u for line in grid_lines for p in line]
         grid_mesh.from_pydata(ends, [(2 * i, 2 * i + 1) for i in range(len(grid_lines))], [])

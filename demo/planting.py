@@ -45,9 +45,7 @@ class Planting:
 
     def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: PlantDensity) -> list[Any]:
         """Add up to n stones of these shapes, and ten boulders that are larger; return their meshes."""
-        kinds = [
-            vegetation.make_boulder(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)
-        ]
+        kinds = [vegetation.make_boulder(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)]
         self.strew("Rocks", kinds, n, share, gap=4.0, scale=(0.2, 1.35), sink=0.1, tilt=0.3)
         few = self._spots(0.8 * self.land.half, 10, share, gap=30.0)
         for boulder in self._copies("Rocks", kinds, few, (1.5, 2.5), 0.4, tilt=0.2):
@@ -56,14 +54,7 @@ class Planting:
         return kinds
 
     def grass(
-        self,
-        name: str,
-        tones: tuple[Color, Color],
-        heights: Sequence[float],
-        n: int,
-        share: PlantDensity,
-        *,
-        clumps: int,
+        self, name: str, tones: tuple[Color, Color], heights: Sequence[float], n: int, share: PlantDensity, *, clumps: int
     ) -> None:
         """Add patches of grass some meters wide that lie on the ground, `clumps` in each."""
         blades = earth.leaf_material(f"{name}_Blades", tones)
@@ -75,9 +66,7 @@ class Planting:
         ]
         self.strew("Grass", patches, n, share, gap=4.0, scale=(0.75, 1.3), sink=0.02, lying=True)
 
-    def outskirts(
-        self, name: str, plants: Sequence[Any], n: int, share: PlantDensity, *, reach: float, group: int
-    ) -> None:
+    def outskirts(self, name: str, plants: Sequence[Any], n: int, share: PlantDensity, *, reach: float, group: int) -> None:
         """Plant groups on the surroundings, `reach` meters from the middle and farther than the ground's edge."""
         spots = self._spots(reach, n, share, gap=12.0, inside=self.land.half + 10)
         members = bpy.data.collections.new(name)
@@ -182,20 +171,13 @@ def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tupl
     flat.inputs[1].default_value = MIN_PLANTED_COSINE
     noise = node("ShaderNodeTexNoise", Scale=0.03, Detail=3.0).outputs[0]
     thin = node("ShaderNodeMapRange", Value=noise, From_Min=0.45, From_Max=0.7, To_Min=0.0, To_Max=density).outputs[0]
-    points = node(
-        "GeometryNodeDistributePointsOnFaces", Mesh=source, Selection=flat.outputs[0], Density=thin, Seed=seed
-    )
+    points = node("GeometryNodeDistributePointsOnFaces", Mesh=source, Selection=flat.outputs[0], Density=thin, Seed=seed)
     pool = node("GeometryNodeCollectionInfo", Collection=made, Separate_Children=True, Reset_Children=True).outputs[0]
     turn = _random_value(tree, "FLOAT_VECTOR", (0, 0, 0), (0, 0, 6.28))
     size = _random_value(tree, "FLOAT", *scale)
     euler = node("FunctionNodeEulerToRotation", Euler=turn).outputs[0]
     placed = node(
-        "GeometryNodeInstanceOnPoints",
-        Points=points.outputs[0],
-        Instance=pool,
-        Pick_Instance=True,
-        Rotation=euler,
-        Scale=size,
+        "GeometryNodeInstanceOnPoints", Points=points.outputs[0], Instance=pool, Pick_Instance=True, Rotation=euler, Scale=size
     )
     join = tree.nodes.new("GeometryNodeJoinGeometry")
     tree.links.new(placed.outputs[0], join.inputs[0])

@@ -71,9 +71,7 @@ def loft_rings(rings: ArrayLike, *, hollow: bool = False) -> Shape:
 def make_block(low: Point, high: Point) -> Shape:
     """Return a box between two corners."""
     (x0, y0, z0), (x1, y1, z1) = low, high
-    return stack_outlines(
-        [(z0, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z1, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])]
-    )
+    return stack_outlines([(z0, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z1, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])])
 
 
 def make_box(size: Point, at: Point) -> Shape:
@@ -154,9 +152,7 @@ def make_ellipsoid(size: Point, at: Point, *, sides: int = 16, rings: int = 8, f
     return loft_rings(unit).scaled(*size).moved(*at)
 
 
-def make_track(
-    circles: Sequence[tuple[float, float, float]], y: float, width: float, *, pitch: float, sag: float
-) -> Shape:
+def make_track(circles: Sequence[tuple[float, float, float]], y: float, width: float, *, pitch: float, sag: float) -> Shape:
     """Lay a track of single links round circles (x, z, radius) of wheels, hanging by `sag` between the upper ones."""
     angles = np.linspace(0, 2 * np.pi, 73)[:-1]
     rim = np.concatenate([np.stack([x + r * np.cos(angles), z + r * np.sin(angles)], -1) for x, z, r in circles])

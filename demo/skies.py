@@ -117,9 +117,7 @@ def _build_sky(tree: Any, sky: Sky) -> None:
     glow = node("Math", node("Math", bright, zenith, operation="MULTIPLY")[0], core, operation="MULTIPLY")[0]
     cloud = node("VectorMath", sky.cloud_color, node("CombineXYZ", glow, glow, glow)[0], operation="MULTIPLY")[0]
     high = node("MapRange", up, 0.0, 0.10 if sky.sun_share else 0.01, interpolation_type="SMOOTHSTEP")[0]
-    heaven = mix(
-        node("Math", shape, node("Math", high, 0.92, operation="MULTIPLY")[0], operation="MULTIPLY")[0], air, cloud
-    )
+    heaven = mix(node("Math", shape, node("Math", high, 0.92, operation="MULTIPLY")[0], operation="MULTIPLY")[0], air, cloud)
     background = node("Background", heaven, 1.0)[0]
     node("OutputWorld", background)
 
@@ -140,9 +138,7 @@ def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     rows[..., :3] += (earth - rows[..., :3]) * depth
     rise = np.radians(sky.sun_elevation_deg)
     radiance = sky.sun_share * sky.light / np.sin(rise) / (SUN_DIAMETER_RADIANS / 2) ** 2
-    rows[..., :3] += (
-        radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun_disc(width, height, rise)[..., None]
-    )
+    rows[..., :3] += radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun_disc(width, height, rise)[..., None]
     image.pixels.foreach_set(np.minimum(rows, 60000.0).ravel())
     settings = scene.render.image_settings
     settings.color_depth, settings.exr_codec = "16", "DWAA"

@@ -73,9 +73,7 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 40 + 120 * np.abs(noise(x, y, 1100.0, octaves=4))
 
-    land.surroundings(
-        ground, mountains, earth.ground_material("Far_Ground", STEPPE_SOIL, far=True), rise=(300.0, 3000.0)
-    )
+    land.surroundings(ground, mountains, earth.ground_material("Far_Ground", STEPPE_SOIL, far=True), rise=(300.0, 3000.0))
 
     def dry(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         clear = course.clear(x, y, 5.0) * (dune(x, y) < ground(x, y))

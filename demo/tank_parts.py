@@ -40,9 +40,7 @@ def make_barrel(x0: float, x1: float, z: float, radius: float, *, evacuator: flo
     else:
         stations += [(x1 - 0.12, radius * 0.95), (x1 - 0.11, radius * 1.15), (x1 - 0.005, radius * 1.15)]
     stations += [(x1, radius * 0.7), (x1 - 0.2, radius * 0.6)]
-    bands = join_shapes(
-        make_tube((x, 0, z), (x + 0.05, 0, z), radius * 1.32) for x in x0 + length * np.array([0.18, 0.3])
-    )
+    bands = join_shapes(make_tube((x, 0, z), (x + 0.05, 0, z), radius * 1.32) for x in x0 + length * np.array([0.18, 0.3]))
     return profile_tube(stations, z=z, sides=16) + bands
 
 
@@ -50,9 +48,7 @@ def add_skirts(m: BlendModel, p: Paints, x0: float, x1: float, y: float, z0: flo
     """Add a row of side plates with gaps, by an array and a mirror modifier."""
     step = (x1 - x0) / panels
     plate = make_prism(
-        [(x0 + 0.02, z1), (x0 + 0.02, z0 + 0.05), (x0 + 0.1, z0), (x0 + step - 0.02, z0), (x0 + step - 0.02, z1)],
-        y,
-        y + 0.05,
+        [(x0 + 0.02, z1), (x0 + 0.02, z0 + 0.05), (x0 + 0.1, z0), (x0 + step - 0.02, z0), (x0 + step - 0.02, z1)], y, y + 0.05
     )
     m.add("Side_Skirts", plate, p.body, mirror=True, copies=(panels, step))
 
@@ -76,13 +72,7 @@ def add_fittings(m: BlendModel, p: Paints, *, front: float, rear: float, half: f
     hooks = join_shapes(make_box((0.16, 0.08, 0.2), (x, 0.85, 0.72)).pair() for x in (front, rear))
     m.add("Tow_Hooks", hooks, p.dark, bevel=0.01)
     cable = path_tube(
-        [
-            (front - 1.9, half, z),
-            (front - 2.6, half + 0.08, z + 0.03),
-            (0, half + 0.05, z + 0.03),
-            (rear + 1.4, half, z),
-        ],
-        0.035,
+        [(front - 1.9, half, z), (front - 2.6, half + 0.08, z + 0.03), (0, half + 0.05, z + 0.03), (rear + 1.4, half, z)], 0.035
     )
     m.add("Tow_Cable", cable, p.steel, bevel=0, mirror=True)
     m.add("Shovel", make_block((-1.2, half - 0.28, z), (0.1, half - 0.23, z + 0.05)), p.wood, bevel=0)

@@ -43,13 +43,9 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
         for y in np.arange(-0.9, 1.0, 0.36)
     )
     m.add("Glacis_Bricks", bricks, p.body, bevel=0.015)
-    m.add(
-        "Splash_Board", make_box((0.03, 1.5, 0.16), (1.65, 0, 1.42)).turned("y", -20, (1.65, 0, 1.42)), p.body, bevel=0
-    )
+    m.add("Splash_Board", make_box((0.03, 1.5, 0.16), (1.65, 0, 1.42)).turned("y", -20, (1.65, 0, 1.42)), p.body, bevel=0)
     drums = join_shapes(make_tube((-3.62, y, 1.38), (-3.62, y + 0.98, 1.38), 0.28, sides=18) for y in (-1.04, 0.06))
-    bands = join_shapes(
-        make_tube((-3.62, y, 1.38), (-3.62, y + 0.05, 1.38), 0.3, sides=18) for y in (-0.85, -0.3, 0.25, 0.8)
-    )
+    bands = join_shapes(make_tube((-3.62, y, 1.38), (-3.62, y + 0.05, 1.38), 0.3, sides=18) for y in (-0.85, -0.3, 0.25, 0.8))
     m.add("Fuel_Drums", drums, p.body, bevel=0.02)
     m.add("Drum_Bands", bands, p.dark, bevel=0)
     m.add("Log", make_tube((-3.55, -1.3, 0.93), (-3.55, 1.3, 0.93), 0.11), p.wood, bevel=0)
@@ -67,9 +63,7 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
         for a in (22, 40, 58, 76)
     )
     m.add("Bricks", cheeks.pair(), p.body, part="turret", bevel=0.015)
-    cupola = make_tube((-0.15, 0.5, 2.02), (-0.15, 0.5, 2.26), 0.36, 0.33, sides=18) + make_hatch(
-        -0.15, 0.5, 2.24, 0.27
-    )
+    cupola = make_tube((-0.15, 0.5, 2.02), (-0.15, 0.5, 2.26), 0.36, 0.33, sides=18) + make_hatch(-0.15, 0.5, 2.24, 0.27)
     m.add("Cupola", cupola, p.body, part="turret", bevel=0.01)
     m.add("Loader_Hatch", make_hatch(-0.1, -0.5, 2.12, 0.27), p.body, part="turret", bevel=0.01)
     m.add("Snorkel", make_tube((-1.5, 0.95, 1.75), (-1.5, -0.95, 1.75), 0.13), p.body, part="turret", bevel=0.01)
@@ -78,9 +72,7 @@ def mbt_dome(m: BlendModel, p: Paints, folder: Path) -> None:
     machine_gun(m, p, (0.2, 0.5, 2.32))
     add_antenna(m, p, (-0.9, -0.7, 1.95), part="turret", lean=0.4)
     m.pivot("gun", (1.2, 0, 1.82), on="turret", name="Gun")
-    m.add(
-        "Mantlet", make_ellipsoid((0.5, 0.42, 0.3), (1.45, 0, 1.82), sides=14, rings=8), p.canvas, part="gun", bevel=0
-    )
+    m.add("Mantlet", make_ellipsoid((0.5, 0.42, 0.3), (1.45, 0, 1.82), sides=14, rings=8), p.canvas, part="gun", bevel=0)
     m.add("Barrel", make_barrel(1.7, 5.95, 1.82, 0.08, evacuator=0.62), p.body, part="gun", bevel=0)
     searchlight = profile_tube([(1.45, 0.16), (1.8, 0.21), (1.82, 0.19)]).moved(y=-0.55, z=2.0)
     m.add("Searchlight", searchlight, p.dark, part="gun", bevel=0)
@@ -103,16 +95,7 @@ def mbt_classic(m: BlendModel, p: Paints, folder: Path) -> None:
     )
     m.add("Hull_Lower", hull_lower, p.body, bevel=0.04, smooth=60)
     fenders = make_prism(
-        [
-            (-3.4, 1.28),
-            (-3.55, 1.15),
-            (-3.55, 1.12),
-            (-3.35, 1.24),
-            (2.95, 1.24),
-            (3.4, 1.05),
-            (3.42, 1.08),
-            (3.0, 1.28),
-        ],
+        [(-3.4, 1.28), (-3.55, 1.15), (-3.55, 1.12), (-3.35, 1.24), (2.95, 1.24), (3.4, 1.05), (3.42, 1.08), (3.0, 1.28)],
         0.98,
         1.7,
     )
@@ -134,9 +117,7 @@ def mbt_classic(m: BlendModel, p: Paints, folder: Path) -> None:
     for z, grow in ((1.52, 0.86), (1.78, 1.0), (2.08, 0.97), (2.3, 0.82), (2.4, 0.55)):
         angles = np.linspace(0, 2 * np.pi, 25)[:-1]
         x = np.where(np.cos(angles) > 0, 1.45, 1.85) * np.cos(angles)
-        rings.append(
-            (z, [(0.1 + grow * float(a), grow * float(b)) for a, b in zip(x, 1.22 * np.sin(angles), strict=True)])
-        )
+        rings.append((z, [(0.1 + grow * float(a), grow * float(b)) for a, b in zip(x, 1.22 * np.sin(angles), strict=True)]))
     m.add("Casting", stack_outlines(rings), p.body, part="turret", bevel=0, smooth=70)
     m.add("Collar", make_tube((0.2, 0, 1.44), (0.2, 0, 1.56), 1.02, sides=24), p.body, part="turret", bevel=0)
     cupola = make_tube((-0.3, -0.5, 2.3), (-0.3, -0.5, 2.62), 0.42, 0.36, sides=18) + make_hatch(-0.3, -0.5, 2.6, 0.28)

@@ -38,9 +38,7 @@ def mbt_wedge(m: BlendModel, p: Paints, folder: Path) -> None:
     m.add("Heavy_Skirts", heavy, p.body, mirror=True)
     m.add("Driver_Hatch", make_hatch(2.2, 0.55, 1.5, 0.26), p.body, bevel=0.01)
     engine_deck(m, p, -3.6, -1.7, 1.69, 1.6)
-    exhaust_grille = join_shapes(
-        make_block((-3.80, y, 1.2), (-3.74, y + 0.06, 1.6)) for y in np.arange(-1.5, 1.5, 0.12)
-    )
+    exhaust_grille = join_shapes(make_block((-3.80, y, 1.2), (-3.74, y + 0.06, 1.6)) for y in np.arange(-1.5, 1.5, 0.12))
     m.add("Exhaust_Grille", exhaust_grille, p.dark, bevel=0)
     add_fittings(m, p, front=3.8, rear=-3.72, half=1.55, z=1.69)
     chassis.add_lamps(m, p, x=3.45, y=1.3, z=1.32, radius=0.08, tail_x=-3.78, tail_z=1.3)
@@ -91,17 +89,7 @@ def mbt_slab(m: BlendModel, p: Paints, folder: Path) -> None:
     chassis.add_tracks(m, p, gear)
     m.add("Hull_Lower", make_slab([(-3.85, 1.2), (-3.5, 0.46), (3.1, 0.46), (3.8, 0.95), (3.4, 1.2)], 1.15), p.body)
     hull_upper = make_slab(
-        [
-            (-3.9, 1.1),
-            (-3.95, 1.62),
-            (-1.4, 1.62),
-            (-1.2, 1.5),
-            (1.9, 1.42),
-            (3.95, 1.14),
-            (3.85, 0.98),
-            (3.3, 1.05),
-        ],
-        1.83,
+        [(-3.9, 1.1), (-3.95, 1.62), (-1.4, 1.62), (-1.2, 1.5), (1.9, 1.42), (3.95, 1.14), (3.85, 0.98), (3.3, 1.05)], 1.83
     )
     m.add("Hull_Upper", hull_upper, p.body, bevel=0.02)
     add_skirts(m, p, -3.1, 3.6, 1.85, 0.7, 1.36, 7)
@@ -118,8 +106,7 @@ def mbt_slab(m: BlendModel, p: Paints, folder: Path) -> None:
     shell = stack_outlines([(1.56, mirror_outline(low)), (1.72, mirror_outline(low)), (2.34, mirror_outline(top))])
     m.add("Shell", shell, p.body, part="turret", bevel=0.02)
     racks = join_shapes(
-        path_tube([(-2.1, -1.35, z), (-2.9, -1.3, z), (-2.9, 1.3, z), (-2.1, 1.35, z)], 0.025)
-        for z in (1.75, 2.0, 2.25)
+        path_tube([(-2.1, -1.35, z), (-2.9, -1.3, z), (-2.9, 1.3, z), (-2.1, 1.35, z)], 0.025) for z in (1.75, 2.0, 2.25)
     )
     m.add("Racks", racks, p.dark, part="turret", bevel=0)
     m.add("Rack_Floor", make_block((-2.9, -1.28, 1.72), (-2.1, 1.28, 1.75)), p.dark, part="turret", bevel=0)
@@ -128,9 +115,7 @@ def mbt_slab(m: BlendModel, p: Paints, folder: Path) -> None:
     )
     m.add("Rack_Load", rack_load, p.canvas, part="turret", bevel=0.06)
     m.add("Side_Boxes", make_box((1.3, 0.26, 0.36), (-0.9, 1.76, 1.8)), p.body, part="turret", bevel=0.03, mirror=True)
-    m.add(
-        "Hatches", make_hatch(-0.2, -0.62, 2.38, 0.34) + make_hatch(-0.3, 0.65, 2.34), p.body, part="turret", bevel=0.01
-    )
+    m.add("Hatches", make_hatch(-0.2, -0.62, 2.38, 0.34) + make_hatch(-0.3, 0.65, 2.34), p.body, part="turret", bevel=0.01)
     blow_panels = join_shapes(make_box((0.75, 0.85, 0.05), (-1.5, y, 2.32)) for y in (-0.5, 0.5))
     m.add("Blow_Panels", blow_panels, p.body, part="turret", bevel=0.015)
     m.add("Gunner_Sight", make_box((0.6, 0.5, 0.36), (0.75, -0.75, 2.3)), p.body, part="turret", bevel=0.04)

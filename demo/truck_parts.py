@@ -23,15 +23,7 @@ from hulldown.demo.shapes import (
 def add_flat_cab(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z1: float, half: float) -> None:
     """Add a flat-nosed cab with windscreen, side windows, doors, grille, mirrors, steps and bumper."""
     waist = z0 + 0.52 * (z1 - z0)
-    outline = [
-        (x0, z0),
-        (x1, z0),
-        (x1 + 0.04, waist),
-        (x1 - 0.26, z1 - 0.06),
-        (x1 - 0.4, z1),
-        (x0 + 0.1, z1),
-        (x0, z1 - 0.1),
-    ]
+    outline = [(x0, z0), (x1, z0), (x1 + 0.04, waist), (x1 - 0.26, z1 - 0.06), (x1 - 0.4, z1), (x0 + 0.1, z1), (x0, z1 - 0.1)]
     m.add("Cab", make_slab(outline, half), p.body, bevel=0.05)
     lean = np.degrees(np.arctan2(0.3, z1 - 0.06 - waist))
     pane_height = (z1 - 0.06 - waist) * 0.74
@@ -45,16 +37,13 @@ def add_flat_cab(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z
     )
     m.add("Side_Windows", window, p.glass, mirror=True, bevel=0.003)
     door = make_prism(
-        [(rear - 0.06, z0 + 0.12), (front + 0.18, z0 + 0.12), (front + 0.22, waist), (rear - 0.06, waist)],
-        half,
-        half + 0.02,
+        [(rear - 0.06, z0 + 0.12), (front + 0.18, z0 + 0.12), (front + 0.22, waist), (rear - 0.06, waist)], half, half + 0.02
     )
     m.add("Doors", door, p.body, mirror=True, bevel=0.015)
     door_handles = make_box((0.16, 0.04, 0.04), (rear + 0.1, half + 0.03, waist - 0.12))
     m.add("Door_Handles", door_handles, p.dark, mirror=True, bevel=0)
     bars = join_shapes(
-        make_block((x1, -half * 0.55, z), (x1 + 0.06, half * 0.55, z + 0.05))
-        for z in np.arange(z0 + 0.22, waist - 0.12, 0.11)
+        make_block((x1, -half * 0.55, z), (x1 + 0.06, half * 0.55, z + 0.05)) for z in np.arange(z0 + 0.22, waist - 0.12, 0.11)
     )
     m.add("Grille", bars, p.dark, bevel=0)
     m.add("Bumper", make_box((0.24, 2 * half + 0.04, 0.3), (x1 + 0.1, 0, z0 - 0.2)), p.body, bevel=0.03)
@@ -83,17 +72,14 @@ def add_mirrors(m: BlendModel, p: Paints, x: float, half: float, z: float) -> No
         ],
         0.018,
     )
-    m.add(
-        "Mirrors", arm + make_box((0.06, 0.2, 0.36), (x + 0.08, half + 0.28, z + 0.05)), p.dark, mirror=True, bevel=0.01
-    )
+    m.add("Mirrors", arm + make_box((0.06, 0.2, 0.36), (x + 0.08, half + 0.28, z + 0.05)), p.dark, mirror=True, bevel=0.01)
 
 
 def drop_side_bed(m: BlendModel, p: Paints, *, x0: float, x1: float, z: float, half: float, side: float) -> None:
     """Add a cargo bed with boarded sides, stakes and a tailgate."""
     m.add("Bed_Planks", make_block((x0, -half, z), (x1, half, z + 0.12)), p.wood, bevel=0.01)
     boards = [
-        make_block((x0, half - 0.05, z + 0.14 + k * side / 3), (x1, half, z + 0.1 + (k + 1) * side / 3))
-        for k in range(3)
+        make_block((x0, half - 0.05, z + 0.14 + k * side / 3), (x1, half, z + 0.1 + (k + 1) * side / 3)) for k in range(3)
     ]
     ends = [
         make_block((x, -half + 0.06, z + 0.14 + k * side / 3), (x + 0.05, half - 0.06, z + 0.1 + (k + 1) * side / 3))

@@ -66,9 +66,7 @@ def truck_canvas(m: BlendModel, p: Paints, folder: Path) -> None:
         (0.5, 0.4, 0.5), (0.0, -0.95, 0.58)
     )
     m.add("Fuel_Tank", fuel_tank, p.body, bevel=0.03)
-    spare_wheel = (
-        turn_profile([(0.3, -0.18), (0.56, -0.16), (0.56, 0.16), (0.3, 0.18)]).turned("z", 90).moved(0.0, 0, 1.85)
-    )
+    spare_wheel = turn_profile([(0.3, -0.18), (0.56, -0.16), (0.56, 0.16), (0.3, 0.18)]).turned("z", 90).moved(0.0, 0, 1.85)
     m.add("Spare_Wheel", spare_wheel, p.rubber, bevel=0.02)
     snorkel = path_tube([(1.3, -1.12, 1.3), (1.3, -1.12, 2.7), (1.45, -1.12, 2.75)], 0.07, sides=10)
     m.add("Snorkel", snorkel, p.dark, bevel=0)
@@ -119,9 +117,7 @@ def truck_cargo(m: BlendModel, p: Paints, folder: Path) -> None:
     m.add("Cargo_Drums", cargo_drums, p.steel, bevel=0.02)
     m.add("Fuel_Tank", make_box((1.1, 0.5, 0.55), (0.2, 0.95, 0.72)), p.body, bevel=0.06)
     m.add("Tool_Box", make_box((0.9, 0.45, 0.5), (0.2, -0.95, 0.75)), p.body, bevel=0.03)
-    m.add(
-        "Exhaust", path_tube([(1.2, -1.0, 1.0), (1.2, -1.12, 1.4), (1.2, -1.12, 2.9)], 0.07, sides=10), p.steel, bevel=0
-    )
+    m.add("Exhaust", path_tube([(1.2, -1.0, 1.0), (1.2, -1.12, 1.4), (1.2, -1.12, 2.9)], 0.07, sides=10), p.steel, bevel=0)
     m.add("Rear_Bumper", make_box((0.14, 2.3, 0.2), (-3.5, 0, 0.75)), p.dark, bevel=0.02)
     m.add("Tail_Lamps", make_box((0.06, 0.24, 0.1), (-3.58, 0.95, 0.8)), p.red, mirror=True, bevel=0.01)
     add_antenna(m, p, (1.6, -1.0, 2.74), height=0.8)
@@ -144,9 +140,7 @@ def truck_tanker(m: BlendModel, p: Paints, folder: Path) -> None:
     )
     m.add("Cradles", cradle, p.dark, bevel=0.02)
     walk = make_block((-3.6, -0.35, 3.06), (1.6, 0.35, 3.1))
-    rail = join_shapes(
-        path_tube([(-3.5, y, 3.1), (-3.5, y, 3.4), (1.5, y, 3.4), (1.5, y, 3.1)], 0.022) for y in (-0.34, 0.34)
-    )
+    rail = join_shapes(path_tube([(-3.5, y, 3.1), (-3.5, y, 3.4), (1.5, y, 3.4), (1.5, y, 3.1)], 0.022) for y in (-0.34, 0.34))
     m.add("Catwalk", walk + rail, p.steel, bevel=0)
     domes = join_shapes(make_tube((x, 0, 3.02), (x, 0, 3.24), 0.27, sides=18) for x in (-2.6, -1.05, 0.5))
     m.add("Filler_Domes", domes, p.body, bevel=0.03)

@@ -37,11 +37,7 @@ class Plant:
         side /= np.linalg.norm(side, axis=1, keepdims=True)
         angles = np.linspace(0, 2 * np.pi, sides + 1)
         ring = np.cos(angles)[:, None] * side[:, None] + np.sin(angles)[:, None] * np.cross(along, side)[:, None]
-        self.add(
-            (points[:, None] + radii[:, None, None] * ring).reshape(-1, 3),
-            grid_quads(len(points), sides + 1)[:, ::-1],
-            0,
-        )
+        self.add((points[:, None] + radii[:, None, None] * ring).reshape(-1, 3), grid_quads(len(points), sides + 1)[:, ::-1], 0)
 
     def sprays(self, centers: Points, along: Points, across: Points) -> None:
         """Add leaf sprays in slot 1: bent kites at `centers`, reaching `along` and `across` both ways."""
@@ -68,9 +64,7 @@ def _random_directions(n: int, rng: np.random.Generator) -> Points:
     return d / np.linalg.norm(d, axis=1, keepdims=True)
 
 
-def _add_foliage(
-    plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator
-) -> None:
+def _add_foliage(plant: Plant, center: np.ndarray, size: np.ndarray, n: int, leaf: float, rng: np.random.Generator) -> None:
     out = _random_directions(n, rng)
     at = center + out * size * (rng.random((n, 1)) ** 0.4)
     along = out + _random_directions(n, rng) * 0.9
@@ -93,8 +87,7 @@ def make_broadleaf(name: str, materials: list[Any], *, height: float, spread: fl
         angle = k * 2.4 + rng.normal(0, 0.3)
         rise = rng.uniform(0.0, 1.0)
         base = np.array(
-            [np.interp(fork + rise * height * 0.42, trunk[:, 2], trunk[:, i]) for i in range(2)]
-            + [fork + rise * height * 0.42]
+            [np.interp(fork + rise * height * 0.42, trunk[:, 2], trunk[:, i]) for i in range(2)] + [fork + rise * height * 0.42]
         )
         reach = spread * (1 - 0.55 * rise) * rng.uniform(0.75, 1.05)
         tip = base + np.array([reach * np.cos(angle), reach * np.sin(angle), height * rng.uniform(0.10, 0.2)])
@@ -146,21 +139,12 @@ def make_bush(
         reach = height * rng.uniform(0.2, 0.6)
         tip = np.array([reach * np.cos(angle), reach * np.sin(angle), height * rng.uniform(0.45, 0.78)])
         plant.limb(np.linspace(foot, tip, 3), np.array([0.03, 0.02, 0.008]) * height, sides=4)
-        _add_foliage(
-            plant, tip, height * rng.uniform(0.26, 0.4) * np.array([1, 1, 0.8]), 170, 0.65 * leaf * height**0.5, rng
-        )
+        _add_foliage(plant, tip, height * rng.uniform(0.26, 0.4) * np.array([1, 1, 0.8]), 170, 0.65 * leaf * height**0.5, rng)
     return plant.mesh(name, materials)
 
 
 def make_tussock(
-    name: str,
-    material: Any,
-    *,
-    height: float,
-    blades: int,
-    clumps: int,
-    radius: float,
-    rng: np.random.Generator,
+    name: str, material: Any, *, height: float, blades: int, clumps: int, radius: float, rng: np.random.Generator
 ) -> Any:
     """Return clumps of grass as hair curves: seen by the camera, but nothing a vehicle could not stand on."""
     curves = bpy.data.hair_curves.new(name)

@@ -44,20 +44,12 @@ VEHICLE_TEXTURES = {
 }
 
 
-DISTRACTORS: dict[
-    str, tuple[Callable[..., None], Callable[[], Any]]
-] = {  # what builds it, and the material of its body
+DISTRACTORS: dict[str, tuple[Callable[..., None], Callable[[], Any]]] = {  # what builds it, and the material of its body
     "civilian_car": (cars.civilian_car, lambda: materials.gloss_paint("#7d1f1c", dust=DUST_COLORS["earth"])),
     "panel_van": (cars.panel_van, lambda: materials.gloss_paint("#d9dad6", dust=DUST_COLORS["earth"])),
-    "container": (
-        container.add_container,
-        lambda: materials.rusted_paint("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
-    ),
+    "container": (container.add_container, lambda: materials.rusted_paint("Paint", "#2f5f7d", rust="#6b3a22", share=0.35)),
     **{
-        name: (
-            partial(civilian.add_civilian, name=name),
-            lambda: materials.gloss_paint("#8d9194", dust=DUST_COLORS["earth"]),
-        )
+        name: (partial(civilian.add_civilian, name=name), lambda: materials.gloss_paint("#8d9194", dust=DUST_COLORS["earth"]))
         for name in CIVILIAN_NAMES
     },
 }
@@ -76,9 +68,7 @@ def write_distractor(name: str, folder: Path) -> Path:
     """Model one thing that is no target and save it as folder/<name>.blend."""
     build, body = DISTRACTORS[name]
     model = BlendModel(name)
-    build(
-        model, replace(_vehicle_paints(body()), **{part: make() for part, make in OTHER_BUILDERS.get(name, {}).items()})
-    )
+    build(model, replace(_vehicle_paints(body()), **{part: make() for part, make in OTHER_BUILDERS.get(name, {}).items()}))
     return _save_model(model, name, folder)
 
 

@@ -43,10 +43,7 @@ class BoxTree:
             boxes = np.concatenate([grouped[..., :d].min(axis=1), grouped[..., d:].max(axis=1)], axis=1)
 
     def crossed_boxes(
-        self,
-        origins: Float[np.ndarray, "n 3"],
-        directions: Float[np.ndarray, "n 3"],
-        max_distance: Float[np.ndarray, " n"],
+        self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], max_distance: Float[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Return all boxes that each ray crosses, or nearly, within its distance in lengths of the direction."""
         first = self._ray_packets(origins, directions)
@@ -85,17 +82,13 @@ class BoxTree:
             some = packet[i : i + NODE_PAIRS_PER_BLOCK]
             pair, number = group_and_rank(count[some])
             ray, places = first[some][pair] + number, place[i : i + NODE_PAIRS_PER_BLOCK][pair]
-            bounds = (
-                self._levels[-1][places // TREE_FANOUT, :, places % TREE_FANOUT] if self._levels else np.zeros((0, 6))
-            )
+            bounds = self._levels[-1][places // TREE_FANOUT, :, places % TREE_FANOUT] if self._levels else np.zeros((0, 6))
             crossed, entry = _entry_distances(bounds, origins[ray], directions[ray], max_distance[ray])
             blocks.append((ray[crossed], self._order[places[crossed]], entry))
         rays, boxes, entry = (np.concatenate(part) for part in zip(*blocks, strict=True))
         return rays, boxes, entry
 
-    def _ray_packets(
-        self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]
-    ) -> Int[np.ndarray, " p"]:
+    def _ray_packets(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " p"]:
         """Return the first ray of each packet: rays side by side that go much the same way, or one ray alone."""
         block = np.arange(0, len(origins), PACKET_RAYS)
         alone = np.ones(len(block), dtype=bool)

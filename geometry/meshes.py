@@ -63,9 +63,7 @@ class Mesh:
                 f"mesh {self.name!r}: vertices: expected numbers of shape (v, 3), got {vertices.dtype} {vertices.shape}"
             )
         if faces.ndim != 2 or faces.shape[1:] != (3,) or not np.issubdtype(faces.dtype, np.integer):
-            raise ValueError(
-                f"mesh {self.name!r}: faces: expected integers of shape (f, 3), got {faces.dtype} {faces.shape}"
-            )
+            raise ValueError(f"mesh {self.name!r}: faces: expected integers of shape (f, 3), got {faces.dtype} {faces.shape}")
         if not len(faces):
             raise ValueError(f"mesh {self.name!r}: expected at least one face, got an empty mesh")
         vertices = np.ascontiguousarray(vertices, dtype=np.float64)
@@ -74,9 +72,7 @@ class Mesh:
             raise ValueError(f"mesh {self.name!r}: vertex {i} is {vertices[i].tolist()}; expected finite coordinates")
         if faces.min() < 0 or faces.max() >= len(vertices):
             i = int(np.argmax(((faces < 0) | (faces >= len(vertices))).any(axis=1)))
-            raise ValueError(
-                f"mesh {self.name!r}: face {i} is {faces[i].tolist()}; expected indices below {len(vertices)}"
-            )
+            raise ValueError(f"mesh {self.name!r}: face {i} is {faces[i].tolist()}; expected indices below {len(vertices)}")
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", np.ascontiguousarray(faces, dtype=np.int32))
 
@@ -174,9 +170,7 @@ class Mesh:
 
 def _refuse_format(path: Path) -> None:
     if path.suffix.lower() not in MESH_SUFFIXES:
-        raise AssetError(
-            f"has the ending {path.suffix!r}", path=path, remedy=f"use a mesh file: {', '.join(MESH_SUFFIXES)}"
-        )
+        raise AssetError(f"has the ending {path.suffix!r}", path=path, remedy=f"use a mesh file: {', '.join(MESH_SUFFIXES)}")
 
 
 def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:

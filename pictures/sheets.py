@@ -13,11 +13,7 @@ TEXT_COLOR = (236, 236, 236)
 
 
 def contact_sheet(
-    pictures: Sequence[Image.Image],
-    *,
-    columns: int = 4,
-    tile_width: int = 480,
-    captions: Sequence[str] | None = None,
+    pictures: Sequence[Image.Image], *, columns: int = 4, tile_width: int = 480, captions: Sequence[str] | None = None
 ) -> Image.Image:
     """Return pictures side by side, `columns` in a row, each `tile_width` pixels wide."""
     if not pictures:
@@ -37,9 +33,7 @@ def contact_sheet(
     ]
     rows = [tiles[i : i + columns] for i in range(0, len(tiles), columns)]
     heights = [max(tile.height for tile in row) + caption_height for row in rows]
-    sheet = Image.new(
-        "RGB", (columns * (tile_width + gap) + gap, sum(heights) + gap * (len(rows) + 1)), BACKGROUND_COLOR
-    )
+    sheet = Image.new("RGB", (columns * (tile_width + gap) + gap, sum(heights) + gap * (len(rows) + 1)), BACKGROUND_COLOR)
     pen = ImageDraw.Draw(sheet)
     top = gap
     for r, (row, height) in enumerate(zip(rows, heights, strict=True)):

@@ -64,9 +64,7 @@ class CameraRoom:
             rejection[_vehicle_distance(vehicle, place) <= obstacle_clearance] = CameraRejection.VEHICLE
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
-        rejection[self.obstacles.touches_boxes(np.full((n, 3), float(obstacle_clearance)), cube)] = (
-            CameraRejection.OBSTACLE
-        )
+        rejection[self.obstacles.touches_boxes(np.full((n, 3), float(obstacle_clearance)), cube)] = CameraRejection.OBSTACLE
         if self.water is not None:
             water = self.water.top_hits(place[:, :2])
             with np.errstate(invalid="ignore"):

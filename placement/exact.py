@@ -97,11 +97,7 @@ class ExactGround:
             yield batch, over[np.lexsort((over.face, over.point))]
 
     def _inside_pairs(
-        self,
-        x: Float[np.ndarray, " n"],
-        y: Float[np.ndarray, " n"],
-        point: Int[np.ndarray, " k"],
-        face: Int[np.ndarray, " k"],
+        self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], point: Int[np.ndarray, " k"], face: Int[np.ndarray, " k"]
     ) -> _Over:
         g = self._ground
         over = _Over(point, face, np.empty((len(point), 3), dtype=np.int8))
@@ -120,9 +116,7 @@ class ExactGround:
         rest = _first_of_each(rest, np.where(rest.sides > 0, self._ground.corners[:, rest.face].T, -1))
         rest = self._not_certainly_lower(at, rest)
         # The same for sheets that coincide, with vertices of their own.
-        rest = _first_of_each(
-            rest, np.where(rest.sides > 0, self._place_numbers(self._ground.corners[:, rest.face].T), -1)
-        )
+        rest = _first_of_each(rest, np.where(rest.sides > 0, self._place_numbers(self._ground.corners[:, rest.face].T), -1))
         done = [over[np.flatnonzero(alone)]]
         alone = _is_single(rest.point)
         done.append(rest[np.flatnonzero(alone)])

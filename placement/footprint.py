@@ -69,11 +69,7 @@ def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = No
 
 def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     start = 2.0 * mesh.bounds[0, 2] - mesh.bounds[1, 2] - 1.0
-    face = (
-        RayCaster(mesh)
-        .cast(np.column_stack([xy, np.full(len(xy), start)]), np.tile([0.0, 0.0, 1.0], (len(xy), 1)))
-        .face
-    )
+    face = RayCaster(mesh).cast(np.column_stack([xy, np.full(len(xy), start)]), np.tile([0.0, 0.0, 1.0], (len(xy), 1))).face
     heights = np.full(len(xy), np.inf)
     met = face >= 0
     a, b, c = np.moveaxis(mesh.vertices[mesh.faces[face[met]]], 1, 0)

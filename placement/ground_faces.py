@@ -103,10 +103,7 @@ class GroundFaces:
 
 
 def plane_heights(
-    slope: Complex[np.ndarray, " n"],
-    dx: Float[np.ndarray, " n"],
-    dy: Float[np.ndarray, " n"],
-    z: Float[np.ndarray, " n"],
+    slope: Complex[np.ndarray, " n"], dx: Float[np.ndarray, " n"], dy: Float[np.ndarray, " n"], z: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """Return heights of planes with these slopes at offsets from a point where they are `z` high."""
     with np.errstate(over="ignore", invalid="ignore"):  # only on faces that are not well-conditioned
@@ -138,11 +135,7 @@ def _prepare_faces(
     corners: tuple[Int[np.ndarray, " f"], Int[np.ndarray, " f"], Int[np.ndarray, " f"]],
     error: float,
 ) -> tuple[
-    Int[np.ndarray, " f"],
-    Float[np.ndarray, " f"],
-    Float[np.ndarray, " f"],
-    Bool[np.ndarray, " f"],
-    Float[np.ndarray, " f"],
+    Int[np.ndarray, " f"], Float[np.ndarray, " f"], Float[np.ndarray, " f"], Bool[np.ndarray, " f"], Float[np.ndarray, " f"]
 ]:
     """Return how each face turns, dz/dx and dz/dy, whether float64 can keep the promises, its heights' error.
 

@@ -125,9 +125,7 @@ def _highest_triangles(
 
 
 @lru_cache(maxsize=256)
-def _triangles_containing(
-    samples: bytes, x: float, y: float
-) -> tuple[Int[np.ndarray, "3 t"], Float[np.ndarray, "3 t"]]:
+def _triangles_containing(samples: bytes, x: float, y: float) -> tuple[Int[np.ndarray, "3 t"], Float[np.ndarray, "3 t"]]:
     """Return the triangles of samples around a center, counterclockwise, and their corners' shares of the load."""
     samples_xy, center = np.frombuffer(samples).reshape(-1, 2), np.array([x, y])
     triangles = np.array(list(combinations(range(len(samples_xy)), 3)), dtype=int).reshape(-1, 3)

@@ -188,9 +188,7 @@ def settle(
     if isinstance(footprint, Underside):
         box = footprint.box
     else:
-        box = (
-            np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked_array(footprint, "footprint", (2, 2))
-        )
+        box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked_array(footprint, "footprint", (2, 2))
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     footing = Footing.of(footprint if isinstance(footprint, Underside) else box, rules)
@@ -261,9 +259,7 @@ def limit_contact(
     settled: Settled, rows: Int[np.ndarray, " n"], terrain: Terrain, samples: Samples, rules: SettleRules
 ) -> None:
     """Measure gap and penetration of posed rows with n sets of contact samples, and reject those beyond the limits."""
-    settled.gap[rows], settled.penetration[rows] = gap_and_penetration(
-        terrain, settled.world_from_vehicle[rows], samples
-    )
+    settled.gap[rows], settled.penetration[rows] = gap_and_penetration(terrain, settled.world_from_vehicle[rows], samples)
     settled.rejection[rows[settled.penetration[rows] > rules.max_penetration]] = PlaceRejection.PENETRATION
     settled.rejection[rows[settled.gap[rows] > rules.max_gap]] = PlaceRejection.GAP
 

@@ -60,9 +60,7 @@ _MAX_EDGE_PIECES = 1 << 21
 _MAX_REGIONS = 1 << 12
 
 # For each point, how many faces contain it, and whether it lies strictly inside every one of them.
-CountSheets = Callable[
-    [Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]
-]
+CountSheets = Callable[[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]]
 
 
 class SheetMap:
@@ -121,9 +119,7 @@ class SheetMap:
                 if not len(open_):
                     break
                 row, column = np.divmod(by_region[first[open_] + (share * size[open_]).astype(int)], self._columns)
-                at = np.stack(
-                    [self.cell_coordinates(column + 0.5119, 0), self.cell_coordinates(row + 0.4877, 1)], axis=1
-                )
+                at = np.stack([self.cell_coordinates(column + 0.5119, 0), self.cell_coordinates(row + 0.4877, 1)], axis=1)
                 same = (self.cells(at[:, 0].copy(), 0) == column) & (self.cells(at[:, 1].copy(), 1) == row)
                 sheets, strictly = count(at[:, 0].copy(), at[:, 1].copy())
                 known = same & strictly

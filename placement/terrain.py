@@ -40,9 +40,7 @@ class Terrain:
         self._plane = not isinstance(ground, Mesh)
         if not isinstance(ground, Mesh):
             z = float(checked_array(ground, "ground", ()))
-            self._mesh = Mesh(
-                np.array([[-1.0, -1.0, z], [3.0, -1.0, z], [-1.0, 3.0, z]]), np.array([[0, 1, 2]]), "plane"
-            )
+            self._mesh = Mesh(np.array([[-1.0, -1.0, z], [3.0, -1.0, z], [-1.0, 3.0, z]]), np.array([[0, 1, 2]]), "plane")
             self._bounds = np.array([[-np.inf, -np.inf, z], [np.inf, np.inf, z]])
             return
         self._mesh = mesh = ground

@@ -20,14 +20,7 @@ from hulldown.base.code import package_version
 from hulldown.base.errors import AssetError, ConfigError
 from hulldown.base.terminal import reading_status
 from hulldown.geometry.transforms import transform_points
-from hulldown.plan.config.asset_sections import (
-    CACHE_NAME,
-    DistractorEntry,
-    ModelEntry,
-    PaintEntry,
-    SceneryEntry,
-    VehicleEntry,
-)
+from hulldown.plan.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, PaintEntry, SceneryEntry, VehicleEntry
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
 from hulldown.reading.cache import cached_export
@@ -216,12 +209,7 @@ def unmatched_paint_pattern(paint: Sequence[PaintEntry], materials: Sequence[Mat
     return next((p for p in patterns if not any(is_named(row.name, p) for row in materials)), None)
 
 
-def load_planned_library(
-    plan: PlanFile,
-    *,
-    cache: AnyPath | None = None,
-    limits: ReadLimits = DEFAULT_LIMITS,
-) -> Library:
+def load_planned_library(plan: PlanFile, *, cache: AnyPath | None = None, limits: ReadLimits = DEFAULT_LIMITS) -> Library:
     """Return the assets of a plan; the cache in its header isn't used, since plans come from anybody."""
     own_cache = plan.path.parent / CACHE_NAME
     if not cache and own_cache.is_symlink():

@@ -117,9 +117,7 @@ class PlanFile(os.PathLike[str]):
         return f"{type(self).__name__}({str(self.path)!r}, {len(self):,} images)"
 
     def _too_short(self, rows: int) -> ConfigError:
-        return ConfigError(
-            f"ends after {rows} of {len(self)} images", path=self.path, remedy="plan again with `hulldown plan`"
-        )
+        return ConfigError(f"ends after {rows} of {len(self)} images", path=self.path, remedy="plan again with `hulldown plan`")
 
     def _decode_line(self, line: bytes, index: int) -> Row:
         number = index + 2  # the header is line 1
@@ -142,9 +140,7 @@ class PlanFile(os.PathLike[str]):
             expected = "the target, then companions, then distractors"
             raise _damage_error(self.path, number, f"has planned vehicles {roles!r:.60}, expected {expected}")
         if row.target.bbox is None:
-            raise _damage_error(
-                self.path, number, "has planned[0].bbox None, expected [x, y, width, height] of a target"
-            )
+            raise _damage_error(self.path, number, "has planned[0].bbox None, expected [x, y, width, height] of a target")
         if unknown := row.rejected.keys() - BY_KEY.keys():
             raise _damage_error(self.path, number, f"has rejected {min(unknown)!r:.60}, which is no reason")
         for vehicle in row.planned:
@@ -249,9 +245,7 @@ class PlanWriter:
     def __enter__(self) -> PlanWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         try:
             with self._name_file():
                 self._file.close()
@@ -291,11 +285,7 @@ def _first_problem(record: dict[str, object], kind: type[Struct], path: str) -> 
         if key not in record or _is_kind(value := record[key], hints[key]):
             continue
         within = value if key == "planned" and isinstance(value, list) else []
-        inner = (
-            _first_problem(each, PlannedVehicle, f"{key}[{i}].")
-            for i, each in enumerate(within)
-            if _is_kind(each, dict)
-        )
+        inner = (_first_problem(each, PlannedVehicle, f"{key}[{i}].") for i, each in enumerate(within) if _is_kind(each, dict))
         return next(filter(None, inner), None) or f"has {path}{key} {value!r:.60}, expected {field.expected}"
     return None
 

@@ -67,9 +67,7 @@ REJECTION_KINDS = max(Rejection) + 1
 BY_KEY = {r.key: r for r in Rejection}
 
 
-def count_rejections(
-    codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int
-) -> Int[np.ndarray, "rows kinds"]:
+def count_rejections(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -> Int[np.ndarray, "rows kinds"]:
     """Return how often each code occurs with each row."""
     return np.bincount(row * REJECTION_KINDS + codes, minlength=rows * REJECTION_KINDS).reshape(rows, REJECTION_KINDS)
 

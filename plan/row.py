@@ -41,9 +41,7 @@ def _round_boxes(values: np.ndarray) -> np.ndarray:
     return np.concatenate([low, _round_to_decimals(6)(high - low)], axis=-1)
 
 
-def _field_kind(
-    expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any
-) -> Meta:
+def _field_kind(expected: str, to: str = "", rounding: Callable[[np.ndarray], np.ndarray] | None = None, **limits: Any) -> Meta:
     return Meta(extra={"expected": expected, "to": to, "rounding": rounding}, **limits)
 
 
@@ -115,12 +113,9 @@ MatrixOrNone = Annotated[tuple[_Three, _Three, _Three] | None, _field_kind("a 3x
 LensOrNone = Annotated[tuple[_Bend, _Bend, _Bend, _Bend, _Bend] | None, _field_kind("[k1, k2, p1, p2, k3]")]
 Horizon = Annotated[Annotated[float, Meta(ge=0, le=90)] | None, _field_kind("a number from 0 to 90, or null")]
 ExposureValue = Annotated[float, _field_kind("a number from -32 to 32", "1e-4", _round_to_decimals(4), ge=-32, le=32)]
-Kelvin = Annotated[
-    float, _field_kind("a number from -2500 to 13500", "1e-3 K", _round_to_decimals(3), ge=-2500, le=13500)
-]
+Kelvin = Annotated[float, _field_kind("a number from -2500 to 13500", "1e-3 K", _round_to_decimals(3), ge=-2500, le=13500)]
 Angles = Annotated[
-    dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]],
-    _field_kind("angles by name", "1e-12 radians", _round_to_decimals(12)),
+    dict[str, Annotated[float, Meta(ge=-1e6, le=1e6)]], _field_kind("angles by name", "1e-12 radians", _round_to_decimals(12))
 ]
 RowWeather = Annotated[
     Weather | None, _field_kind('null or {"visibility_m": meters above 0, "kind": ...}', "1e-9", _round_to_decimals(9))
@@ -143,9 +138,7 @@ class FollowedPhotograph(Struct, frozen=True):
 class PlannedVehicle(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=True):
     """A vehicle in an image: its role, model, pose, and labels; see docs/plan-file.md."""
 
-    role: Annotated[
-        RoleName, _plan_only("companions are of `[[assets.vehicles]]`, distractors of `[[assets.distractors]]`")
-    ]
+    role: Annotated[RoleName, _plan_only("companions are of `[[assets.vehicles]]`, distractors of `[[assets.distractors]]`")]
     vehicle: Annotated[Name, _field_meaning("the vehicle's name")]
     category: Annotated[NameOrNone, _plan_only("its class, or null")]
     world_from_vehicle: Annotated[Pose, _field_meaning("its pose, in meters")]
@@ -182,9 +175,7 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     shot: Annotated[Count, _field_meaning("0, 1, 2, ... in each position")]
     world_from_camera: Annotated[Pose, _field_meaning("the camera's pose, in meters")]
     fov_x_deg: Annotated[FieldOfView, _field_meaning("horizontal field of view")]
-    K: Annotated[
-        MatrixOrNone, _field_meaning("camera matrix in pixels, from the corner; only with `camera.intrinsics`")
-    ] = None
+    K: Annotated[MatrixOrNone, _field_meaning("camera matrix in pixels, from the corner; only with `camera.intrinsics`")] = None
     dist: Annotated[LensOrNone, _field_meaning("OpenCV's distortion coefficients; only with `K`")] = None
     like: Annotated[
         FollowedPhotograph | None,
@@ -202,16 +193,12 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     hdri: Annotated[Name, _field_meaning("the HDRI's name")]
     hdri_yaw_deg: Annotated[HeadingRadians, _field_meaning("its turn, counterclockwise seen from above")]
     strength: Annotated[AtLeastZero, _field_meaning("factor on its brightness")]
-    horizon_deg: Annotated[
-        Horizon, _field_meaning("elevation whose color continues below it; null: the whole HDRI is visible")
-    ]
+    horizon_deg: Annotated[Horizon, _field_meaning("elevation whose color continues below it; null: the whole HDRI is visible")]
     exposure_ev: Annotated[ExposureValue, _field_meaning("exposure of the picture")]
     white_balance_k: Annotated[Kelvin, _field_meaning("white balance minus 6500 K; more is warmer")]
     weather: Annotated[RowWeather, _field_meaning("null: clear and dry")]
     sample_seed: Annotated[Seed, _field_meaning("seed of Cycles' noise")]
-    background: Annotated[
-        bool, _field_kind("true or false"), _field_meaning("whether the image shows no target (see below)")
-    ]
+    background: Annotated[bool, _field_kind("true or false"), _field_meaning("whether the image shows no target (see below)")]
     planned: Annotated[Vehicles, _plan_only("the target, then companions, then distractors")]
     rejected: Annotated[Reasons, _plan_only("refused tries; refused places only in a position's first shot")]
     left_out: Annotated[Count, _plan_only("companions and distractors that found no room")]
@@ -285,9 +272,7 @@ class Header(Struct, frozen=True, kw_only=True, omit_defaults=True):
     seed: Annotated[int, _field_kind("a whole number >= 0", ge=0, le=2**63 - 1), _field_meaning("the config's")]
     root: Annotated[Name, _field_meaning("folder of the config, relative to the plan; paths below are relative to it")]
     config: Annotated[dict[str, object], _field_kind("a table"), _field_meaning("the config with all defaults")]
-    vehicles: Annotated[
-        dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `files`, `geometry`, `category`")
-    ]
+    vehicles: Annotated[dict[str, ModelSource], _Files, _field_meaning("`path`, `sha256`, `files`, `geometry`, `category`")]
     sceneries: Annotated[
         dict[str, ScenerySource],
         _Files,

@@ -16,11 +16,7 @@ class RowScenes:
     """Makes scenes of rows, preparing each model once; a plane at `fallback_z` replaces missing ground."""
 
     def __init__(
-        self,
-        vehicles: Mapping[str, VehicleShape],
-        sceneries: Mapping[str, Scenery],
-        *,
-        fallback_z: float | None = None,
+        self, vehicles: Mapping[str, VehicleShape], sceneries: Mapping[str, Scenery], *, fallback_z: float | None = None
     ) -> None:
         self._vehicles, self._sceneries, self._fallback_z = vehicles, sceneries, fallback_z
         self._casters: dict[tuple[int, ...], VehicleCaster] = {}

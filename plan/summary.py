@@ -180,10 +180,7 @@ class Summary:
 
     def _rejection_table(self) -> Table:
         table = _empty_table("rejected tries", "tries that", "times", "share")
-        for kinds, taken, what in (
-            (PLACE_REJECTIONS, self.positions, "places"),
-            (CAMERA_REJECTIONS, self.images, "cameras"),
-        ):
+        for kinds, taken, what in ((PLACE_REJECTIONS, self.positions, "places"), (CAMERA_REJECTIONS, self.images, "cameras")):
             rejected = {kind.phrase: n for kind in kinds if (n := self.counts["rejected"][kind.key])}
             total = taken + sum(rejected.values())
             for phrase, n in [("were taken", taken), *sorted(rejected.items(), key=lambda item: -item[1])]:

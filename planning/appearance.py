@@ -70,9 +70,7 @@ def draw_lights(
     """Draw light and exposure of images; all but the choice of HDRI is independent of rotation and weather."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
-    overcast = np.array(
-        [weather is not None and WEATHER_KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64
-    )
+    overcast = np.array([weather is not None and WEATHER_KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)
     hdris = [assets.hdris[i] for i in choose_weighted(weights[overcast], u[:, 0]).tolist()]
     skies = {name: assets.sky(name) for name in set(hdris)}
     strength = round_field("strength", scale_uniform(*light.strength, u[:, 2]))

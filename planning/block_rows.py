@@ -50,17 +50,14 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": views.fov_x_deg.tolist(),
         **{key: repeat(value, len(image)) for key, value in _camera_columns(config).items()},
-        **draw_lights(
-            config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.light_image
-        ),
+        **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.light_image),
         "weather": planned.weathers,
         "like": _followed_photographs(block, views),
         "sequence": block.given_poses(image).name.tolist(),
         "sample_seed": (draws.random_bits(Purpose.SAMPLE_SEED, image, 0, count=1)[:, 0] >> np.uint64(33)).tolist(),
         "background": background,
         "planned": [
-            [each, *extras[j, InstanceRole.COMPANION], *extras[j, InstanceRole.DISTRACTOR]]
-            for j, each in enumerate(targets)
+            [each, *extras[j, InstanceRole.COMPANION], *extras[j, InstanceRole.DISTRACTOR]] for j, each in enumerate(targets)
         ],
         "rejected": [{k: n for k, n in zip(kinds, counts, strict=True) if n} for counts in planned.rejected.tolist()],
         "left_out": np.bincount(table.row[~table.is_placed], minlength=len(target))[owner].tolist(),
@@ -121,9 +118,7 @@ def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -
     most_cut = given.max_truncated_fraction
     if most_cut is None:
         most_cut = max(MAX_CUT_SHARE, camera.truncated_fraction[1])
-    full = round_field("bbox", views.boxes.xywh)[:, 2:].min(axis=1) >= (
-        camera.min_box_px if least_px is None else least_px
-    )
+    full = round_field("bbox", views.boxes.xywh)[:, 2:].min(axis=1) >= (camera.min_box_px if least_px is None else least_px)
     full &= round_field("visible_fraction", views.visible_fraction) >= (
         camera.visible_fraction[0] if least_visible is None else least_visible
     )

@@ -175,13 +175,7 @@ def _label_columns(row: Row, site: Site, vehicles: Instances, stage: PlanStage) 
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=subject)
     views, pixels = views_of_others(
-        site,
-        vehicles,
-        others,
-        views=no_views(k),
-        cameras=cameras,
-        visibility_m=visibility,
-        rays=config.camera.visibility_rays,
+        site, vehicles, others, views=no_views(k), cameras=cameras, visibility_m=visibility, rays=config.camera.visibility_rays
     )
     labels = extra_labels(views, pixels, config)
     poses = vehicles.world_from_vehicle

@@ -213,9 +213,7 @@ def make_header(planner: Planner, path: str | Path) -> Header:
             **{package: package_version(package) or "unknown" for package in HEADER_PACKAGES},
         },
         left_out=list(planner.pairs.left_out),
-        photographs=None
-        if photographs is None
-        else AssetSource(path=str(config.camera.like), sha256=photographs.sha256),
+        photographs=None if photographs is None else AssetSource(path=str(config.camera.like), sha256=photographs.sha256),
         poses=planner.poses,
     )
 

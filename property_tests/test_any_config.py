@@ -66,9 +66,7 @@ leaves = (
     | st.sampled_from(["../x", "/x", "\x00", "a" * 9999, "[", "**", ""])
 )
 values = st.recursive(
-    leaves,
-    lambda some: st.lists(some, max_size=3) | st.dictionaries(st.text(max_size=4), some, max_size=2),
-    max_leaves=5,
+    leaves, lambda some: st.lists(some, max_size=3) | st.dictionaries(st.text(max_size=4), some, max_size=2), max_leaves=5
 )
 places = st.sampled_from(all_places())
 

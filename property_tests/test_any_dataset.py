@@ -32,9 +32,7 @@ KEYS = (
 )
 masks = ([[0, 0, 4, 0, 4, 4]], *({"size": [6, 8], **counts} for counts in ({}, {"counts": [48]}, {"counts": "0T1"})))
 values = values_of(".", "CON", *masks)
-change = st.tuples(
-    st.integers(0, 2**16), st.sampled_from(KEYS), values, st.sampled_from(["set", "drop", "put", "twice"])
-)
+change = st.tuples(st.integers(0, 2**16), st.sampled_from(KEYS), values, st.sampled_from(["set", "drop", "put", "twice"]))
 
 
 @pytest.fixture(scope="module")
@@ -114,9 +112,7 @@ def test_any_journal_is_read_or_refused(sound: Path, changes: list, alone: bool)
 
 
 @MANY
-@given(
-    st.binary(max_size=40), st.sampled_from(["annotations.json", "journal.jsonl", "provenance.json", "failures.jsonl"])
-)
+@given(st.binary(max_size=40), st.sampled_from(["annotations.json", "journal.jsonl", "provenance.json", "failures.jsonl"]))
 def test_any_bytes_are_refused_in_one_line(sound: Path, content: bytes, name: str) -> None:
     with copied(sound) as folder:
         (folder / name).write_bytes(content)

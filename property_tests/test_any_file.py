@@ -47,9 +47,7 @@ COCO = {
     "categories": [{"id": 1, "name": "tank"}],
 }
 LOW, HIGH = np.array([447000.0, 5410970.0]), np.array([447030.0, 5411000.0])
-CALIBRATION = (
-    b"%YAML:1.0\nimage_width: 64\nimage_height: 48\nK: !!opencv-matrix\n  data: [90, 0, 32, 0, 90, 24, 0., 0, 1]\n"
-)
+CALIBRATION = b"%YAML:1.0\nimage_width: 64\nimage_height: 48\nK: !!opencv-matrix\n  data: [90, 0, 32, 0, 90, 24, 0., 0, 1]\n"
 BOX = "<bndbox><xmin>1</xmin><ymin>2</ymin><xmax>9</xmax><ymax>9</ymax></bndbox>"
 VOC = f"<annotation><filename>1.png</filename><object><name>tank</name>{BOX}</object></annotation>".encode()
 GLTF = {"asset": {"version": "2.0"}, "buffers": [{"uri": "m.bin", "byteLength": 3}]}
@@ -135,29 +133,17 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
     "glTF": ("m.gltf", lambda: encoded(GLTF), lambda path: refuse_odd_references(path, file_format(path))),
     "blend": ("m.blend", lambda: b"BLENDER-v300LI\0\0" + bytes(40), refuse_special_files),
     "classes": ("y/data.yaml", BESIDE["y"]["y/data.yaml"], lambda path: foreign(path.parent / "images")),
-    "YOLO": (
-        "y/labels/1.txt",
-        lambda: b"1 0.1 0.1 0.3 0.1 0.3 0.4\n",
-        lambda path: foreign(path.parents[1] / "images"),
-    ),
+    "YOLO": ("y/labels/1.txt", lambda: b"1 0.1 0.1 0.3 0.1 0.3 0.4\n", lambda path: foreign(path.parents[1] / "images")),
     "VOC": ("v/1.xml", lambda: VOC, lambda path: foreign(path.parent)),
     "PNG": ("a.png", lambda: picture("PNG"), read_picture),
     "JPEG": ("a.png", lambda: picture("JPEG"), read_picture),
-    "provenance": (
-        "provenance.json",
-        lambda: encoded(RUNS),
-        lambda path: read_provenance(path.parent),
-    ),
+    "provenance": ("provenance.json", lambda: encoded(RUNS), lambda path: read_provenance(path.parent)),
     "predictions": (
         "p.json",
         lambda: encoded(FOUND),
         lambda path: read_predictions(path, evaluation_labels(LabeledImages.from_coco(COCO), path=path)),
     ),
-    "run": (
-        "run.json",
-        lambda: encoded(RUN),
-        lambda path: find_weights(path.parent),
-    ),
+    "run": ("run.json", lambda: encoded(RUN), lambda path: find_weights(path.parent)),
     "augmentation": (
         "a.yaml",
         (OWN_AUGMENTATIONS / "table1.yaml").read_bytes,
@@ -165,11 +151,7 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
     ),
     "study": ("study.json", lambda: encoded(STUDY), lambda path: read_study(path.parent)),
     "weights": ("w.pt", weights, lambda path: load_detector(path, "cpu")),
-    "tensors": (
-        "w/model.safetensors",
-        partial(tensors, "model.safetensors"),
-        lambda path: load_detector(path.parent, "cpu"),
-    ),
+    "tensors": ("w/model.safetensors", partial(tensors, "model.safetensors"), lambda path: load_detector(path.parent, "cpu")),
     "video": ("v.mp4", video, read_video),
 }
 UNSOUND = ("glTF", "study", "weights")  # as the files above are

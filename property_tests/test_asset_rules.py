@@ -31,12 +31,7 @@ def test_numbers_added_by_blender_change_nothing(name: str, number: int) -> None
     st.sampled_from(["Left", "Old"]),
 )
 def test_a_word_is_found_in_any_spelling(word: str, gap: str, other: str) -> None:
-    for name in (
-        f"{word}{gap}{other}",
-        f"{other}{gap}{word.capitalize()}",
-        f"{word.upper()}{gap or '_'}{other}",
-        f"{word}s",
-    ):
+    for name in (f"{word}{gap}{other}", f"{other}{gap}{word.capitalize()}", f"{word.upper()}{gap or '_'}{other}", f"{word}s"):
         assert first_match(name, (word,)) == word
     if gap == "":
         assert first_match(f"{word}ish", (word,)) is None

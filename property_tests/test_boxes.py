@@ -63,18 +63,14 @@ def soups(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
 def parts(draw: st.DrawFn) -> Mesh:
     """A triangle soup, a flat plate, a subdivided box, or a ball."""
     kind = draw(st.sampled_from(["soup", "plate", "box", "ball"]))
-    vertices, faces = (
-        draw(soups()) if kind in ("soup", "plate") else solid(draw(st.integers(0, 3)), ball=kind == "ball")
-    )
+    vertices, faces = draw(soups()) if kind in ("soup", "plate") else solid(draw(st.integers(0, 3)), ball=kind == "ball")
     stretched = vertices * draw(arrays_of((3,), 0.2, 4.0)) * ([1.0, 1.0, 0.0] if kind == "plate" else 1.0)
     return Mesh(stretched @ draw(rotations).T + draw(arrays_of((3,))), faces)
 
 
 # The meshes of up to three parts, with their pivots and axes; `turning` makes the vehicle. Not in a strategy: the type
 # checker samples with `random`, which Hypothesis forbids there.
-vehicles = st.tuples(
-    st.lists(parts(), min_size=1, max_size=3), arrays_of((3, 3)), st.tuples(rotations, rotations, rotations)
-)
+vehicles = st.tuples(st.lists(parts(), min_size=1, max_size=3), arrays_of((3, 3)), st.tuples(rotations, rotations, rotations))
 Drawn = tuple[list[Mesh], np.ndarray, tuple[np.ndarray, ...]]
 
 
@@ -287,9 +283,7 @@ def test_curved_boxes_are_within_a_hundredth_of_a_pixel(
     middle = np.array([*place[3:5], 1.0]) * 10 ** data.draw(numbers(-0.5, 1.5))
     size = 10 ** data.draw(numbers(-1.5, 1)) * np.linalg.norm(middle) * (3 if kind == "large" else 1)
     corners = np.eye(3) + data.draw(arrays_of((count, 3, 3)))
-    assume(
-        (np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0.01).all()
-    )
+    assume((np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1) > 0.01).all())
     triangles = middle + corners * size * data.draw(arrays_of((3,), 0.05, 1.0))
     if kind == "across":
         triangles[..., 2] += place[5] * size - middle[2]

@@ -24,13 +24,11 @@ lenses = st.builds(
     st.one_of(st.floats(0.1, 179), st.sampled_from([0.1, 60.0, 179.0])),
 )
 centers = st.one_of(
-    st.tuples(*[st.floats(-1000, 1000)] * 3),
-    st.sampled_from([(0.0, 0.0, 0.0), (5e5, 5.4e6, 100.0), (1e7, -1e7, 0.0)]),
+    st.tuples(*[st.floats(-1000, 1000)] * 3), st.sampled_from([(0.0, 0.0, 0.0), (5e5, 5.4e6, 100.0), (1e7, -1e7, 0.0)])
 ).map(np.array)
 azimuths = st.one_of(st.floats(0, 2 * math.pi), st.sampled_from([0.0, math.pi / 2, math.pi, 2 * math.pi]))
 elevations = st.one_of(
-    st.floats(-math.pi / 2, math.pi / 2),
-    st.sampled_from([-math.pi / 2, math.pi / 2, 0.0, math.nextafter(math.pi / 2, 0)]),
+    st.floats(-math.pi / 2, math.pi / 2), st.sampled_from([-math.pi / 2, math.pi / 2, 0.0, math.nextafter(math.pi / 2, 0)])
 )
 distances = st.floats(0.5, 1e5)
 seeds = st.integers(0, 2**32 - 1)
@@ -118,9 +116,7 @@ def test_the_exact_distance_gives_the_exact_size(
     np.testing.assert_allclose(lengths[measure], sizes, rtol=1e-7 + 1e-8 * np.abs(center).max() ** 0.5)
 
 
-ordinary = st.builds(
-    lambda w, h, fov: Intrinsics(w, h, math.radians(fov)), *[st.integers(300, 4096)] * 2, st.floats(5, 85)
-)
+ordinary = st.builds(lambda w, h, fov: Intrinsics(w, h, math.radians(fov)), *[st.integers(300, 4096)] * 2, st.floats(5, 85))
 
 
 bands = st.tuples(*[st.floats(0, 1)] * 2).map(sorted) | st.just([1.0, 1.0])

@@ -93,9 +93,7 @@ def test_fifty_kills_lose_and_double_nothing(seed: int) -> None:
         folder = Path(name) / "killed"
         acknowledged: set[int] = set()
         for _ in range(50):
-            heard = killed(
-                lambda tell: render_share(folder, total, tell=tell), rng.randrange(12), rng.uniform(0.0, 0.003)
-            )
+            heard = killed(lambda tell: render_share(folder, total, tell=tell), rng.randrange(12), rng.uniform(0.0, 0.003))
             acknowledged |= {int(line) for line in heard.split()}
             if not folder.exists():
                 continue

@@ -46,10 +46,7 @@ def test_irradiance_is_the_integral_over_the_hats_of_rows(sky):
 
     breaks = [0.0, *center[center > 0.0], np.pi / 2]
     weights = np.array(
-        [
-            sum(integrate.quad(light, low, high, args=(row,))[0] for low, high in pairwise(breaks))
-            for row in range(height)
-        ]
+        [sum(integrate.quad(light, low, high, args=(row,))[0] for low, high in pairwise(breaks)) for row in range(height)]
     )
     expected = 2.0 * np.pi * weights @ sky.mean(axis=1)
     np.testing.assert_allclose(level_irradiance(sky), expected, rtol=1e-9)

@@ -183,9 +183,7 @@ def guests_keep_their_distance(row, config):
     for one in row.planned:
         for other in row.planned:
             if one is not other:
-                points = transform_points(
-                    other.world_from_vehicle, vertices_at(SHAPES[other.vehicle], other.articulation)
-                )
+                points = transform_points(other.world_from_vehicle, vertices_at(SHAPES[other.vehicle], other.articulation))
                 points = transform_points(np.linalg.inv(one.world_from_vehicle), points)
                 hull = SHAPES[one.vehicle].mesh.vertices[:8]
                 low, high = hull.min(axis=0), hull.max(axis=0)
@@ -200,9 +198,7 @@ def labels_are_what_is_seen(row, config):
     segmenter = Segmenter(SHAPES, ASSETS.sceneries)
     covered = np.zeros((row.height, row.width), dtype=int)
     for record in segmenter.records(row):
-        visible, whole = (
-            decode_mask(record[key], row.width, row.height) for key in ("segmentation", "segmentation_amodal")
-        )
+        visible, whole = (decode_mask(record[key], row.width, row.height) for key in ("segmentation", "segmentation_amodal"))
         assert not (visible & ~whole).any()
         covered += visible
     assert covered.max() <= 1

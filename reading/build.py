@@ -27,14 +27,7 @@ from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.pivots import marked_points
 from hulldown.reading.vehicle.solids import MAX_SOLIDS, PlacedPieces
-from hulldown.reading.vehicle.stance import (
-    UP_AXES,
-    Upright,
-    find_nose,
-    find_solids_again,
-    up_matrix,
-    vehicle_from_upright,
-)
+from hulldown.reading.vehicle.stance import UP_AXES, Upright, find_nose, find_solids_again, up_matrix, vehicle_from_upright
 from hulldown.reading.vehicle.strays import Stray, find_strays
 from hulldown.reading.vehicle.things import find_things
 
@@ -92,9 +85,7 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
         ahead = vehicle_from_upright(forward.value)
         vehicle_from_file = ahead @ upright.meters
         points = [transform_points(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
-        whole = PlacedPieces(
-            [pieces[i] for i in kept], points, solids.rotate_solids(ahead[:3, :3]), markers, vehicle_from_file
-        )
+        whole = PlacedPieces([pieces[i] for i in kept], points, solids.rotate_solids(ahead[:3, :3]), markers, vehicle_from_file)
         wanted = [k for k, piece in enumerate(whole.pieces) if is_wanted(piece, options.keep)]
         others = [pieces[i] for i, role in enumerate(roles) if role.use == "dropped"]
         out, out_doubts, strays = find_strays(whole, meshes, wheels, wanted=wanted, left_out=others)
@@ -152,9 +143,7 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
     )
     marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
-    shape = shape.with_keypoints(
-        {key: (transform_points(from_file, at[None])[0], part) for key, (at, part) in marked.items()}
-    )
+    shape = shape.with_keypoints({key: (transform_points(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
     lying = _lying_doubt(shape) if wheels is None and options.up is None else None
     things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
     doubts = tuple(filter(None, (upright.up.doubt, lying, forward.doubt, *several, *parts.doubts, *left_out)))
@@ -189,8 +178,7 @@ def build_scenery(
     meshes, pieces = drawn.meshes, drawn.pieces
     if wrong := unmatched_role_pattern(pieces, options):
         raise AssetError(
-            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_similar_names(wrong[1], pieces)}",
-            remedy=NAME_CLUES,
+            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_similar_names(wrong[1], pieces)}", remedy=NAME_CLUES
         )
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
     obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]

@@ -86,9 +86,7 @@ def cached_export(
                 made = export_asset(path, folder, kind=kind, options=options, limits=limits)
                 files = {file: _file_print(Path(file), path) for file in made.files}
                 entry = entries[made.report.kind]
-                seal_entry(
-                    Path(folder), entry, _Note(str(path.resolve()), made.report, files, _namesakes(path, made.report))
-                )
+                seal_entry(Path(folder), entry, _Note(str(path.resolve()), made.report, files, _namesakes(path, made.report)))
             exported = _valid_entry(entry, path)
             assert exported is not None, f"{entry}: an export just written cannot be read back"
     return exported, digest

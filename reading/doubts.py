@@ -103,9 +103,7 @@ def _role_doubts(
     if parked:
         objects = list(dict.fromkeys(name for own in parked.values() for name in own))
         key = f"drop = {as_key(objects)}" if len(objects) <= MAX_SENTENCE_NAMES else "their objects in drop"
-        text = (
-            f"vehicles stand in it and get no label: {quote_names(parked)}; if they're of your classes, set {key}, and "
-        )
+        text = f"vehicles stand in it and get no label: {quote_names(parked)}; if they're of your classes, set {key}, and "
         yield Doubt(DoubtKind.UNLABELED, f"{text}list them as vehicles")
     for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):
         if found := [piece.name for piece, role in used if role.use == use and role.by is By.SHAPE]:
@@ -141,14 +139,9 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
         yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(level)}")
     rest = [piece for piece, role in used if role.use in ("ground", "obstacle") and grounds and piece is not main]
     if len(grounds) > 1 and len(rest) > len(grounds):
-        (left, front, _), (right, back, _) = (
-            np.min([p.bounds[0] for p in rest], 0),
-            np.max([p.bounds[1] for p in rest], 0),
-        )
+        (left, front, _), (right, back, _) = (np.min([p.bounds[0] for p in rest], 0), np.max([p.bounds[1] for p in rest], 0))
         if (share := (right - left) * (back - front) / main.area) < MAX_CROWDED_SHARE:
-            text = (
-                f"everything but {main.name!r} is in {100 * share:.1g} % of its area, and most positions are elsewhere"
-            )
+            text = f"everything but {main.name!r} is in {100 * share:.1g} % of its area, and most positions are elsewhere"
             yield Doubt(DoubtKind.GROUND, f"{text}; to leave it out, set not_ground = {as_key([main.name])}")
     lowest = min((piece.bounds[0, 2] for piece in solid), default=-np.inf)
     if grounds and (depth := float(lowest - max(piece.bounds[1, 2] for piece in grounds))) > MIN_PIT_DEPTH_M:
@@ -168,9 +161,7 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     *sides, height = report.size
     across, other = max(sides), "z" if report.up == "y" else "y"
     if not MIN_SCENERY_EXTENT_M <= across <= MAX_SCENERY_EXTENT_M:
-        text = (
-            f"the scenery is {format_length(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
-        )
+        text = f"the scenery is {format_length(across)} across; set scale if that is wrong (1 unit is {report.unit:g} m)"
         yield Doubt(DoubtKind.SCALE, text)
     if options.up is not None:
         return

@@ -117,11 +117,7 @@ def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
 
 
 def read_hdris(
-    paths: Sequence[Path],
-    cache: Path,
-    *,
-    limits: ReadLimits = DEFAULT_LIMITS,
-    progress: Callable[[str], None] | None = None,
+    paths: Sequence[Path], cache: Path, *, limits: ReadLimits = DEFAULT_LIMITS, progress: Callable[[str], None] | None = None
 ) -> list[Hdri]:
     """Read and check HDRIs, from `cache` if possible."""
     for path in paths:
@@ -140,9 +136,7 @@ def read_hdris(
                 Path(job.folder).mkdir()
             ask_reader(jobs, limits=limits)
             for (digest, _), job in zip(batch, jobs, strict=True):
-                seal_entry(
-                    Path(job.folder), cache / entry_name("hdri", CHECKS_VERSION, digest), found_answer(job, FoundSky)
-                )
+                seal_entry(Path(job.folder), cache / entry_name("hdri", CHECKS_VERSION, digest), found_answer(job, FoundSky))
     read = []
     for path, digest in zip(paths, digests, strict=True):
         hdri = _cache_entry(path, digest, cache)

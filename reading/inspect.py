@@ -26,9 +26,7 @@ from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
 from hulldown.scene.rays import Hits, RayList, SurfaceKind
 
 # Colors that color-blind people tell apart: Okabe, Ito, Color universal design, 2008.
-ROLE_COLORS = np.array(
-    [(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float
-)
+ROLE_COLORS = np.array([(0, 114, 178), (230, 159, 0), (213, 94, 0), (0, 158, 115), (204, 121, 167), (86, 180, 233)], float)
 OBSTACLE_COLOR = np.array([150.0, 150.0, 150.0])
 MAX_FULL_SIZE_ASSETS = 12  # in one picture; more are drawn half as large
 FRONT_LEFT = "from the front left"
@@ -80,10 +78,7 @@ def draw_asset(
     `picture`, `differences`: of its export, to be shown among and below these.
     """
     if isinstance(asset, VehicleShape):
-        world, bounds = (
-            Scene(vehicles=[PosedVehicle(VehicleCaster(asset), np.eye(4)[None], {})]),
-            asset.surface[0].bounds,
-        )
+        world, bounds = (Scene(vehicles=[PosedVehicle(VehicleCaster(asset), np.eye(4)[None], {})]), asset.surface[0].bounds)
         colors = dict(zip(asset.part_names, ROLE_COLORS, strict=False))
     else:
         world = Scene.of(asset)

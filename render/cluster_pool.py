@@ -26,9 +26,7 @@ from hulldown.render.process import Allowance, Blender, Confinement, Limits, Out
 
 TASKS_PER_WORKER = 2  # the current and the next one
 LOST_WORKERS = "its workers were lost, the last ones while they had nothing else to do"
-SHARED_FOLDER_REMEDY = (
-    "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
-)
+SHARED_FOLDER_REMEDY = "all machines must share it; without a shared folder, render with `--share K/N`, and `hulldown join`"
 MAX_IDLE_S = 60.0  # then Blender is ended to free memory
 
 

@@ -73,13 +73,7 @@ class MaskReport:
         return table
 
 
-def verify_masks(
-    dataset: Path,
-    plan_path: AnyPath,
-    library: Library,
-    *,
-    count: int,
-) -> MaskReport:
+def verify_masks(dataset: Path, plan_path: AnyPath, library: Library, *, count: int) -> MaskReport:
     """Render the masks of some images of a dataset, and compare its annotations with them."""
     plan = read_plan(plan_path)
     coco = read_coco(dataset)
@@ -117,11 +111,7 @@ def verify_masks(
 
 
 def compare_masks(
-    name: str,
-    vehicle: str,
-    label: Label,
-    alone: Bool[np.ndarray, "h w"],
-    visible: Bool[np.ndarray, "h w"],
+    name: str, vehicle: str, label: Label, alone: Bool[np.ndarray, "h w"], visible: Bool[np.ndarray, "h w"]
 ) -> MaskRow:
     """Compare a label with masks of its vehicle alone and with its occluders."""
     box_error, outside, rendered = math.inf, 0.0, mask_box(alone)

@@ -90,9 +90,7 @@ def _diagnose_blender() -> Diagnosis:
         else:
             blender, devices = found["blender"], found["devices"]
     system = platform.platform()
-    return Diagnosis(
-        platform.python_version(), system, versions, missing, blender, landlock_version(), devices, problems
-    )
+    return Diagnosis(platform.python_version(), system, versions, missing, blender, landlock_version(), devices, problems)
 
 
 def _probe_blender() -> dict | str:

@@ -66,9 +66,7 @@ def export_scene(
     library = load_planned_library(rows, cache=cache, limits=limits)
     with tempfile.TemporaryDirectory(prefix=".hulldown-", dir=output.parent) as name:
         folder = Path(name).resolve()
-        job = BlendJob(
-            planned_job(rows, rows[image - 1], library, folder / "picture.png"), os.fspath(folder / output.name)
-        )
+        job = BlendJob(planned_job(rows, rows[image - 1], library, folder / "picture.png"), os.fspath(folder / output.name))
         confinement = Confinement(folder, readable_paths(library))
         with Blender(folder / "log", program=engine.blender, device=device, confinement=confinement) as worker:
             outcome = worker.do(job)

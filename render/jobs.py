@@ -63,9 +63,7 @@ def render_job(row: Row, library: Library, settings: CyclesSettings, output: Pat
 def mask_job(row: Row, library: Library, output: Path) -> MaskJob:
     """Return the job of rendering a row's masks; parameters and errors as for `render_job`."""
     vehicles = [_vehicle_input(structs.replace(vehicle, paint=[]), library, row) for vehicle in row.vehicles]
-    return MaskJob(
-        scenery=_scenery_input(row, library), vehicles=vehicles, camera=_camera_input(row), output=str(output)
-    )
+    return MaskJob(scenery=_scenery_input(row, library), vehicles=vehicles, camera=_camera_input(row), output=str(output))
 
 
 def _scenery_input(row: Row, library: Library) -> str:
@@ -102,7 +100,6 @@ Asset = TypeVar("Asset")
 def _find_named(known: Mapping[str, Asset], name: str, kind: str, row: Row) -> Asset:
     if name not in known:
         raise ConfigError(
-            f"image {row.index}: {kind} {name!r} is not among {sorted(known)}",
-            remedy="plan again with `hulldown plan`",
+            f"image {row.index}: {kind} {name!r} is not among {sorted(known)}", remedy="plan again with `hulldown plan`"
         )
     return known[name]

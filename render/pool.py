@@ -113,9 +113,7 @@ class Pool:
     def _hear_line(self, worker: int, line: str) -> None:
         self._lines.put(f"worker {worker}: {line}")
 
-    def results(
-        self, jobs: Sequence[int], job_of: Callable[[int], RenderJob | MaskJob]
-    ) -> Iterator[tuple[int, Outcome]]:
+    def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob | MaskJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs, neighbors in one Blender, since they should share assets; yield each with its outcome."""
         n = self.working
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]

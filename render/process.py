@@ -33,11 +33,7 @@ MAX_STOP_S = 5.0  # for a worker to end by itself
 # alone it raises it to the largest block yet, and other HDRIs and vehicles leave holes: 100 MB more, 7 % growth.
 # For OpenBLAS, whose threads busy-wait for products that are too small for them.
 # For OpenColorIO, which otherwise keeps a processor of 3 MB for every exposure that it has ever seen.
-WORKER_ENVIRONMENT = {
-    "MALLOC_MMAP_THRESHOLD_": str(2**17),
-    "OPENBLAS_NUM_THREADS": "1",
-    "OCIO_DISABLE_PROCESSOR_CACHES": "1",
-}
+WORKER_ENVIRONMENT = {"MALLOC_MMAP_THRESHOLD_": str(2**17), "OPENBLAS_NUM_THREADS": "1", "OCIO_DISABLE_PROCESSOR_CACHES": "1"}
 CHECK_INTERVAL_S = 0.2  # of time and memory
 REPLACE_MEMORY_SHARE = 0.8  # of the memory limit: above it, Blender is replaced between two jobs
 GIB_BYTES = 2**30
@@ -129,9 +125,7 @@ class Confinement:
         program = shutil.which(command[0]) or command[0]
         cards = [str(card) for pattern in GPU_DEVICES for card in sorted(Path("/dev").glob(pattern))] if gpu else []
         caches = [Path.home() / cache for cache in DRIVER_CACHES] if gpu else []
-        return landlock.confine_command(
-            [program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards
-        )
+        return landlock.confine_command([program, *command[1:]], read=self.read, write=[self.write, *caches], devices=cards)
 
 
 class Blender:

@@ -14,14 +14,7 @@ from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.outputs import UNFINISHED_NAME
 from hulldown.dataset.coco import LOGS_NAME, CocoDataset
-from hulldown.dataset.provenance import (
-    Failure,
-    Provenance,
-    add_provenance,
-    read_failures,
-    read_provenance,
-    write_failures,
-)
+from hulldown.dataset.provenance import Failure, Provenance, add_provenance, read_failures, read_provenance, write_failures
 from hulldown.dataset.row_records import Segmenter, image_record, plan_categories
 from hulldown.dataset.store.placed_pictures import path_inside, picture_writing, publish_picture
 from hulldown.plan.library import Library
@@ -129,8 +122,7 @@ class Session:
         self._failed_in_a_row += len(outcome.reasons)
         if self._failed_in_a_row >= MAX_FAILURES_IN_A_ROW:
             raise HulldownError(
-                f"{self._failed_in_a_row} attempts have failed one after the other, the last with: "
-                f"{outcome.reasons[-1]}",
+                f"{self._failed_in_a_row} attempts have failed one after the other, the last with: {outcome.reasons[-1]}",
                 path=logs if (logs := self._folder / LOGS_NAME).is_dir() else self._folder,
                 remedy="fix the cause and run again, which goes on from here",
             )

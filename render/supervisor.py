@@ -105,9 +105,7 @@ def render_plan(
     if report.interrupted:
         raise KeyboardInterrupt
     if report.failed:
-        warnings.warn(
-            f"{len(report.failed)} images failed; reasons are in {Path(folder) / FAILURES_NAME}", stacklevel=2
-        )
+        warnings.warn(f"{len(report.failed)} images failed; reasons are in {Path(folder) / FAILURES_NAME}", stacklevel=2)
     return Dataset.read(folder)
 
 
@@ -169,9 +167,7 @@ def render_remaining(
     """
     if progress is None and is_interactive():
         with render_bar() as bar:
-            return render_remaining(
-                plan, output, library, engine=engine, part=part, cache=cache, limits=limits, progress=bar
-            )
+            return render_remaining(plan, output, library, engine=engine, part=part, cache=cache, limits=limits, progress=bar)
     start = time.monotonic()
     plan = read_plan(plan)
     folder = Path(output)

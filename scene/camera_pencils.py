@@ -81,8 +81,7 @@ class CameraPencils(RayBatch):
         end = np.linalg.norm(np.maximum(np.abs(apex - low), np.abs(apex - high)), axis=1)
         length = np.clip(far.max(axis=1), 0.0, end) + np.linalg.norm(edges, axis=2).max(axis=1)
         rims = (
-            apex[:, None, None]
-            + edges[:, None] * (length[:, None] * np.linspace(0.0, 1.0, BEAM_LENGTHS + 1))[..., None, None]
+            apex[:, None, None] + edges[:, None] * (length[:, None] * np.linspace(0.0, 1.0, BEAM_LENGTHS + 1))[..., None, None]
         )
         low, high = rims.min(axis=2), rims.max(axis=2)
         low, high = np.minimum(low[:, :-1], low[:, 1:]), np.maximum(high[:, :-1], high[:, 1:])

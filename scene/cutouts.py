@@ -88,12 +88,7 @@ class CutoutCaster(RayCaster):
         return left
 
     def _trace_mixed(
-        self,
-        start: Float[np.ndarray, "n 3"],
-        along: Float[np.ndarray, "n 3"],
-        reach: Float[np.ndarray, " n"],
-        *,
-        hard: bool,
+        self, start: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"], *, hard: bool
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
         """Return the light that mixed faces leave on rays of unit direction, and their last hits' distance and face."""
         n = len(start)
@@ -186,10 +181,7 @@ class Solidity:
         self._hiding = [TexelCounts(alpha, lambda opacity: opacity >= HIT_OPACITY) for alpha in cutouts.maps]
 
     def may_be_solid(
-        self,
-        face: Int[np.ndarray, " p"],
-        middle: Float[np.ndarray, "p 3"],
-        half_sides: Float[np.ndarray, "p 3 3"],
+        self, face: Int[np.ndarray, " p"], middle: Float[np.ndarray, "p 3"], half_sides: Float[np.ndarray, "p 3 3"]
     ) -> Bool[np.ndarray, " p"]:
         """Return whether a face may reach `HIT_OPACITY` somewhere in a box; true for faces without a texture.
 

@@ -33,9 +33,7 @@ class InstancedScene:
         poses = np.asarray(world_from_instance, dtype=np.float64)
         poses = checked_array(poses.reshape(0, 4, 4) if not poses.size else poses, "world_from_instance", ("k", 4, 4))
         which = np.asarray(instance_mesh)
-        which = checked_array(
-            which if which.size else which.astype(int), "instance_mesh", (len(poses),), dtype=np.int64
-        )
+        which = checked_array(which if which.size else which.astype(int), "instance_mesh", (len(poses),), dtype=np.int64)
         if len(which) and (which.min() < 0 or which.max() >= len(meshes)):
             raise ValueError(f"instance_mesh: expected indices below {len(meshes)}, got {which.min()} to {which.max()}")
         if (poses[:, 3] != [0.0, 0.0, 0.0, 1.0]).any():

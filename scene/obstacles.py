@@ -183,10 +183,7 @@ class Obstacles:
             for i in range(0, len(left), BOX_PAIRS_PER_BLOCK):
                 which, faces = pair[left[i : i + BOX_PAIRS_PER_BLOCK]], face[left[i : i + BOX_PAIRS_PER_BLOCK]]
                 into = moves[:, :, which]
-                moved = [
-                    [row[0] * x + row[1] * y + row[2] * z + row[3] for row in into]
-                    for x, y, z in triangles[:, :, faces]
-                ]
+                moved = [[row[0] * x + row[1] * y + row[2] * z + row[3] for row in into] for x, y, z in triangles[:, :, faces]]
                 touching = triangles_touch_box(moved, list(sizes[:, box[which]]))
                 if solidity is not None:
                     pose = mesh_from_box[which[touching]]

@@ -40,8 +40,7 @@ class VehicleCaster:
         self.shape = shape
         self.face_part = face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
         self.parts = tuple(
-            _make_part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i])
-            for i in np.unique(face_part)
+            _make_part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i]) for i in np.unique(face_part)
         )
 
     @cached_property
@@ -113,9 +112,7 @@ class PosedVehicle:
             order = order[met.distance[order] < hits.distance[at[order]]]
             first = at[order]
             hits.distance[first], hits.face[first] = met.distance[order], part.face[met.face[order]]
-            hits.instance[first] = np.minimum(
-                pose[order], len(self.world_from_vehicle) - 1
-            )  # one may be in all cameras
+            hits.instance[first] = np.minimum(pose[order], len(self.world_from_vehicle) - 1)  # one may be in all cameras
         hit = np.flatnonzero(hits.hit)
         hits.kind[hit], hits.part[hit] = SurfaceKind.VEHICLE, self.caster.face_part[hits.face[hit]]
         return hits
@@ -140,9 +137,7 @@ class PosedVehicle:
         turned = parts[hits.instance, hits.part, :3, :3]
         return np.einsum("nij,nj->ni", turned, shape.mesh.normals(hits.face))
 
-    def _part_blocks(
-        self, rays: RayBatch, asked: Bool[np.ndarray, " n"]
-    ) -> Iterator[tuple[VehiclePart, LocalRayBlock]]:
+    def _part_blocks(self, rays: RayBatch, asked: Bool[np.ndarray, " n"]) -> Iterator[tuple[VehiclePart, LocalRayBlock]]:
         """Yield parts, and in their frames the asked rays that may meet them; `asked` may change between blocks."""
         camera, poses = rays.poses_for_blocks(self.world_from_vehicle, self.row)
         for part, pose in self.caster.parts_with_poses(poses, self.articulation):

@@ -86,9 +86,7 @@ def library(plan: Plan) -> Library:
 def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
     """A stand-in for an installed Blender; see fake_blender.py."""
     script = tmp_path_factory.mktemp("blender") / "blender"
-    script.write_text(
-        f"#!/bin/sh\nexec {sys.executable} -P {Path(__file__).with_name('builders') / 'fake_blender.py'}\n"
-    )
+    script.write_text(f"#!/bin/sh\nexec {sys.executable} -P {Path(__file__).with_name('builders') / 'fake_blender.py'}\n")
     script.chmod(0o755)
     return str(script)
 

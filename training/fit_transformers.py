@@ -60,8 +60,7 @@ def collate_examples(processor: Any, batch: Sequence[Example]) -> Batch:
     pictures = normalized_pictures(torch.stack([example.picture for example in batch]), processor)
     sides = torch.tensor(pictures.shape[:1:-1]).repeat(2)
     labels = [
-        {"class_labels": example.class_index, "boxes": box_convert(example.xyxy, "xyxy", "cxcywh") / sides}
-        for example in batch
+        {"class_labels": example.class_index, "boxes": box_convert(example.xyxy, "xyxy", "cxcywh") / sides} for example in batch
     ]
     return pictures, labels
 

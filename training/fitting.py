@@ -139,9 +139,7 @@ class Recorder(pl.Callback):
         self.began, self._step, self._last = True, trainer.global_step, time.monotonic()
         self._averaged: Any = deepcopy(self._trainee.module.model) if self._training.valid is not None else None
 
-    def on_train_batch_start(
-        self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int
-    ) -> None:
+    def on_train_batch_start(self, trainer: pl.Trainer, pl_module: pl.LightningModule, batch: Any, batch_idx: int) -> None:
         """Seed dropout and denoising by the batch, so that a continued training equals one that wasn't stopped."""
         settings = self._training.settings
         batches = trainer.global_step * settings.accumulate + len(self._parts)

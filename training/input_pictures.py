@@ -38,11 +38,7 @@ PICTURES_AHEAD = 16
 Picture = UInt8[np.ndarray, "h w 3"]
 VIDEO_SUFFIXES = (".avi", ".m4v", ".mkv", ".mov", ".mp4", ".webm")
 # Where bytes of a container are in a file, and these bytes: MP4 and QuickTime, Matroska and WebM, AVI.
-VIDEO_CONTAINERS = (
-    (4, (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")),
-    (0, (b"\x1a\x45\xdf\xa3",)),
-    (8, (b"AVI ",)),
-)
+VIDEO_CONTAINERS = ((4, (b"ftyp", b"moov", b"mdat", b"wide", b"free", b"skip")), (0, (b"\x1a\x45\xdf\xa3",)), (8, (b"AVI ",)))
 # Names of codecs in files, in lower case.
 VIDEO_CODECS = {"avc1", "avc3", "h264", "x264", "hevc", "hev1", "hvc1", "av01", "vp80", "vp90", "vp09", "mp4v", "fmp4",
           "xvid", "dx50", "divx", "mpg4", "mjpg", "jpeg", "ffv1", "apcn", "apch", "apcs", "apco", "ap4h"}  # fmt: skip
@@ -123,9 +119,7 @@ def _list_files(path: str) -> list[Path]:
             f"no pictures here{here}", path=path, remedy=f"name a dataset, a video, or {', '.join(PICTURE_SUFFIXES)}"
         )
     if strange := [file for file in found if file.suffix.lower() not in PICTURE_SUFFIXES]:
-        remedy = (
-            "name one video by itself" if strange[0].suffix.lower() in VIDEO_SUFFIXES else "name a picture or a folder"
-        )
+        remedy = "name one video by itself" if strange[0].suffix.lower() in VIDEO_SUFFIXES else "name a picture or a folder"
         raise DatasetError(f"is no picture ({', '.join(PICTURE_SUFFIXES)})", path=strange[0], remedy=remedy)
     return found
 
@@ -149,8 +143,7 @@ def read_video(path: Path) -> Video:
 
     with _open_video(path) as video:
         width, height, stated = (
-            int(video.get(key))
-            for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_COUNT)
+            int(video.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FRAME_COUNT)
         )
         frames = sum(1 for _ in iter(video.grab, False))  # a file's own count may be an estimate
         if not frames:
@@ -193,7 +186,5 @@ def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
         if codec.lower() not in VIDEO_CODECS:
             raise DatasetError(f"has the codec {codec!r}, which isn't read", path=path, remedy=_REMEDY)
         if video.get(cv2.CAP_PROP_FRAME_WIDTH) * video.get(cv2.CAP_PROP_FRAME_HEIGHT) > MAX_FRAME_PIXELS:
-            raise DatasetError(
-                f"has frames of more than {MAX_FRAME_PIXELS >> 20} megapixels", path=path, remedy=_REMEDY
-            )
+            raise DatasetError(f"has frames of more than {MAX_FRAME_PIXELS >> 20} megapixels", path=path, remedy=_REMEDY)
         yield video

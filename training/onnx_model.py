@@ -22,9 +22,7 @@ if TYPE_CHECKING:
 INPUT_DESCRIPTION = "input: (1, 3, h, w) RGB, 0 to 1"
 NORMALIZED_INPUT = f"{INPUT_DESCRIPTION}, less ImageNet's mean, over its standard deviation"
 PRODUCER_FIELD = b"\x12\x08hulldown"  # ONNX's name of the producer, among the first fields
-OUTPUT_DESCRIPTION = (
-    "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
-)
+OUTPUT_DESCRIPTION = "dets: (1, k, 4) center and size as shares of the picture; labels: (1, k, classes or classes + 1) logits"
 
 
 def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:

@@ -171,9 +171,7 @@ def predict_detections(
     found = find_pictures(named)
     detector = load_detector(Path(run), device)
     ids, unknown = _category_ids(detector.classes, found)
-    rival_weights = (
-        None if rivals is None else starting_weights(Path(run)) if str(rivals) == START_RIVALS else Path(rivals)
-    )
+    rival_weights = None if rivals is None else starting_weights(Path(run)) if str(rivals) == START_RIVALS else Path(rivals)
     key = _results_key(Path(run), found, detector.classes, tile, rival_weights)
     if rival_weights is not None:
         detector = _contest_detector(detector, rival_weights, device)

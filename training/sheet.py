@@ -24,12 +24,7 @@ TILE_WIDTH = 256
 
 
 def augmentation_sheet(
-    dataset: AnyPath,
-    output: PngFile,
-    *,
-    augmentation: str = "table1",
-    seed: int = 0,
-    rows: Count = 6,
+    dataset: AnyPath, output: PngFile, *, augmentation: str = "table1", seed: int = 0, rows: Count = 6
 ) -> None:
     """Show augmented pictures of a dataset.
 
@@ -68,6 +63,4 @@ def augmentation_sheet(
 
 def _draw_sample(sample: Sample, classes: Sequence[str]) -> Image.Image:
     labels = zip(sample.xywh, sample.class_index.tolist(), strict=True)
-    return draw_boxes(
-        Image.fromarray(sample.picture), [Overlay(xywh, label + 1, classes[label]) for xywh, label in labels]
-    )
+    return draw_boxes(Image.fromarray(sample.picture), [Overlay(xywh, label + 1, classes[label]) for xywh, label in labels])

@@ -22,9 +22,7 @@ from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco_documen
 from hulldown.dataset.store.placed_pictures import link_or_copy, resolve_own_picture
 
 DEFAULT_FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
-FRACTIONS_PARSER = make_parser(
-    "shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,..."
-)
+FRACTIONS_PARSER = make_parser("shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,...")
 
 
 def subset_name(fraction: float) -> str:
@@ -33,11 +31,7 @@ def subset_name(fraction: float) -> str:
 
 
 def nested_subsets(
-    images: Sequence[Image],
-    fractions: Sequence[float],
-    *,
-    seed: int = 0,
-    stratified: bool = False,
+    images: Sequence[Image], fractions: Sequence[float], *, seed: int = 0, stratified: bool = False
 ) -> list[list[int]]:
     """Return image ids of each share, prefixes of one order by seed and names, of whole positions, at least one."""
     groups = group_positions(images)

@@ -25,13 +25,7 @@ from hulldown.training.detectors.detector import Run, RunFigures, RunSource, cho
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.extra import require_extra, silence_libraries
 from hulldown.training.inputs.settings import SettingOptions, Settings, load_settings
-from hulldown.training.inputs.sources import (
-    LabeledPictures,
-    check_source_pictures,
-    follow_masks,
-    read_sources,
-    shared_pictures,
-)
+from hulldown.training.inputs.sources import LabeledPictures, check_source_pictures, follow_masks, read_sources, shared_pictures
 from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, finished_run
 
 if TYPE_CHECKING:
@@ -50,9 +44,7 @@ def _split_name(text: str) -> tuple[str, str]:
     return name, folder
 
 
-NamedFolder: TypeAlias = Annotated[
-    str, make_check("NAME=DIR, such as real=photographs", lambda text: all(_split_name(text)))
-]
+NamedFolder: TypeAlias = Annotated[str, make_check("NAME=DIR, such as real=photographs", lambda text: all(_split_name(text)))]
 if TYPE_CHECKING:
     SettingsLike: TypeAlias = Settings | Mapping[str, object] | None
 else:

@@ -51,9 +51,7 @@ def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
 
 
 def _demo_answer(code: int, output: AnyPath) -> VerbOutput:
-    written = (
-        f"look at {Path(output) / 'contact_sheet.png'}; the dataset is {Path(output) / 'dataset/annotations.json'}"
-    )
+    written = f"look at {Path(output) / 'contact_sheet.png'}; the dataset is {Path(output) / 'dataset/annotations.json'}"
     return VerbOutput(result=output, said=[] if code else [written], code=code)
 
 

@@ -65,9 +65,7 @@ def _show_page(comparison: Comparison | None, output: AnyPath) -> VerbOutput:
 
 
 def _show_export(counts: Mapping[str, int], output: AnyPath) -> VerbOutput:
-    return VerbOutput(
-        result=counts, said=[f"wrote {output}: " + ", ".join(f"{n} {name}" for name, n in counts.items())]
-    )
+    return VerbOutput(result=counts, said=[f"wrote {output}: " + ", ".join(f"{n} {name}" for name, n in counts.items())])
 
 
 VERBS = {

@@ -92,11 +92,7 @@ class WeatherKind:
 
 WEATHER_KINDS: Mapping[str, WeatherKind] = MappingProxyType(
     {
-        "fog": WeatherKind(
-            visibility="visibility_m",
-            windy=False,
-            tint=None,
-        ),
+        "fog": WeatherKind(visibility="visibility_m", windy=False, tint=None),
         "rain": WeatherKind(
             rate="rain_mm_h",
             surfaces="water",

@@ -25,9 +25,7 @@ PIXEL_DIGITS = 6
 MAX_RECORD_PX = 1e9
 MAX_CORNER_ERROR_PX = 1e-5  # more than corners are rounded by
 # In halves of the box's size: front left, front right, rear right, rear left, of the lower side, then of the upper one.
-_UNIT_CORNERS = np.array(
-    [[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))]
-)
+_UNIT_CORNERS = np.array([[x, y, z] for z in (-0.5, 0.5) for x, y in ((0.5, 0.5), (0.5, -0.5), (-0.5, -0.5), (-0.5, 0.5))])
 
 
 class Box3D(Struct):
@@ -42,8 +40,7 @@ class BoxInCamera(LabelType):
     """The 3D box, its corners in pixels, and where it is from the camera."""
 
     distance: Annotated[
-        Annotated[float, Meta(ge=0, le=1e9)] | None,
-        Meta(description="meters from the camera to the center of `bbox_3d`"),
+        Annotated[float, Meta(ge=0, le=1e9)] | None, Meta(description="meters from the camera to the center of `bbox_3d`")
     ] = None
     azimuth_seen: Annotated[
         Annotated[float, Meta(ge=-10, le=10)] | None,
@@ -74,9 +71,7 @@ class BoxInCamera(LabelType):
         world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, vehicle.camera.world_from_camera
         camera_from_world = world_from_camera[:3, :3].T
         rotation = matrix_product(camera_from_world, world_from_vehicle[:3, :3])
-        middle = (
-            matrix_product(world_from_vehicle[:3, :3], ((low + high) / 2.0)[:, None])[:, 0] + world_from_vehicle[:3, 3]
-        )
+        middle = matrix_product(world_from_vehicle[:3, :3], ((low + high) / 2.0)[:, None])[:, 0] + world_from_vehicle[:3, 3]
         away = middle - world_from_camera[:3, 3]
         center = matrix_product(camera_from_world, away[:, None])[:, 0]
         ahead, left, _ = matrix_product(world_from_vehicle[:3, :3].T, -away[:, None])  # (1,) each
@@ -103,9 +98,7 @@ class BoxInCamera(LabelType):
         center, size, rotation = (np.array(values) for values in (box.center, box.size, box.rotation))
         if not (size > 0.0).all():
             yield f"bbox_3d has the size {size.tolist()}"
-        elif (
-            not np.abs(rotation @ rotation.T - np.eye(3)).max() <= VALUE_TOLERANCE or not np.linalg.det(rotation) > 0.0
-        ):
+        elif not np.abs(rotation @ rotation.T - np.eye(3)).max() <= VALUE_TOLERANCE or not np.linalg.det(rotation) > 0.0:
             yield "bbox_3d has a rotation that is none"
         else:
             far = float(np.linalg.norm(center))

@@ -30,8 +30,7 @@ class Keypoints(LabelType):
     """Keypoints of a label, in the order of its class."""
 
     keypoints: Annotated[
-        list[Pixel] | None,
-        Meta(description="COCO's, if `annotate.keypoints` is set: [labels](labels.md#keypoints)"),
+        list[Pixel] | None, Meta(description="COCO's, if `annotate.keypoints` is set: [labels](labels.md#keypoints)")
     ] = None
     num_keypoints: Annotated[int | None, Meta(description="number of those with v > 0")] = None
 
@@ -95,11 +94,7 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Cameras, world: Scene) -> 
 
 
 def category_fields(
-    shapes: Iterable[VehicleShape],
-    patterns: Sequence[str] | None,
-    lines: Sequence[tuple[str, str]] | None,
-    *,
-    path: Path,
+    shapes: Iterable[VehicleShape], patterns: Sequence[str] | None, lines: Sequence[tuple[str, str]] | None, *, path: Path
 ) -> dict[str, object]:
     """Return COCO's `keypoints` and `skeleton`, the same for all categories, so an image's labels are one array."""
     if patterns is None:

@@ -25,8 +25,7 @@ class OrientedBox(LabelType):
     """The smallest rectangle around the visible mask."""
 
     obb: Annotated[
-        Rectangle | None,
-        Meta(description="smallest rectangle around the mask: [oriented boxes](labels.md#oriented-boxes)"),
+        Rectangle | None, Meta(description="smallest rectangle around the mask: [oriented boxes](labels.md#oriented-boxes)")
     ] = None
 
     @classmethod

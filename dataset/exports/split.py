@@ -18,10 +18,7 @@ _WITHOUT, _IMAGES = -1, -2  # labels for images without objects, and for images;
 
 
 def assign_splits(
-    images: Sequence[Image],
-    *,
-    fractions: tuple[float, float, float] = (0.7, 0.2, 0.1),
-    seed: int = 0,
+    images: Sequence[Image], *, fractions: tuple[float, float, float] = (0.7, 0.2, 0.1), seed: int = 0
 ) -> dict[int, str]:
     """Assign whole groups of images to splits in proportion (Sechidis et al., ECML PKDD 2011, algorithm 1)."""
     # nan fails each comparison.

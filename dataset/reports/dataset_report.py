@@ -156,9 +156,7 @@ def _label_charts(dataset: Dataset) -> dict[str, Figure]:
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
         charts["label positions"] = places_in_pictures(centers / sizes)
-    charts |= {
-        title: draw_shares(title, images[key]) for key, title in CONDITION_TITLES.items() if (images[key] != "").any()
-    }
+    charts |= {title: draw_shares(title, images[key]) for key, title in CONDITION_TITLES.items() if (images[key] != "").any()}
     if np.isfinite(images["strength"]).any():
         charts["strength of light"] = draw_histogram("strength of light", images["strength"])
     return charts
@@ -180,10 +178,7 @@ def _scenery_maps(dataset: Dataset) -> dict[str, Figure]:
 def _image_tile(dataset: Dataset, i: int) -> Tile:
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
-    values = {
-        "class": _listed_names(labels["category"][rows]) or ["none"],
-        "vehicle": _listed_names(labels["vehicle"][rows]),
-    }
+    values = {"class": _listed_names(labels["category"][rows]) or ["none"], "vehicle": _listed_names(labels["vehicle"][rows])}
     values |= {title: _listed_names(images[key][[i]]) for key, title in CONDITION_TITLES.items()}
     values["side seen"] = _listed_names(labels["side"][rows])
     lines = [", ".join(_image_text(dataset, row)) for row in rows.tolist()] or ["no labels"]
@@ -249,15 +244,12 @@ class Comparison:
 
     def distances(self) -> dict[str, float]:
         """Kolmogorov-Smirnov distance in each feature: the largest difference of the cumulative distributions."""
-        return {
-            name: float(ks_2samp(own, self.wanted[name], method="asymp").statistic) for name, own in self.own.items()
-        }
+        return {name: float(ks_2samp(own, self.wanted[name], method="asymp").statistic) for name, own in self.own.items()}
 
     def rows(self) -> list[list[str]]:
         """Title, distance, and keys of each feature."""
         return [
-            [REPORT_FEATURES[name].title, f"{far:.2f}", REPORT_FEATURES[name].keys]
-            for name, far in self.distances().items()
+            [REPORT_FEATURES[name].title, f"{far:.2f}", REPORT_FEATURES[name].keys] for name, far in self.distances().items()
         ]
 
     def charts(self) -> dict[str, Figure]:

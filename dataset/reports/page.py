@@ -69,16 +69,7 @@ def data_uri(picture: bytes | Figure) -> str:
 @cache
 def _page_environment() -> Environment:
     environment = Environment(
-        loader=PackageLoader("hulldown", ""),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
+        loader=PackageLoader("hulldown", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {
-        "number": format_number,
-        "ranged": format_interval,
-        "facet_counts": facet_counts,
-        "uri": data_uri,
-    }
+    environment.filters |= {"number": format_number, "ranged": format_interval, "facet_counts": facet_counts, "uri": data_uri}
     return environment

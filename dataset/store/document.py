@@ -21,15 +21,7 @@ from hulldown.annotate.coco_types import Coco, Record
 from hulldown.base.code import package_version
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import stays_inside
-from hulldown.base.outside import (
-    MAX_DATA_BYTES,
-    convert_value,
-    describe_path,
-    json_parts,
-    json_records,
-    parse_json,
-    read_file,
-)
+from hulldown.base.outside import MAX_DATA_BYTES, convert_value, describe_path, json_parts, json_records, parse_json, read_file
 from hulldown.dataset.foreign_labels import foreign_reader, refuse_known_folder
 from hulldown.dataset.store.entries import normal_name
 from hulldown.dataset.store.journal import last_merged, read_journal, replace_journal
@@ -200,9 +192,7 @@ def read_document(folder: Path) -> Document:
             remedy="restore both files from a backup, or delete that line to give its image up",
         ) from error
     if merged and not exists:
-        warnings.warn(
-            f"{path}: is missing; it is made anew from {journal.name}, without what was in it before", stacklevel=2
-        )
+        warnings.warn(f"{path}: is missing; it is made anew from {journal.name}, without what was in it before", stacklevel=2)
     return document
 
 

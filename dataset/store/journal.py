@@ -26,16 +26,11 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with DatasetError.raise_for_system(
-            "cannot be written to", path=path, remedy="put the file itself there, writable"
-        ):
+        with DatasetError.raise_for_system("cannot be written to", path=path, remedy="put the file itself there, writable"):
             self._file = open_in_place(path)
         self.length = _whole_lines(path)
         if self.length < path.stat().st_size:
-            warnings.warn(
-                f"{path}: the last line was cut off while it was written; that one record is dropped",
-                stacklevel=2,
-            )
+            warnings.warn(f"{path}: the last line was cut off while it was written; that one record is dropped", stacklevel=2)
             self.truncate(self.length)
         sync_folder(path.parent)
 

@@ -57,9 +57,7 @@ def check_pictures(
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
             results = pool.map(lambda image: _check_picture(folder, image, sound.get(image["id"]), fast=fast), chunk)
-            for done, (image, (findings, found, hashed)) in enumerate(
-                zip(chunk, results, strict=True), start=start + 1
-            ):
+            for done, (image, (findings, found, hashed)) in enumerate(zip(chunk, results, strict=True), start=start + 1):
                 yield from findings
                 hashes.append(hashed)
                 digests.append(found)
@@ -107,9 +105,7 @@ def _check_picture(
     actual = hashlib.sha256(picture.content).hexdigest()
     recorded = record.get(PICTURE_HASH_KEY)
     if recorded is not None and recorded != actual:
-        problem = (
-            f"is not the picture that was recorded: its SHA-256 is {actual[:12]}..., recorded is {recorded!s:.12}..."
-        )
+        problem = f"is not the picture that was recorded: its SHA-256 is {actual[:12]}..., recorded is {recorded!s:.12}..."
         findings.append(Finding("error", name, problem))
     looked_at = picture.pixels if not is_rendered(record) else None
     return findings, actual, None if looked_at is None else picture_hash(looked_at)
@@ -136,9 +132,7 @@ def near_duplicates(
     return np.stack([rows[pairs[:, 0]], columns[pairs[:, 1]]], axis=1)
 
 
-def _hash_signs(
-    hashes: Sequence[Bool[np.ndarray, "256"] | None],
-) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
+def _hash_signs(hashes: Sequence[Bool[np.ndarray, "256"] | None]) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
     """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""
     there = {i: hashed for i, hashed in enumerate(hashes) if hashed is not None}
     bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, HASH_SIDE_BITS * HASH_SIDE_BITS)

@@ -18,11 +18,7 @@ from hulldown.plan.plan_file import Plan
 
 MAX_RECORD_VALUE_CHARACTERS = 120  # in a finding
 MASK_FIELDS = ("segmentation", "segmentation_amodal")
-OF_MASKS = (
-    *MASK_FIELDS,
-    "area",
-    "obb",
-)  # fields that follow from masks; `dataset.record_checks` compares them with each other
+OF_MASKS = (*MASK_FIELDS, "area", "obb")  # fields that follow from masks; `dataset.record_checks` compares them with each other
 MAX_MASK_DIFFERENCE_PX = 2  # on another kind of processor, rays on an edge may fall on its other side
 
 

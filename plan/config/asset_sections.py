@@ -112,13 +112,9 @@ class ModelEntry(FileEntry):
         default=None, examples=[[-180, 180]]
     )
     """turret's turn from its direction in the file, left positive; default: [-180, 180]"""
-    gun_limits_deg: Annotated[Pair | None, range_check(-90.0, 90.0, optional=True)] = Field(
-        default=None, examples=[[-5, 20]]
-    )
+    gun_limits_deg: Annotated[Pair | None, range_check(-90.0, 90.0, optional=True)] = Field(default=None, examples=[[-5, 20]])
     """gun's rise from its direction in the file, up positive; default: [-5, 20]"""
-    keypoints: dict[str, Point] | None = Field(
-        default=None, examples=[{"mirror": [1.0, 0.9, 1.8]}], exclude_if=is_absent
-    )
+    keypoints: dict[str, Point] | None = Field(default=None, examples=[{"mirror": [1.0, 0.9, 1.8]}], exclude_if=is_absent)
     """points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints"""
     paint: Paint = ()
     """tables of `materials`, patterns of their names, and `colors`, of which one is drawn"""

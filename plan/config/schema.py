@@ -106,9 +106,7 @@ class Config(Section):
         ):
             value = getattr(given, key)
             if value is not None and (value < limit if key.startswith("max") else value > limit):
-                raise ValueError(
-                    f"annotate.{key} = {value:g}: expected {source}, {limit:g}, since every target has a label"
-                )
+                raise ValueError(f"annotate.{key} = {value:g}: expected {source}, {limit:g}, since every target has a label")
         return self
 
     @classmethod

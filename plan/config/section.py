@@ -18,9 +18,7 @@ class Section(BaseModel):
     pydantic reads these strings from the source, which an installation of .pyc files alone lacks.
     """
 
-    model_config = ConfigDict(
-        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
-    )
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
 def range_check(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:

@@ -177,9 +177,7 @@ def _part_numbers(row: Row, artist: Artist, hits: Hits) -> UInt16[np.ndarray, " 
     return np.where(hits.part >= 0, first.take(hits.instance, mode="clip") + hits.part, 0).astype(np.uint16)
 
 
-def panoptic_segments(
-    pixels: SurfacePixels, class_ids: Mapping[str, int]
-) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
+def panoptic_segments(pixels: SurfacePixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
     """Return an image's segments, as a picture of their numbers and a list; `STUFF_CLASSES` follows the classes."""
     segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
     for one in [Instance(0, "sky", "sky"), *pixels.table]:

@@ -56,9 +56,7 @@ def read_camera(path: Path) -> dict[str, object]:
     lens = numbers(_DISTORTION_KEYS, "distortion") if any(name in named for name in _DISTORTION_KEYS) else np.zeros(5)
     if model not in _DISTORTION_MODELS or named.get("fisheyemodel") or lens[5:].any():
         problem = (
-            f"has a lens of the model {model!r}"
-            if model not in _DISTORTION_MODELS
-            else "has a lens with more coefficients"
+            f"has a lens of the model {model!r}" if model not in _DISTORTION_MODELS else "has a lens with more coefficients"
         )
         raise ConfigError(problem, path=path, remedy="calibrate with k1, k2, p1, p2, and k3 alone (plumb_bob)")
     if len(matrix) != 9 or matrix[[1, 3, 6, 7]].any() or any(len(side) != 1 or side % 1 for side in size):

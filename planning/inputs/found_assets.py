@@ -78,13 +78,7 @@ def asset_files(folder: Path) -> list[Path]:
     return files
 
 
-def read_found(
-    folder: Path,
-    files: Sequence[Path],
-    cache: Path,
-    *,
-    limits: ReadLimits = DEFAULT_LIMITS,
-) -> list[FoundFile]:
+def read_found(folder: Path, files: Sequence[Path], cache: Path, *, limits: ReadLimits = DEFAULT_LIMITS) -> list[FoundFile]:
     """Find the kind of each file: by the name of a folder around it, or else by its contents."""
     limits.check_confinement()
     at_once = min(4, os.cpu_count() or 1)
@@ -127,9 +121,7 @@ def _found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> Fo
 
 def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
     """Return a file's vehicles, read with the keys that it needs, or its scenery."""
-    folder_kind = next(
-        (FOUND_KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in FOUND_KINDS), None
-    )
+    folder_kind = next((FOUND_KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in FOUND_KINDS), None)
     kind = "vehicle" if folder_kind == "distractor" else folder_kind
 
     def read(options: Options = DEFAULT_OPTIONS) -> FileReport:
@@ -192,9 +184,7 @@ def found_config(
         keys = {k: list(v) if isinstance(v, tuple) else v for k, v in file.keys.items() if k != "name"}
         return {**entry, **named, **category, **keys}
 
-    entries = {
-        kind: [(propose_entry(file), file) for file in found if file.kind == kind] for kind in set(FOUND_KINDS.values())
-    }
+    entries = {kind: [(propose_entry(file), file) for file in found if file.kind == kind] for kind in set(FOUND_KINDS.values())}
     patterns = {path: escape(listed[path]) for path in skies.values()}
     notes = {patterns[file.path]: file.notes for file in found if file.kind == "hdri" and file.path in patterns}
     models_by_name = {str(entry.get("name", entry["path"])): f for some in entries.values() for entry, f in some}

@@ -15,11 +15,7 @@ from hulldown.base.outside import MAX_DOCUMENT_BYTES, read_text
 from hulldown.plan.given_poses import MAX_COORDINATE_M, GivenPoses, PoseLine, Vector
 
 NAME_COLUMNS = ("scenery", "vehicle", "sequence")
-NUMBER_COLUMNS = (
-    *("x", "y", "z", "yaw_deg"),
-    *("camera_x", "camera_y", "camera_z"),
-    *("look_at_x", "look_at_y", "look_at_z"),
-)
+NUMBER_COLUMNS = (*("x", "y", "z", "yaw_deg"), *("camera_x", "camera_y", "camera_z"), *("look_at_x", "look_at_y", "look_at_z"))
 SEQUENCE_COLUMNS = ("scenery", "vehicle", "x", "y", "z", "yaw_deg")  # equal in all lines of a sequence
 CAMERA, LOOK_AT = NUMBER_COLUMNS[4:7], NUMBER_COLUMNS[7:]
 
@@ -86,9 +82,7 @@ def _parse_number(cell: str, name: str, number: int, path: Path) -> float:
         value = math.nan
     if not abs(value) <= MAX_COORDINATE_M:
         unit = "degrees" if name == "yaw_deg" else "meters"
-        raise line_error(
-            path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing"
-        )
+        raise line_error(path, number, f"column {name}: {cell!r:.60} isn't a number within 1e9", f"give {unit} or nothing")
     return value
 
 

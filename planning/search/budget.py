@@ -74,8 +74,7 @@ def make_budget(
     if isinstance(wanted, dict):
         if unknown := sorted(set(wanted) - set(classes)):
             raise ConfigError(
-                f"budget.images_per_class: no vehicle has the class {unknown[0]!r}",
-                remedy=f"classes are {list(classes)}",
+                f"budget.images_per_class: no vehicle has the class {unknown[0]!r}", remedy=f"classes are {list(classes)}"
             )
         if lacking := [c for c in classes if c not in wanted]:
             raise ConfigError(
@@ -89,9 +88,7 @@ def make_budget(
         else:
             quota = wanted[c] if isinstance(wanted, dict) else wanted
             if quota and not weight.any():
-                raise ConfigError(
-                    f"assets.vehicles: all of class {c!r} have weight 0", remedy="give one a weight above 0"
-                )
+                raise ConfigError(f"assets.vehicles: all of class {c!r} have weight 0", remedy="give one a weight above 0")
             share = quota * weight / max(weight.sum(), 1e-300)
             of_each = np.floor(share + SHARE_ROUNDING)
             # The largest remainders get the rest.

@@ -139,9 +139,7 @@ def posed_hull(
     return np.concatenate([transform_points(poses[:, part.index], hull) for part, hull in hulls], axis=1)
 
 
-def drawn_angles(
-    fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.ndarray, "k p"]
-) -> Float[np.ndarray, "k p"]:
+def drawn_angles(fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "k p"]:
     """Return angles within the limits of every part i, in proportion to numbers in [0, 1), rounded as in a plan."""
     angles = np.zeros((len(model), fleet.parts))
     for i in np.unique(model).tolist():
@@ -163,9 +161,7 @@ def image_size(measure: Measure, render: RenderSection) -> float:
     return float(sizes[measure])
 
 
-def filled_fraction(
-    amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection
-) -> Float[np.ndarray, " n"]:
+def filled_fraction(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
     """Return the share of the image's height, width, diagonal, or area that these boxes fill; nan without a box."""
     size = box_length(amodal[:, 2:], measure)
     return (size**2 if measure == "area" else size) / image_size(measure, render)

@@ -37,9 +37,7 @@ MAX_CORNER_CUT_SHARE = 0.5  # of a box's height that is assumed to be cut off ov
 TRUNCATION_MARGIN = 0.8
 MAX_RANK = np.nextafter(1.0, 0.0)
 QUARTER_PLACES = 10  # places without a camera that count as a quarter of an image's tries
-MIN_STEEP_RADIANS = math.radians(
-    15.0
-)  # elevation from which level ground tells a companion's distance better than its box
+MIN_STEEP_RADIANS = math.radians(15.0)  # elevation from which level ground tells a companion's distance better than its box
 MIN_RAY_FALL_SHARE = 0.05  # of the length of a ray that's followed to the ground
 GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 DIRECTIONS_PER_CAMERA = 24
@@ -125,9 +123,7 @@ class Likeness:
             count = self._boxes[category]
             if count < MIN_CLASS_BOXES:
                 boxes = f"only {count:,} boxes" if count else "no box"
-                notes.append(
-                    f"{path}: {boxes} of class {category!r} to follow: its targets follow those of all classes"
-                )
+                notes.append(f"{path}: {boxes} of class {category!r} to follow: its targets follow those of all classes")
         return notes
 
     def sample_boxes(
@@ -148,12 +144,7 @@ class Likeness:
         return box
 
     def _nearby_boxes(
-        self,
-        draws: RandomStreams,
-        targets: Instances,
-        *,
-        image: Int[np.ndarray, " n"],
-        uniform: Float[np.ndarray, " n"],
+        self, draws: RandomStreams, targets: Instances, *, image: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
         """Return boxes of about the height of the sampled ones: half of them within an eighth of all ranks."""
         rank = np.abs(draws.uniform(Purpose.LIKE, image, 0, count=2)[:, 1] + (2.0 * uniform - 1.0) ** 3)
@@ -240,9 +231,7 @@ def usable_boxes(
     return ~refused, +counts
 
 
-def candidate_directions(
-    draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]
-) -> RowStreams:
+def candidate_directions(draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]) -> RowStreams:
     """Return the random numbers for the candidate directions of these tries."""
     tries = attempt[:, None] * DIRECTIONS_PER_CAMERA + np.arange(DIRECTIONS_PER_CAMERA)
     return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, DIRECTIONS_PER_CAMERA), tries.ravel())
@@ -361,9 +350,7 @@ def companion_poses(
 
     # Relative to the target's center, with the target where its box is.
     level = camera_pose(np.zeros((len(has), 3)), distance, azimuth[has], elevation[has])
-    turn = pan_to_pixel(Cameras(lenses, level), photographs.center[of_target] * lenses.size).world_from_camera[
-        :, :3, :3
-    ]
+    turn = pan_to_pixel(Cameras(lenses, level), photographs.center[of_target] * lenses.size).world_from_camera[:, :3, :3]
     ray = rotate_vectors(turn, lenses.pixel_directions((photographs.center[box] * lenses.size)[:, None]))[:, 0]
     ray /= np.sqrt((ray * ray).sum(axis=1, keepdims=True))
     by_height = distance * size[:, 2] / tall[:, 2] * photographs.height[of_target] / photographs.height[box]

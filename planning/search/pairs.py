@@ -68,9 +68,7 @@ def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict
 def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]) -> Float[np.ndarray, " s"]:
     names = list(of_sites)
     entry = next((entry for entry in config.assets.vehicles if entry.name == vehicle), None)
-    weights = np.array(
-        [weight if entry is None or entry.matches_vehicle(name) else 0.0 for name, weight in of_sites.items()]
-    )
+    weights = np.array([weight if entry is None or entry.matches_vehicle(name) else 0.0 for name, weight in of_sites.items()])
     for pattern in entry.sceneries if entry else ():
         if not any(fnmatchcase(name, pattern) for name in names):
             raise ConfigError(
@@ -91,9 +89,7 @@ def _trial_problems(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " v"], draws: RandomStreams
 ) -> list[ConfigError | None]:
     """Return for each of these vehicles why most of its trial positions fail; None if they don't."""
-    problems: list[ConfigError | None] = [
-        _too_large(site, stage.fleet.models[i], stage.config) for i in models.tolist()
-    ]
+    problems: list[ConfigError | None] = [_too_large(site, stage.fleet.models[i], stage.config) for i in models.tolist()]
     fitting = np.array([i for i, problem in enumerate(problems) if problem is None], dtype=np.int64)
     failed = fitting[list(_plan_trials(site, stage, models[fitting], draws, number=_FIRST_TRIAL))]
     for trial in range(1, 1 + MORE_TRIALS):

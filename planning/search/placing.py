@@ -118,9 +118,7 @@ def clear_of_vehicles(instances: Instances, others: Instances, clearance: float)
     return clear
 
 
-def _clearance_boxes(
-    instances: Instances, clearance: float
-) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
+def _clearance_boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
     fleet, model = instances.fleet, instances.model
     center = fleet.box_center[model] + [0.0, 0.0, clearance / 2]
     world_from_box = compose_affine(instances.world_from_parts(), rigid_matrix(np.eye(3), center))

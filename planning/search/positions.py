@@ -194,9 +194,7 @@ class _BlockSearch:
             pending = np.concatenate([now[~taken], pending[len(now) :]])
             ahead = min(2 * ahead, MAX_BATCH_PLACES // 8)
 
-    def _place_extras(
-        self, positions: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]
-    ) -> Bool[np.ndarray, " p"]:
+    def _place_extras(self, positions: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
         """Place extras by their first clear try; return which positions have room for all, or leave the others out."""
         table = self.table
         extras = np.flatnonzero(np.isin(table.row, positions) & table.is_extra)
@@ -280,9 +278,7 @@ class _BlockSearch:
         standing = self.table.take(np.flatnonzero(self.table.is_placed))
         of_tried, of_standing = matching_pairs(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
-        apart = clear_of_vehicles(
-            tried.take(of_tried), standing.take(of_standing), self.config.placement.vehicle_clearance
-        )
+        apart = clear_of_vehicles(tried.take(of_tried), standing.take(of_standing), self.config.placement.vehicle_clearance)
         clear[of_tried[~apart]] = False
         return clear
 
@@ -360,9 +356,7 @@ class _BlockSearch:
             "widen the limits in [camera] or those of visibility in [weather], or raise camera.max_tries",
         )
 
-    def _abandon_positions(
-        self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str
-    ) -> None:
+    def _abandon_positions(self, rows: Int[np.ndarray, " p"], what: str, kinds: tuple[Rejection, ...], remedy: str) -> None:
         """Give up these positions, and all after the first of them that isn't movable."""
         rows, block = self._hopeful_positions(rows), self.block
         given = block.given_poses(block.positions.first_image)

@@ -83,8 +83,7 @@ class Fleet:
         padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
         self.box_part = np.array([[part.index for part, _ in of_model] for of_model in padded])
         low, high = (
-            np.array([[bound(hull, axis=0) for _, hull in of_model] for of_model in padded])
-            for bound in _BOUND_FUNCTIONS
+            np.array([[bound(hull, axis=0) for _, hull in of_model] for of_model in padded]) for bound in _BOUND_FUNCTIONS
         )
         self.half, self.box_center = (high - low) / 2, (low + high) / 2
         self.corners = np.where(BOX_CORNERS > 0.0, high[..., None, :], low[..., None, :])
@@ -121,9 +120,7 @@ class PlanStage:
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:
     """Prepare all assets for queries."""
-    listed: list[tuple[VehicleShape, str | None]] = [
-        (v, assets.categories[name]) for name, v in assets.vehicles.items()
-    ]
+    listed: list[tuple[VehicleShape, str | None]] = [(v, assets.categories[name]) for name, v in assets.vehicles.items()]
     listed += [(assets.distractors[entry.name], entry.category) for entry in config.assets.distractors]
     shapes = {content_key(shape): shape for shape, _ in listed}
     models = {key: _make_model(shape, config) for key, shape in shapes.items()}

@@ -111,9 +111,7 @@ def target_models(
     return model
 
 
-def draw_weathers(
-    weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]
-) -> list[Weather | None]:
+def draw_weathers(weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]) -> list[Weather | None]:
     """Draw the weather of images, rounded as in a plan, None where clear; kind and visibility by separate numbers."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=5)
     speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T
@@ -337,10 +335,7 @@ def draw_instances(block: Block) -> InstanceTable:
     n = len(positions.number)
     turns = draws.uniform(Purpose.ARTICULATION, positions.number, 0, count=fleet.parts)
     zero, likeness = np.zeros(n, dtype=np.int64), block.likeness
-    photographed, is_photographed = (
-        zero,
-        np.zeros(n, dtype=bool),
-    )  # number of companions in the photograph, if one counts
+    photographed, is_photographed = (zero, np.zeros(n, dtype=bool))  # number of companions in the photograph, if one counts
     if likeness is not None:
         sampled, is_photographed = likeness.sample_boxes(draws, fleet, model=block.model, image=positions.first_image)
         photographed = likeness.companion_counts(sampled)

@@ -34,15 +34,7 @@ from hulldown.planning.search.instance_table import (
 from hulldown.planning.search.likeness import Following, candidate_directions, match_cameras
 from hulldown.planning.search.random_streams import Purpose, RowStreams, scale_uniform
 from hulldown.planning.search.stage import Site
-from hulldown.planning.search.tables import (
-    Block,
-    CameraCandidates,
-    CameraDraws,
-    CameraRule,
-    CameraTries,
-    Views,
-    no_views,
-)
+from hulldown.planning.search.tables import Block, CameraCandidates, CameraDraws, CameraRule, CameraTries, Views, no_views
 from hulldown.weather.extinction import air_contrast
 
 MIN_CAMERA_DISTANCE_M = 1e-6  # from a target's center to a given camera, so that the direction is defined
@@ -101,9 +93,7 @@ def draw_cameras(block: Block, tries: CameraTries) -> CameraDraws:
 
 
 def sample_lenses(
-    make: Callable[[Float[np.ndarray, " n"]], Intrinsics],
-    fov_x_deg: tuple[float, float],
-    uniform: Float[np.ndarray, " n"],
+    make: Callable[[Float[np.ndarray, " n"]], Intrinsics], fov_x_deg: tuple[float, float], uniform: Float[np.ndarray, " n"]
 ) -> Intrinsics:
     """Return lenses with fields of view in proportion to numbers in [0, 1); `make` is `Config.intrinsics`."""
     return make(round_field("fov_x_deg", scale_uniform(*fov_x_deg, uniform)))
@@ -113,9 +103,7 @@ def sample_lenses(
 PlacedCameras: TypeAlias = tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, " k"]]
 
 
-def place_given_cameras(
-    block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
-) -> PlacedCameras:
+def place_given_cameras(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> PlacedCameras:
     """Place cameras where users give them, level and toward the targets' centers."""
     centers = tries.targets.take(rows).centers
     away, azimuth, elevation = shell_place(tries.given.camera[rows] - centers)
@@ -133,9 +121,7 @@ def place_cameras_by_equation(
     return camera_pose(targets.centers, distance, drawn.azimuth[rows], drawn.elevation[rows]), distance
 
 
-def place_cameras_by_size(
-    block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]
-) -> PlacedCameras:
+def place_cameras_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> PlacedCameras:
     """Frame targets at distances where their boxes have the drawn size; nan without such a distance."""
     measure = block.config.camera.size_measure
     assert measure != "paper"
@@ -231,11 +217,7 @@ def try_cameras(block: Block, tries: CameraTries) -> Views:
 
 
 def reject_distance(
-    candidates: CameraCandidates,
-    visibility_m: Float[np.ndarray, " n"],
-    distance_m: tuple[float, float],
-    *,
-    min_contrast: float,
+    candidates: CameraCandidates, visibility_m: Float[np.ndarray, " n"], distance_m: tuple[float, float], *, min_contrast: float
 ) -> UInt8[np.ndarray, " n"]:
     """Reject candidates by their distance, unless it's given, and by the contrast at that distance."""
     distance = candidates.distance
@@ -258,9 +240,7 @@ def reject_camera_places(
     )
 
 
-def framed_cameras(
-    block: Block, tries: CameraTries, candidates: CameraCandidates, rows: Int[np.ndarray, " k"]
-) -> Cameras:
+def framed_cameras(block: Block, tries: CameraTries, candidates: CameraCandidates, rows: Int[np.ndarray, " k"]) -> Cameras:
     """Return the final cameras of these rows, rounded, since labels follow from rounded poses."""
     cameras, unframed = candidates.cameras(rows), np.flatnonzero(~candidates.is_framed[rows])
     i = rows[unframed]
@@ -270,12 +250,7 @@ def framed_cameras(
 
 
 def reject_box(
-    boxes: Boxes,
-    candidates: CameraCandidates,
-    rows: Int[np.ndarray, " k"],
-    limits: CameraSection,
-    *,
-    image: RenderSection,
+    boxes: Boxes, candidates: CameraCandidates, rows: Int[np.ndarray, " k"], limits: CameraSection, *, image: RenderSection
 ) -> UInt8[np.ndarray, " k"]:
     """Reject these rows by their targets' boxes; limits of size don't apply to given cameras."""
     rule = candidates.rule[rows]
@@ -325,9 +300,7 @@ def views_of_others(
     return seen, pixels
 
 
-def air_contrasts(
-    instances: Instances, cameras: Cameras, visibility_m: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+def air_contrasts(instances: Instances, cameras: Cameras, visibility_m: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """Return the share of each vehicle's contrast after haze, between the camera and the center of its box."""
     away = instances.centers - cameras.position
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
@@ -361,12 +334,7 @@ def pixels_shown(
 
 
 def reject_outside(
-    values: Float[np.ndarray, " n"],
-    low: float,
-    high: float = math.inf,
-    *,
-    below: Rejection,
-    above: Rejection = Rejection.NONE,
+    values: Float[np.ndarray, " n"], low: float, high: float = math.inf, *, below: Rejection, above: Rejection = Rejection.NONE
 ) -> UInt8[np.ndarray, " n"]:
     """Return the rejection of each value outside these inclusive limits; nan is below."""
     return np.where(values >= low, np.where(values <= high, Rejection.NONE, above), below).astype(np.uint8)

@@ -53,11 +53,7 @@ STRANDS_KEY_PREFIX = "strands of "  # begins the key of a particle system's stra
 
 
 def evaluate_scene(
-    scene: Any,
-    *,
-    meters_from_file: Float[np.ndarray, "4 4"],
-    duplicates: Mapping[str, Sequence[Duplicate]],
-    texture_size: int,
+    scene: Any, *, meters_from_file: Float[np.ndarray, "4 4"], duplicates: Mapping[str, Sequence[Duplicate]], texture_size: int
 ) -> Evaluated:
     """Return everything that `scene` draws."""
     cutouts = CutoutReader(texture_size)
@@ -181,10 +177,7 @@ class _Reader:
         mesh = self.result.meshes[number]
         pose = self.poses.instance_pose(instance)
         unseen = self._why_unseen(drawn)
-        look = (
-            unseen in (None, Unseen.VOLUME),
-            *piece_look(drawn)[1:],
-        )  # a collection may hide it from the camera, too
+        look = (unseen in (None, Unseen.VOLUME), *piece_look(drawn)[1:])  # a collection may hide it from the camera, too
         scattered = _is_scattered(instance)
         bounds = self._world_bounds(drawn.name, pose, self.box[number] if scattered or hair else self.used[number])
         level, filled = (0.0, 0.0) if hair else self._level_share(number, pose, bounds)
@@ -230,9 +223,7 @@ class _Reader:
             seen = transform_points(self.meters @ pose, points)
         if not np.abs(seen).max() <= MAX_COORDINATE_M:
             problem = f"object {name!r} reaches {np.abs(seen).max():.3g} m from the origin"
-            raise AssetError(
-                f"{problem}, more than {MAX_COORDINATE_M:g} m", remedy="move, shrink or delete it in Blender"
-            )
+            raise AssetError(f"{problem}, more than {MAX_COORDINATE_M:g} m", remedy="move, shrink or delete it in Blender")
         return np.stack([seen.min(axis=0), seen.max(axis=0)])
 
     def _level_share(

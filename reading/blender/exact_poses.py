@@ -64,9 +64,7 @@ class Poses:
         links: list[Link] = []
         current, moved = evaluated, np.eye(4) if delta is None else delta
         while current is not None:
-            links.append(
-                Link(current.name, self._object_collections(current), current.type, moved @ self.pose(current))
-            )
+            links.append(Link(current.name, self._object_collections(current), current.type, moved @ self.pose(current)))
             parent = current.parent
             if parent is not None and current.parent_type == "BONE" and parent.pose:
                 bone = parent.pose.bones.get(current.parent_bone)

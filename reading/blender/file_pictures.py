@@ -34,10 +34,7 @@ MAX_DIFFERENT_SHARE = 0.03  # with more, the file wasn't read
 MIN_OBJECT_PX = 8  # for an object that is lost as a whole
 MAX_PASS_INDEX = 32767  # Blender's limit
 NOT_CAST = (Unseen.RAY_VISIBILITY, Unseen.INDIRECT_ONLY)  # Cycles' camera rays pass through these
-SIGHTS = {
-    "vehicle": ((-1.0, -0.7, -0.5), (0.8, 1.0, -0.45), (-0.1, 0.15, -1.0)),
-    "scenery": ((-0.1, 0.15, -1.0),),
-}
+SIGHTS = {"vehicle": ((-1.0, -0.7, -0.5), (0.8, 1.0, -0.45), (-0.1, 0.15, -1.0)), "scenery": ((-0.1, 0.15, -1.0),)}
 GRAYS_AND_MARKS = np.array([(250, 250, 250), (120, 120, 120), (213, 94, 0), (0, 114, 178)], np.uint8)
 
 
@@ -59,13 +56,7 @@ class _View:
 
 
 def lost_geometry(
-    drawn: Evaluated,
-    *,
-    up: Float[np.ndarray, "3"],
-    kind: str,
-    absent: Container[str],
-    drop: Sequence[str],
-    picture: Path,
+    drawn: Evaluated, *, up: Float[np.ndarray, "3"], kind: str, absent: Container[str], drop: Sequence[str], picture: Path
 ) -> list[Doubt]:
     """Return a doubt about geometry of the open file that Cycles draws and that wasn't read, or the other way round.
 
@@ -96,9 +87,7 @@ def lost_geometry(
         pixels += [np.bincount(number[mask], minlength=len(varying)) for mask in (~skipped, gone)]
         added += piece[differs & ~gone].tolist()
         state = np.where(gone, 2, np.where(differs, 3, 0))
-        shown.append(
-            np.concatenate([np.where(differs, state, np.isfinite(each)) for each in (depth, cast)]).astype(int)
-        )
+        shown.append(np.concatenate([np.where(differs, state, np.isfinite(each)) for each in (depth, cast)]).astype(int))
     covered = max(int(sum((tile > 0).sum() for tile in shown)) / 2.0, 1.0)
     whole = [names[i] for i in range(len(names)) if pixels[1, i] >= MIN_OBJECT_PX and 2 * pixels[1, i] > pixels[0, i]]
     gone, new = pixels[1].sum() / covered, len(added) / covered
@@ -145,10 +134,7 @@ def _prepare_scene(scene: Any) -> None:
     material.cycles.emission_sampling = "NONE"
     tree = material.node_tree
     tree.nodes.clear()
-    number, depth = (
-        add_node(tree, "ObjectInfo").outputs["Object Index"],
-        add_node(tree, "CameraData").outputs["View Z Depth"],
-    )
+    number, depth = (add_node(tree, "ObjectInfo").outputs["Object Index"], add_node(tree, "CameraData").outputs["View Z Depth"])
     values = add_node(tree, "CombineXYZ", {0: number, 1: depth, 2: add_node(tree, "HairInfo").outputs["Is Strand"]})
     emission = add_node(tree, "Emission", {"Color": values.outputs[0]})
     add_node(tree, "OutputMaterial", {"Surface": emission.outputs[0]})
@@ -188,8 +174,6 @@ def _cast_view(read: InstancedScene, view: _View) -> tuple[Float[np.ndarray, "h 
     return depth.reshape(VIEW_SIDE_PX, VIEW_SIDE_PX), hits.instance.reshape(VIEW_SIDE_PX, VIEW_SIDE_PX)
 
 
-def _is_outside(
-    depth: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], near: float
-) -> Bool[np.ndarray, "h w"]:
+def _is_outside(depth: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], near: float) -> Bool[np.ndarray, "h w"]:
     """Return where a depth isn't among those of another picture at the same pixel or beside it."""
     return (depth < minimum_filter(other, 3) - near) | (depth > maximum_filter(other, 3) + near)

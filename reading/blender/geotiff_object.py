@@ -20,12 +20,7 @@ from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_o
 
 TERRAIN_NAME = "terrain"
 # Linear colors by the upward component of the normal: rock, scree, soil, grass.
-SLOPE_COLORS = (
-    (0.65, (0.17, 0.15, 0.13)),
-    (0.8, (0.2, 0.17, 0.13)),
-    (0.9, (0.13, 0.11, 0.06)),
-    (0.97, (0.06, 0.08, 0.025)),
-)
+SLOPE_COLORS = ((0.65, (0.17, 0.15, 0.13)), (0.8, (0.2, 0.17, 0.13)), (0.9, (0.13, 0.11, 0.06)), (0.97, (0.06, 0.08, 0.025)))
 NOISE_PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # noise: waves per meter, and amplitude of brightness
 
 
@@ -74,9 +69,7 @@ def _by_slope(tree: Any) -> Any:
     for scale, depth in NOISE_PATCHES:
         noise = add_node(tree, "TexNoise", {"Vector": place["Object"], "Scale": scale, "Detail": 5.0}).outputs["Factor"]
         uneven = add_math(tree, "MULTIPLY_ADD", noise, 0.06, uneven)
-        brightness = add_math(
-            tree, "MULTIPLY", add_math(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness
-        )
+        brightness = add_math(tree, "MULTIPLY", add_math(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness)
     ramp = add_node(tree, "ValToRGB", {0: uneven})
     for k, (at, color) in enumerate(SLOPE_COLORS):
         stop = ramp.color_ramp.elements[k] if k < 2 else ramp.color_ramp.elements.new(1.0)
@@ -86,11 +79,7 @@ def _by_slope(tree: Any) -> Any:
 
 
 def _drape_picture(
-    tree: Any,
-    below: Any,
-    picture: UInt8[np.ndarray, "h w 4"],
-    low: Float[np.ndarray, "2"],
-    high: Float[np.ndarray, "2"],
+    tree: Any, below: Any, picture: UInt8[np.ndarray, "h w 4"], low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
 ) -> Any:
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "orthophoto.png")

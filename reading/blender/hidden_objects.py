@@ -87,6 +87,5 @@ def _reads_camera(tree: Any) -> bool:
     if tree is None:
         return False
     return any(
-        node.bl_idname == ACTIVE_CAMERA or (node.type == "GROUP" and _reads_camera(node.node_tree))
-        for node in tree.nodes
+        node.bl_idname == ACTIVE_CAMERA or (node.type == "GROUP" and _reads_camera(node.node_tree)) for node in tree.nodes
     )

@@ -153,9 +153,7 @@ def _clear_false_glass(path: Path) -> None:
     clear = [(name, weight) for name, weight in clear if weight.default_value > 0.0]
     if not clear:
         return
-    models = {
-        name: model for library in material_libraries(path) for name, model in _illumination_models(library).items()
-    }
+    models = {name: model for library in material_libraries(path) for name, model in _illumination_models(library).items()}
     for name, weight in clear:
         if models.get(name, GLASS_MODELS[0]) not in GLASS_MODELS:
             weight.default_value = 0.0

@@ -40,9 +40,7 @@ from hulldown.reading.vehicle.seen_colors import color_doubts, save_color_pictur
 from hulldown.reading.vehicle.stance import Upright, meters_from_file, stand_upright
 from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
 
-NO_MATERIAL_DOUBT = (
-    "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
-)
+NO_MATERIAL_DOUBT = "nothing in it has a material, so all of it is rendered plain white (an .obj needs its .mtl beside it)"
 
 
 def main(job_path: str) -> None:
@@ -135,9 +133,7 @@ def _write_vehicle(job: Job, upright: Upright, *, unit: float) -> FileReport:
 
 def _write_scenery(job: Job, drawn: Evaluated, *, unit: float, up: str, crs: str) -> FileReport:
     roles = scenery_roles(drawn.pieces, job.options)
-    scenery, wet = build_scenery(
-        Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options
-    )
+    scenery, wet = build_scenery(Path(job.path).stem, drawn, roles, meters=meters_from_file(unit, up), options=job.options)
     save_asset(job.file("bundle.npz"), replace(scenery, crs=crs))
     moved = not np.allclose(scenery.scenery_from_file, np.eye(4), rtol=0.0, atol=1e-12)
     lost = lost_inputs(_used_materials(drawn, roles), moved=moved)

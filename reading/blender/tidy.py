@@ -61,10 +61,7 @@ def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
 
 
 def write_tidy_vehicle(
-    path: Path,
-    drawn: Evaluated,
-    piece_part: Sequence[int],
-    vehicle_from_file: Float[np.ndarray, "4 4"],
+    path: Path, drawn: Evaluated, piece_part: Sequence[int], vehicle_from_file: Float[np.ndarray, "4 4"]
 ) -> Any:
     """Write the pieces whose part is not -1."""
     collection = bpy.data.collections.new("hulldown vehicle")

@@ -58,9 +58,7 @@ def unconfined_reason() -> str:
     """Return the reason why processes aren't confined on this machine; empty if they are."""
     if not landlock_version():
         return "this kernel has no Landlock"
-    return (
-        f"switched off by {CONFINEMENT_VARIABLE}" if os.environ.get(CONFINEMENT_VARIABLE, "").lower() == "off" else ""
-    )
+    return f"switched off by {CONFINEMENT_VARIABLE}" if os.environ.get(CONFINEMENT_VARIABLE, "").lower() == "off" else ""
 
 
 def describe_confinement() -> str:
@@ -88,11 +86,7 @@ def confine_command(
 def _python_folders() -> list[str]:
     """Return the places of this Python, hulldown, and packages; other files in `sys.path`'s folders stay closed."""
     own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON_FOLDERS]
-    return [
-        *own,
-        str(PACKAGE_FOLDER),
-        *(str(path) for entry in _searched_folders() for path in _installed_files(entry)),
-    ]
+    return [*own, str(PACKAGE_FOLDER), *(str(path) for entry in _searched_folders() for path in _installed_files(entry))]
 
 
 def _searched_folders() -> list[str]:

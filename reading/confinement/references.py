@@ -20,14 +20,7 @@ GLB_JSON = b"JSON"
 PICTURE_EXTENSION = "EXT_texture_webp"  # the only one with a texture's picture that Blender knows
 COMPRESSION_EXTENSIONS = ("KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression")
 MAX_SEARCH_DEPTH = 2  # levels of folders below an asset's that are searched for missing textures
-TEXTURE_FOLDERS = (
-    "textures",
-    "texture",
-    "tex",
-    "materials",
-    "maps",
-    "images",
-)  # folders beside it that are searched too
+TEXTURE_FOLDERS = ("textures", "texture", "tex", "materials", "maps", "images")  # folders beside it that are searched too
 MAX_SEARCHED_FILES = 20_000
 MAX_JSON_BYTES = 2**28  # once read, a glTF's JSON takes some twenty times as many
 

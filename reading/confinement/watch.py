@@ -77,9 +77,7 @@ def _warn_unconfined(why: str) -> None:
 DEFAULT_LIMITS = ReadLimits()
 
 
-def run_limited(
-    command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS
-) -> tuple[int, str, str]:
+def run_limited(command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS) -> tuple[int, str, str]:
     """Run `command` to its end, or until it exceeds a limit; every line that it writes counts as progress."""
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()

@@ -239,9 +239,5 @@ def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:
                 + (f" (and {more} more)" if more else ""),
                 path=report.path,
                 remedy="put the file there, or pack it into the .blend"
-                + (
-                    ", or go on without --strict"
-                    if strict
-                    else ", or set allow_missing = true, which renders it magenta"
-                ),
+                + (", or go on without --strict" if strict else ", or set allow_missing = true, which renders it magenta"),
             )

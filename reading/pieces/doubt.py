@@ -72,9 +72,7 @@ def file_warnings(doubts: Mapping[str, Sequence[Doubt]]) -> list[str]:
     for path, found in sorted(ranked.items(), key=lambda item: _doubt_rank(item[1][0])):
         first = list({doubt.kind: doubt for doubt in reversed(found)}.values())[::-1]  # one of each kind
         shown = [doubt.text.replace("\n", "\\n") for doubt in first[:MAX_SHOWN_KINDS]]
-        more = (
-            [f"and {len(found) - len(shown)} more, which `hulldown inspect` lists"] if len(found) > len(shown) else []
-        )
+        more = [f"and {len(found) - len(shown)} more, which `hulldown inspect` lists"] if len(found) > len(shown) else []
         warnings.append("\n  ".join([path, *shown, *more]))
     return warnings
 

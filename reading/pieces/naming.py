@@ -82,10 +82,7 @@ STAGE_WORDS = (
     *("floor", "ground", "groundplane", "terrain", "landscape", "stage", "ref", "reference", "platform", "pedestal"),
     *("podium", "plinth", "turntable", "shadow"),
 )
-PRIMITIVE_WORDS = (
-    "grid",
-    "plane",
-)  # Blender's names of a new sheet, which things modeled from it keep, such as car bodies
+PRIMITIVE_WORDS = ("grid", "plane")  # Blender's names of a new sheet, which things modeled from it keep, such as car bodies
 
 GROUND_WORDS = (
     *("ground", "groundplane", "terrain", "landscape", "floor", "road", "soil", "dirt", "sand", "grassland", "field"),

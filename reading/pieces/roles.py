@@ -14,14 +14,7 @@ from jaxtyping import Bool, Float
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt
-from hulldown.reading.pieces.naming import (
-    HELPER_WORDS,
-    PERSON_WORDS,
-    PRIMITIVE_WORDS,
-    STAGE_WORDS,
-    first_match,
-    name_words,
-)
+from hulldown.reading.pieces.naming import HELPER_WORDS, PERSON_WORDS, PRIMITIVE_WORDS, STAGE_WORDS, first_match, name_words
 
 MAX_SHEET_THICKNESS_SHARE = 0.02  # of a sheet's longer side
 MAX_STAGE_THICKNESS_SHARE = 0.1  # the same for a possible stage that is called "Plane" and nothing else
@@ -141,9 +134,7 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     return [role or PieceRole("vehicle", "by default", By.DEFAULT) for role in roles]
 
 
-def _vehicle_by_name(
-    piece: Piece, keep: Sequence[str], drop: Sequence[str], shared: Collection[str]
-) -> PieceRole | None:
+def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str], shared: Collection[str]) -> PieceRole | None:
     if piece.unseen:
         return PieceRole("dropped", piece.unseen.value, By.FILE)
     if piece.hair:
@@ -160,9 +151,7 @@ def _vehicle_by_name(
 
 
 def _piece_names(piece: Piece) -> list[str]:
-    return list(
-        dict.fromkeys([piece.name, piece.data, *(n for link in piece.chain for n in (link.name, *link.collections))])
-    )
+    return list(dict.fromkeys([piece.name, piece.data, *(n for link in piece.chain for n in (link.name, *link.collections))]))
 
 
 def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
@@ -176,11 +165,7 @@ def _stage_name(piece: Piece) -> tuple[str, str] | None:
             return name, pattern
     # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
     named = [word for word in name_words(piece.name) if not word.isdigit()]
-    if (
-        named
-        and set(named) <= set(PRIMITIVE_WORDS)
-        and piece.size.min() <= MAX_STAGE_THICKNESS_SHARE * piece.size.max()
-    ):
+    if named and set(named) <= set(PRIMITIVE_WORDS) and piece.size.min() <= MAX_STAGE_THICKNESS_SHARE * piece.size.max():
         return piece.name, named[0]
     return None
 

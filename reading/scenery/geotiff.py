@@ -199,19 +199,14 @@ def _in_meters(
     from pyproj.database import query_utm_crs_info
 
     if not wkt:
-        doubts.append(
-            Doubt(DoubtKind.COORDINATES, "has no coordinate reference system; its coordinates are taken for meters")
-        )
+        doubts.append(Doubt(DoubtKind.COORDINATES, "has no coordinate reference system; its coordinates are taken for meters"))
         return x, y, ""
     crs = pyproj.CRS.from_wkt(wkt).to_2d()
     try:
         to_degrees = pyproj.Transformer.from_crs(crs, "EPSG:4326", always_xy=True)
     except pyproj.exceptions.ProjError:
         doubts.append(
-            Doubt(
-                DoubtKind.COORDINATES,
-                f"has the local coordinate system {crs.name!r}; its coordinates are taken for meters",
-            )
+            Doubt(DoubtKind.COORDINATES, f"has the local coordinate system {crs.name!r}; its coordinates are taken for meters")
         )
         return x, y, ""
     middle = tuple(side.shape[i] // 2 for i, side in enumerate((x, y)))

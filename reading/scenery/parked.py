@@ -19,9 +19,7 @@ MAX_ALL_FACES = 1_000_000  # of all such things
 MIN_UPRIGHT_COSINE = 0.9
 
 
-def parked_vehicles(
-    drawn: Evaluated, roles: Sequence[PieceRole], meters: Float[np.ndarray, "4 4"]
-) -> dict[str, list[str]]:
+def parked_vehicles(drawn: Evaluated, roles: Sequence[PieceRole], meters: Float[np.ndarray, "4 4"]) -> dict[str, list[str]]:
     """Find obstacles that are vehicles, by a name or by wheels: the name of each, and of its objects."""
     pieces = drawn.pieces
     among = [i for i, role in enumerate(roles) if role.use == "obstacle" and not pieces[i].hair]

@@ -31,11 +31,7 @@ from hulldown.reading.scenery.shape import (
 MIN_WATER_WIDTH_M = 1.0  # for water by its name or material
 # The scenery's keys in the order in which they are asked.
 ROLE_KEYS = (("drop", "removed"), ("water", "water"), ("not_ground", "obstacle"), ("ground", "ground"))
-_DRY_WORDS = (
-    *NOT_WATER,
-    *GROUND_WORDS,
-    *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")),
-)
+_DRY_WORDS = (*NOT_WATER, *GROUND_WORDS, *(word for word in NOT_GROUND if word not in ("water", "cover", "asset", "prop")))
 
 
 def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
@@ -45,13 +41,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     for piece in pieces:
         asked = (
             *(piece.name, piece.data, piece.chain[0].collections, piece.carrier, piece.materials),
-            *(
-                piece.scattered,
-                piece.anonymous,
-                piece.hair,
-                piece.unseen,
-                is_wide_and_level(piece, least=MIN_WATER_WIDTH_M),
-            ),
+            *(piece.scattered, piece.anonymous, piece.hair, piece.unseen, is_wide_and_level(piece, least=MIN_WATER_WIDTH_M)),
         )
         if asked not in decided:
             decided[asked] = _piece_role(piece, options)
@@ -61,9 +51,7 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
         solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
         for i in ground_by_shape(pieces, open_, solid):
             roles[i] = PieceRole("ground", "by shape: large, level, and under the rest")
-    used = {
-        use: [p for p, role in zip(pieces, roles, strict=True) if role.use == use] for use in ("ground", "obstacle")
-    }
+    used = {use: [p for p, role in zip(pieces, roles, strict=True) if role.use == use] for use in ("ground", "obstacle")}
     unsure = [role.use == "obstacle" and role.by in (By.NAME, By.DEFAULT) for role in roles]
     open_ = [i for i in np.flatnonzero(unsure).tolist() if not is_water_name(pieces[i].name)]
     solid = [piece for piece in used["obstacle"] if not piece.hair]

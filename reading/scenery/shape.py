@@ -89,11 +89,7 @@ def _carries_most(piece: Piece, rest: Float[np.ndarray, "n 2 3"]) -> bool:
     return bool((rest[there, 0, 2] >= low[2] - sunk[there]).mean() >= MIN_CARRIED_SHARE)
 
 
-def sheets_in_heights(
-    pieces: Sequence[Piece],
-    among: Sequence[int],
-    ground: Sequence[Float[np.ndarray, "2 3"]],
-) -> list[int]:
+def sheets_in_heights(pieces: Sequence[Piece], among: Sequence[int], ground: Sequence[Float[np.ndarray, "2 3"]]) -> list[int]:
     """Return pieces that are wide flat sheets between the lowest and the highest ground, like a lake."""
     if not ground:
         return []
@@ -107,9 +103,7 @@ def _is_sheet(piece: Piece) -> bool:
     return bool(flat and is_wide_and_level(piece, least=MIN_SHEET_WIDTH_M) and not piece.scattered)
 
 
-def sunken_ground(
-    among: Sequence[int], pieces: Sequence[Piece], obstacles: Sequence[Piece]
-) -> list[tuple[int, float, str]]:
+def sunken_ground(among: Sequence[int], pieces: Sequence[Piece], obstacles: Sequence[Piece]) -> list[tuple[int, float, str]]:
     """Find ground `MIN_PIT_DEPTH_M` below the largest piece around it or all else: its depth, and what's above."""
     if not among:
         return []

@@ -46,9 +46,7 @@ MIN_SLANTED_SHARE = 0.004  # of all surface, times the sine and the cosine of it
 MIN_PROTRUSION_SHARE = 0.1  # of a gun's length: its muzzle is so much farther out of the rest than its breech
 CONTRADICTION_DOUBT = "its gun points one way and what is named front the other; forward is taken from the gun"
 BY_SHAPE = "nothing in it is named front or rear; its nose was found by shape alone"
-TUBES_CONTRADICTED = (
-    "its tubes rise at one end and what is named front is at the other; forward is taken from the names"
-)
+TUBES_CONTRADICTED = "its tubes rise at one end and what is named front is at the other; forward is taken from the names"
 ONE_CLUE = "only its raised tubes tell which end is its nose"
 NO_LINE = "along x, as nothing tells"
 ONE_BARREL = "only a slender end like a barrel tells which end is its nose"
@@ -65,12 +63,7 @@ class Direction(Generic[Value]):
 
 
 def find_forward(
-    solids: Solids,
-    wheels: Wheels | None,
-    names: Sequence[str],
-    *,
-    gun: Sequence[bool],
-    corners: Float[np.ndarray, "f 3 3"],
+    solids: Solids, wheels: Wheels | None, names: Sequence[str], *, gun: Sequence[bool], corners: Float[np.ndarray, "f 3 3"]
 ) -> Direction[float]:
     """Find the direction of the nose, z up, in the frame of `wheels`; without any sign, along the longer of x and y."""
     line, why = _long_axis(solids, wheels, gun, corners)
@@ -106,9 +99,7 @@ def find_forward(
     # Two agreeing signs are as good as a name.
     alone = abs(total) < 2 or abs(total) < abs(tubes) + sum(map(abs, built))
     slender = 0.0 if gun_end else slender_end(corners, ahead)
-    armed = any(
-        first_match(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) or hinted_stem(name, TURRET_HINTS) for name in names
-    )
+    armed = any(first_match(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) or hinted_stem(name, TURRET_HINTS) for name in names)
     # In order of trust: the end of a sign (0 for neither), the reason, the doubt.
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
@@ -254,9 +245,7 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
     return 0.0, NO_LINE
 
 
-def gun_barrel(
-    solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], half: float
-) -> int | None:
+def gun_barrel(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], half: float) -> int | None:
     """Return the solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
 
     The vehicle is `half` long on either side of `middle` along the horizontal unit vector `ahead` (either way).
@@ -326,11 +315,7 @@ def _name_votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, "
 
 
 def _shape_votes(
-    solids: Solids,
-    wheels: Wheels | None,
-    ahead: Float[np.ndarray, "3"],
-    middle: Float[np.ndarray, "3"],
-    length: float,
+    solids: Solids, wheels: Wheels | None, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float
 ) -> list[float]:
     if wheels is None:
         return []

@@ -117,9 +117,7 @@ def _named_parts(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Do
 def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
         drums = f" ({quote_names(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
-        return [
-            _parts_doubt(f'it has a turret but no gun was found{drums}; set gun to its name, or to "" if it has none')
-        ]
+        return [_parts_doubt(f'it has a turret but no gun was found{drums}; set gun to its name, or to "" if it has none')]
     if GUN_PART in names and TURRET_PART not in names and options.turret is None:
         return [_parts_doubt('it has a gun but no turret was found; set turret to its name, or to "" if it has none')]
     return []
@@ -169,9 +167,7 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
     stubby = size[0] < MAX_STUBBY_RATIO * size[1:].max()
     across = abs(axes[0, 0]) < 0.5
     middle = (own.min(axis=0) + own.max(axis=0)) / 2
-    return bool(
-        (stubby or across) and (middle[0] < (low[0] + high[0]) / 2 or middle[2] < low[2] + 0.5 * (high - low)[2])
-    )
+    return bool((stubby or across) and (middle[0] < (low[0] + high[0]) / 2 or middle[2] < low[2] + 0.5 * (high - low)[2]))
 
 
 def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[MarkedParts, list[Doubt]]:
@@ -226,9 +222,7 @@ def _carried_pieces(pieces: Sequence[Piece]) -> dict[ObjectKey, list[int]]:
     return carried
 
 
-def pieces_on_turret(
-    whole: PlacedPieces, part_of: Sequence[str | None], options: Options
-) -> tuple[MarkedParts, list[Doubt]]:
+def pieces_on_turret(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[MarkedParts, list[Doubt]]:
     """Find pieces on a turret without children, for files without a hierarchy; return a doubt about them too."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
@@ -291,11 +285,7 @@ def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
 
 def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
     size = high - low
-    ring = (
-        (solids.round_about >= 0)
-        & (np.abs(solids.axle[:, 2]) > 0.99)
-        & (2 * solids.radius > MIN_RING_WIDTH_SHARE * size[1])
-    )
+    ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > MIN_RING_WIDTH_SHARE * size[1])
     ring &= solids.center[:, 2] > low[2] + MIN_TURRET_HEIGHT_SHARE * size[2]
     return bool(ring.any() or rising_end(solids, np.array([1.0, 0, 0]), size[0]))
 

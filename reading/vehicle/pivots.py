@@ -115,17 +115,13 @@ def find_pivot(
     centered = middle is not None and bool(np.linalg.norm(at - middle) < MAX_MIDDLE_DISTANCE_SHARE * size)
     if part == GUN_PART:
         rear, front = gun_ends(own.all_vertices, behind)
-        wrong |= (
-            float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > GUN_REAR_SHARE
-        )
+        wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > GUN_REAR_SHARE
     elif centered and guess.guessed and not wrong:
         return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
     wrong |= centered
     if not wrong:
         return Pivot(at, f"origin of {node.link.name!r}")
-    return Pivot(
-        guess.at, f"{guess.why}, since the origin of {node.link.name!r} is not where a {part} turns", guess.guessed
-    )
+    return Pivot(guess.at, f"{guess.why}, since the origin of {node.link.name!r} is not where a {part} turns", guess.guessed)
 
 
 def _configured_pivot(whole: PlacedPieces, part: str, options: Options) -> Pivot | None:
@@ -153,9 +149,7 @@ def _part_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
             key = link_key(link)
             links.setdefault(key, (link, naming.chain_part(chain[i + 1 :]) != part))
             faces[key] = faces.get(key, 0) + count
-    return [
-        Node(link, topmost, naming.parts.get(link.name) == part, faces[key]) for key, (link, topmost) in links.items()
-    ]
+    return [Node(link, topmost, naming.parts.get(link.name) == part, faces[key]) for key, (link, topmost) in links.items()]
 
 
 def _shape_pivot(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
@@ -223,15 +217,11 @@ def gun_cheeks_pivot(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray
         top = inside[inside[:, 2] > box[1, 2] - BEARING_DEPTH_SHARE * tall]
         if len(top):
             largest = size[0] * size[1]
-            best = np.array(
-                [(top[:, 0].min() + top[:, 0].max()) / 2, middle[1], box[1, 2] - BEARING_DEPTH_SHARE * tall]
-            )
+            best = np.array([(top[:, 0].min() + top[:, 0].max()) / 2, middle[1], box[1, 2] - BEARING_DEPTH_SHARE * tall])
     return best
 
 
-def gun_guess(
-    gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[np.ndarray, "3"] | None = None
-) -> Pivot:
+def gun_guess(gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[np.ndarray, "3"] | None = None) -> Pivot:
     """Estimate a gun's axis from shape: its trunnions, its mantlet, or its rear end."""
     own, solids = gun.all_vertices, gun.solids
     rear, front = gun_ends(own, behind)
@@ -251,9 +241,7 @@ def gun_guess(
     slender = solids.size[barrel, 0] > 5 * solids.size[barrel, 1]
     tubes = solids.where(solids.size[:, 0] > MIN_TWIN_BARREL_SHARE * solids.size[barrel, 0])
     aside = pdist(tubes.center - np.outer(tubes.center @ line, line)).max(initial=0.0)
-    several = aside > 2 * solids.size[barrel, 1] or (
-        aside > 0.5 * solids.size[barrel, 1] and len(tubes) > MAX_TWIN_BARRELS
-    )
+    several = aside > 2 * solids.size[barrel, 1] or (aside > 0.5 * solids.size[barrel, 1] and len(tubes) > MAX_TWIN_BARRELS)
     if several and held is not None:
         return Pivot(held, "the top of the plates that hold its tubes")
     if several or not slender:

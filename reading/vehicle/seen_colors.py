@@ -31,11 +31,7 @@ MIN_GLASS_SHARE = 0.1  # of the surface: with less, glass isn't what is black
 
 
 def color_doubts(
-    picture: Float[np.ndarray, "h w 4"],
-    report: FileReport,
-    *,
-    beside: Callable[[], Sequence[str]],
-    mapped: bool = False,
+    picture: Float[np.ndarray, "h w 4"], report: FileReport, *, beside: Callable[[], Sequence[str]], mapped: bool = False
 ) -> list[Doubt]:
     """Return doubts about the colors of a vehicle; `mapped` tells whether it has texture coordinates."""
     inside = minimum_filter(picture[..., 3], 3) > 0.0  # without the pixels of its outline
@@ -47,10 +43,7 @@ def color_doubts(
     magenta = np.mean((green < 0.1 * red) & (np.abs(red - blue) < 0.1 * red) & (red > MIN_WHITE_BRIGHTNESS))
     black = np.mean((high < MAX_BLACK_BRIGHTNESS) & (alpha >= MIN_OPAQUE_ALPHA))
     nearly_black = np.mean((high < MAX_LINE_BRIGHTNESS) & (high - low < MAX_LINE_COLOR))
-    white, ghostly = (
-        np.mean((low > MIN_WHITE_BRIGHTNESS) & (high - low < MAX_WHITE_TINT)),
-        np.mean(alpha < MIN_OPAQUE_ALPHA),
-    )
+    white, ghostly = (np.mean((low > MIN_WHITE_BRIGHTNESS) & (high - low < MAX_WHITE_TINT)), np.mean(alpha < MIN_OPAQUE_ALPHA))
     clear = [row for row in report.materials if row.clear]
     metals = [(row, row.color) for row in report.materials if row.metal and row.color]
     dark = [row for row, color in metals if max(color) < MAX_DARK_METAL]

@@ -166,9 +166,7 @@ def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, 
     return vectors.T[order], (high - low)[order], middle, about
 
 
-def touching_clusters(
-    bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float
-) -> Int[np.ndarray, " k"]:
+def touching_clusters(bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float) -> Int[np.ndarray, " k"]:
     """Return the cluster of each box; two boxes with a gap below their slack are in one cluster."""
     near = np.ones((len(bounds), len(bounds)), bool)
     for low, high in zip(bounds[:, 0].T, bounds[:, 1].T, strict=True):
@@ -190,9 +188,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
         if not left[seed] or radius[seed] <= 0:
             continue
         alike = (
-            (np.abs(axle @ axle[seed]) > MIN_PARALLEL_COSINE)
-            & (radius > 0.75 * radius[seed])
-            & (radius < 1.34 * radius[seed])
+            (np.abs(axle @ axle[seed]) > MIN_PARALLEL_COSINE) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
         )
         left &= ~alike
         found = _standing_wheels(center[alike], radius[alike], axle[seed])

@@ -65,9 +65,7 @@ def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
     if axis == stated:
         return Direction(stated, f"as the file states, and {wheels.places} wheels")
     why = f"{wheels.places} wheels lie below the rest of it"
-    doubt = Doubt(
-        DoubtKind.UP, f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong', "up", axis
-    )
+    doubt = Doubt(DoubtKind.UP, f'{axis} is taken to be up, since {why}; set up = "{stated}" if that is wrong', "up", axis)
     sure = stated != "z" or (wheels.places >= MIN_SURE_WHEELS and axis != f"-{stated}")
     return Direction(axis, f"{why}, not {stated} as the file states", None if sure else doubt)
 
@@ -100,9 +98,7 @@ def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
     return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
 
 
-def find_nose(
-    upright: Upright, kept: Sequence[int], options: Options
-) -> tuple[Direction[float], Solids, Wheels | None]:
+def find_nose(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Direction[float], Solids, Wheels | None]:
     """Return the nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up."""
     solids = upright.solids.of_pieces(kept)
     wheels = find_wheels(solids)

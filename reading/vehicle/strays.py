@@ -44,12 +44,7 @@ class Stray:
 
 
 def find_strays(
-    whole: PlacedPieces,
-    meshes: Sequence[Mesh],
-    wheels: Wheels | None,
-    *,
-    wanted: Collection[int],
-    left_out: Sequence[Piece],
+    whole: PlacedPieces, meshes: Sequence[Mesh], wheels: Wheels | None, *, wanted: Collection[int], left_out: Sequence[Piece]
 ) -> tuple[dict[int, str], list[Doubt], list[Stray]]:
     """Find pieces that don't belong to the vehicle by two independent signs, and those that might not, by one."""
     pieces, bounds, count = whole.pieces, whole.bounds, len(whole.pieces)
@@ -78,9 +73,7 @@ def find_strays(
         size, extent = np.ptp(bounds, axis=1), np.ptp(rest, axis=1)
         length = extent.max(axis=1)
         sheets = loose & (size.min(axis=1) <= MAX_FLAT_THICKNESS_SHARE * size.max(axis=1))
-        sheets &= (
-            np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > MIN_OUTREACH_SHARE * length
-        )
+        sheets &= np.maximum(rest[:, 0] - bounds[:, 0], bounds[:, 1] - rest[:, 1]).max(axis=1) > MIN_OUTREACH_SHARE * length
         around = loose & ((size > MIN_BULK_RATIO * extent).sum(axis=1) >= 2)
         apart = loose & (gap >= MIN_GAP_SHARE * length)
         small = np.linalg.norm(size, axis=1) < MAX_THING_DIAGONAL_SHARE * np.linalg.norm(extent, axis=1)

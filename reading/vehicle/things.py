@@ -36,9 +36,7 @@ MAX_PIECES = 2000  # more are one thing
 MAX_LISTED_NAMES = 6  # in a sentence
 
 
-def find_things(
-    whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]
-) -> tuple[tuple[Thing, ...], list[Doubt]]:
+def find_things(whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]) -> tuple[tuple[Thing, ...], list[Doubt]]:
     """Find things to be read by themselves, as entries of a config, and doubts that propose their keys."""
     pieces = [*whole.pieces, *rest]
     groups = side_by_side(whole.bounds) if len(whole.pieces) <= MAX_PIECES else []
@@ -46,12 +44,8 @@ def find_things(
         things = [_make_thing(whole, group, keep=piece_patterns(group, pieces)) for group in groups]
         head = f"it holds {len(things)} things that share one label; if they're vehicles of their own,"
         if not all(thing.keep for thing in things):
-            return (), [
-                _several_doubt(f"{head} give the objects of each a name in common, and list the file once for each")
-            ]
-        listed = ", ".join(
-            f"keep = {as_key(thing.keep)} ({_thing_words(thing)})" for thing in things[:MAX_LISTED_NAMES]
-        )
+            return (), [_several_doubt(f"{head} give the objects of each a name in common, and list the file once for each")]
+        listed = ", ".join(f"keep = {as_key(thing.keep)} ({_thing_words(thing)})" for thing in things[:MAX_LISTED_NAMES])
         more = f" and {len(things) - MAX_LISTED_NAMES} more" if len(things) > MAX_LISTED_NAMES else ""
         text = f'{head} list the file once for each, with drop = ["*"] and {listed}{more}'
         return tuple(things), [_several_doubt(text)]
@@ -74,9 +68,7 @@ def _several_doubt(text: str) -> Doubt:
     return Doubt(DoubtKind.SEVERAL, text)
 
 
-def _make_thing(
-    whole: PlacedPieces, group: list[int], *, keep: tuple[str, ...] = (), drop: tuple[str, ...] = ()
-) -> Thing:
+def _make_thing(whole: PlacedPieces, group: list[int], *, keep: tuple[str, ...] = (), drop: tuple[str, ...] = ()) -> Thing:
     box = whole.bounds[group]
     size = format_xyz(box[:, 1].max(axis=0) - box[:, 0].min(axis=0))
     if drop:
@@ -187,9 +179,7 @@ def _coarse_levels(whole: PlacedPieces) -> list[int]:
     boxes = [whole.bounds[level == k] for k in found]
     boxes = [np.array([box[:, 0].min(axis=0), box[:, 1].max(axis=0)]) for box in boxes]
     coarse = [
-        k
-        for k, box in zip(found[1:], boxes[1:], strict=True)
-        if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_SHARE)
+        k for k, box in zip(found[1:], boxes[1:], strict=True) if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_SHARE)
     ]
     return np.flatnonzero(np.isin(level, coarse)).tolist()
 
@@ -228,9 +218,7 @@ def _surface_samples(corners: Float[np.ndarray, "f 3 3"]) -> Float[np.ndarray, "
 
 def _surfaces_agree(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) -> bool:
     close = COPY_DISTANCE_SHARE * float(np.linalg.norm(np.ptp(a, axis=0)))
-    return all(
-        (cKDTree(to).query(of[:MAX_SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a))
-    )
+    return all((cKDTree(to).query(of[:MAX_SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a)))
 
 
 def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:

@@ -102,17 +102,13 @@ def wetting_group(name: str, *, film: bool) -> Any:
     if film:
         coat = g.maths("MAXIMUM", coat, g.maths("MULTIPLY", g.share, FILM_COAT))
         blur = g.maths("MAXIMUM", blur, g.maths("MULTIPLY", g.share, FILM_ROUGHNESS))
-    return g.finish_tree(
-        Base_Color=color, Roughness=rough, Specular_IOR_Level=shine, Coat_Weight=coat, Coat_Roughness=blur
-    )
+    return g.finish_tree(Base_Color=color, Roughness=rough, Specular_IOR_Level=shine, Coat_Weight=coat, Coat_Roughness=blur)
 
 
 def soaking_group(name: str) -> Any:
     """Return a group before a diffuse shader's color; such a surface is fully porous."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
-    return g.finish_tree(
-        Color=_scale_vector(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_ALBEDO_SHARE - 1, 1.0))
-    )
+    return g.finish_tree(Color=_scale_vector(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_ALBEDO_SHARE - 1, 1.0)))
 
 
 def _scale_vector(g: Group, vector: Any, factor: Any) -> Any:
@@ -130,9 +126,7 @@ def snow_group(name: str) -> Any:
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
     reach = g.maths("MULTIPLY", wanted, MAX_SHELTER_HEIGHT_M)
     # About straight up, a slope would hide half of its own sky; about its normal, it would look for it in the ground.
-    between = g.add(
-        "VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: UP_NORMAL}).outputs[0]}, operation="NORMALIZE"
-    )
+    between = g.add("VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: UP_NORMAL}).outputs[0]}, operation="NORMALIZE")
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
     share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, MIN_SKY_SHARE, FULL_SKY_SHARE))

@@ -27,9 +27,7 @@ def available_devices() -> list[dict[str, str]]:
     """Return `kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
     preferences = _cycles_preferences()
     devices = [
-        {"kind": device.type, "name": device.name}
-        for kind in GPU_KINDS
-        for device in _graphics_cards(preferences, kind)
+        {"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _graphics_cards(preferences, kind)
     ]
     preferences.compute_device_type = "NONE"
     return [*devices, {"kind": "CPU", "name": platform.processor() or platform.machine()}]

@@ -73,9 +73,7 @@ class Renderer:
         self._set_part("camera", stage.set_camera, job.camera)
         self._set_part("light", stage.world.set, job.light)
         camera = job.camera
-        self._set_part(
-            "exposure", cycles.set_exposure, stage.scene, job.settings, camera.exposure, camera.white_balance
-        )
+        self._set_part("exposure", cycles.set_exposure, stage.scene, job.settings, camera.exposure, camera.white_balance)
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         return stage

@@ -48,9 +48,7 @@ class BlenderScene:
         self.world = HdriWorld(self.scene)
         fog = self._add_object("hulldown fog", bpy.data.meshes.new("hulldown fog"))
         self.fog = Fog(fog, self.world)
-        self.precipitation = Precipitation(
-            self._add_object("hulldown precipitation", bpy.data.meshes.new("hulldown drops"))
-        )
+        self.precipitation = Precipitation(self._add_object("hulldown precipitation", bpy.data.meshes.new("hulldown drops")))
         self.surfaces = Surfaces()
         self._vehicles: dict[str, _LoadedVehicle] = {}  # by prepared file, last used last
         self._companions = False  # whether any row has had more than one vehicle file

@@ -79,9 +79,7 @@ def _find_hulldown() -> None:
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != here]
     root = here.parents[1]
-    spec = importlib.util.spec_from_file_location(
-        "hulldown", root / "__init__.py", submodule_search_locations=[str(root)]
-    )
+    spec = importlib.util.spec_from_file_location("hulldown", root / "__init__.py", submodule_search_locations=[str(root)])
     assert spec is not None
     assert spec.loader is not None
     sys.modules["hulldown"] = importlib.util.module_from_spec(spec)

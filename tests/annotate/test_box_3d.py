@@ -28,9 +28,7 @@ def rows(assets):
 
 def points_of(assets, vehicle, row):
     """All vertices of a vehicle in its camera's frame."""
-    points = transform_points(
-        vehicle.world_from_vehicle, vertices_at(assets.vehicles[vehicle.vehicle], vehicle.articulation)
-    )
+    points = transform_points(vehicle.world_from_vehicle, vertices_at(assets.vehicles[vehicle.vehicle], vehicle.articulation))
     return transform_points(np.linalg.inv(row.world_from_camera), points)
 
 

@@ -83,12 +83,7 @@ NAMES = ["muzzle", "wheel_left", "wheel_right"]
 
 def record(*points):
     flat = [float(n) for point in points for n in point]
-    return {
-        "category": "tank",
-        "bbox": [1, 2, 20, 10],
-        "keypoints": flat,
-        "num_keypoints": sum(n > 0 for n in flat[2::3]),
-    }
+    return {"category": "tank", "bbox": [1, 2, 20, 10], "keypoints": flat, "num_keypoints": sum(n > 0 for n in flat[2::3])}
 
 
 @pytest.fixture

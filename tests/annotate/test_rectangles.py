@@ -116,9 +116,7 @@ def everything(label):
     return height * width
 
 
-@pytest.mark.parametrize(
-    "by", [[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0.7], [0, 0, 0, -1e9, 0]]
-)
+@pytest.mark.parametrize("by", [[0.0, 0, 0, 0, 0], [9.0, 0, 0, 0, 0], [0, 0, 1, 0, 0], [0, 0, 0, 0, 0.7], [0, 0, 0, -1e9, 0]])
 def test_verify_finds_a_rectangle_that_does_not_fit_its_mask(dataset, tmp_path, by):
     shutil.copy(dataset / "annotations.json", tmp_path)
 
@@ -169,9 +167,7 @@ def oriented_case(seed):
         {"image_id": i, "category_id": c, "obb": [*one[:2].tolist(), *np.abs(one[2:4]).tolist(), float(one[4])]}
         for i, c, one in near
     ]
-    marked = [
-        {"obb": one, "area": one[2] * one[3], "iscrowd": int(rng.random() < 0.2 * (seed % 2))} for *_, one in boxes
-    ]
+    marked = [{"obb": one, "area": one[2] * one[3], "iscrowd": int(rng.random() < 0.2 * (seed % 2))} for *_, one in boxes]
     labels = [(i, c, mask_box_of(one), more) for (i, c, one), more in zip(boxes, marked, strict=True)]
     return dataset_of(labels, images=5), [{**one, "score": float(rng.random())} for one in found]
 

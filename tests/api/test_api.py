@@ -42,11 +42,7 @@ def dataset(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "code",
-    [
-        "import hulldown; dir(hulldown); hulldown.HulldownError",
-        "from hulldown import cli; assert cli.main([]) == 0",
-    ],
+    "code", ["import hulldown; dir(hulldown); hulldown.HulldownError", "from hulldown import cli; assert cli.main([]) == 0"]
 )
 def test_import_and_help_load_nothing_heavy(code):
     code += f"; import sys; sys.exit(' '.join({HEAVY} & set(sys.modules)) or 0)"

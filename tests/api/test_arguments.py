@@ -77,17 +77,11 @@ WRONG = [
     (lambda: checked_array([[1.0, 2.0, 3.0]], "xy", ("n", "n")), r"xy: expected shape \(n, n\), got \(1, 3\)"),
     (lambda: checked_array([1.0], "xy", (3,)), r"xy: expected shape \(3,\), got \(1,\)"),
     (lambda: checked_array([[0, np.nan]], "xy", ("n", 2)), r"xy: expected finite numbers, got nan at index \(0, 1\)"),
-    (
-        lambda: checked_array([[0, 1], [-np.inf, 0]], "xy", ("n", 2)),
-        r"xy: expected finite .*, got -inf at index \(1, 0\)",
-    ),
+    (lambda: checked_array([[0, 1], [-np.inf, 0]], "xy", ("n", 2)), r"xy: expected finite .*, got -inf at index \(1, 0\)"),
     (lambda: checked_array("here", "xy", ("n", 2)), r"xy: expected float64 array of shape \(n, 2\), got 'here'"),
     (lambda: checked_array([1.0, 2.0 + 1j], "xy", (2,)), r"xy: expected float64 array of shape \(2,\), got"),
     (lambda: checked_array([[1.5]], "xy", ("n", 1), dtype=np.int64), r"xy: expected int64 array of shape \(n, 1\)"),
-    *(
-        (lambda v=v: whole_number(v, "n"), "n: expected a whole number, got")
-        for v in (2.5, 2.0, "2", True, None, math.nan)
-    ),
+    *((lambda v=v: whole_number(v, "n"), "n: expected a whole number, got") for v in (2.5, 2.0, "2", True, None, math.nan)),
     (lambda: tilt_rotation([0.0, 0.0, -1.0]), "normal: expected a direction away from -z"),
     (lambda: upright_rotation(0.0, [1.0, 0.0, 0.0]), "up: expected directions with z > 0"),
     (lambda: transform_points(np.eye(3), np.zeros((1, 3))), "b_from_a: expected shape"),
@@ -164,10 +158,7 @@ WRONG = [
     ),
     (lambda: PosedVehicle(SEEN[0].caster, ONE, [{}, {}]), "articulation: expected one or 1, got 2"),
     *(
-        (
-            lambda m=meters: clear(obstacle_clearance=m),
-            f"obstacle_clearance: expected meters of 0 or more, got {meters}",
-        )
+        (lambda m=meters: clear(obstacle_clearance=m), f"obstacle_clearance: expected meters of 0 or more, got {meters}")
         for meters in (-0.1, math.nan)
     ),
     (lambda: VehicleBoxes(CRATE).boxes(ONE[0], Cameras(VGA, ONE)), "world_from_vehicle: expected shape"),

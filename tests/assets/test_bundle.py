@@ -16,9 +16,7 @@ from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Cutouts, Extension
 from hulldown.geometry.meshes import Mesh, merge_meshes
 from hulldown.tests.builders.shapes import scenery_of, vehicle_of
 
-TRIANGLES = Mesh(
-    np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1 / 3, 1e-17, 5.4e6 + 1 / 7]]), np.array([[0, 1, 2], [1, 2, 3]])
-)
+TRIANGLES = Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1 / 3, 1e-17, 5.4e6 + 1 / 7]]), np.array([[0, 1, 2], [1, 2, 3]]))
 
 
 def vehicle() -> VehicleShape:
@@ -41,11 +39,7 @@ def scenery(*, ground: bool = True, obstacles: bool = True) -> Scenery:
         which=which,
         poses=[np.eye(4)] * len(which),
     )
-    return replace(
-        made,
-        instance_gives_way=np.array(which, bool),
-        instance_is_water=~np.array(which, bool),
-    )
+    return replace(made, instance_gives_way=np.array(which, bool), instance_is_water=~np.array(which, bool))
 
 
 def content(value: object) -> object:

@@ -33,9 +33,7 @@ def twin(articulation: dict[str, float]) -> np.ndarray:
     return np.array(poses)
 
 
-@pytest.mark.parametrize(
-    "articulation", [{}, TURNED, {"mast": 3.0}, {"gun": 1e-9}, {"turret": -2.0, "gun": 0.4, "mast": 1.0}]
-)
+@pytest.mark.parametrize("articulation", [{}, TURNED, {"mast": 3.0}, {"gun": 1e-9}, {"turret": -2.0, "gun": 0.4, "mast": 1.0}])
 def test_parts_turn_about_their_pivots_and_move_with_their_parents(articulation: dict[str, float]) -> None:
     expected = twin(articulation)
     np.testing.assert_allclose(SHAPE.vehicle_from_parts(articulation), expected, rtol=0, atol=1e-15 * 8)

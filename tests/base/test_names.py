@@ -47,9 +47,7 @@ def is_number(value):
     parts = list(ast.walk(value))
     constants = [part.value for part in parts if isinstance(part, ast.Constant)]
     arithmetic = ast.Constant | ast.BinOp | ast.UnaryOp | ast.operator | ast.unaryop
-    return all(isinstance(part, arithmetic) for part in parts) and all(
-        type(value) in (int, float) for value in constants
-    )
+    return all(isinstance(part, arithmetic) for part in parts) and all(type(value) in (int, float) for value in constants)
 
 
 def test_a_number_has_its_quantity_and_its_unit_or_bound():

@@ -25,9 +25,7 @@ def test_arms_differ_in_cameras_only(name, tmp_path):
 
 @pytest.mark.parametrize("name", SETS)
 def test_stand_ins_share_neither_assets_nor_cameras_with_renders(name, tmp_path):
-    stand_ins, renders = (
-        Config.read(write_side(s, tmp_path)) for s in (read_stand_ins(name), read_renders(name)["like"])
-    )
+    stand_ins, renders = (Config.read(write_side(s, tmp_path)) for s in (read_stand_ins(name), read_renders(name)["like"]))
     for kind in ("vehicles", "sceneries"):
         first, second = ({one.path for one in getattr(config.assets, kind)} for config in (stand_ins, renders))
         assert len(first | second) == len(first) + len(second) > 1

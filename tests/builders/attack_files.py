@@ -269,11 +269,7 @@ def build(assets, secret, target):
 def open_it(path):
     """Open a file like a user who trusts it."""
     fresh()
-    importers = {
-        ".gltf": bpy.ops.import_scene.gltf,
-        ".obj": bpy.ops.wm.obj_import,
-        ".fbx": bpy.ops.import_scene.fbx,
-    }
+    importers = {".gltf": bpy.ops.import_scene.gltf, ".obj": bpy.ops.wm.obj_import, ".fbx": bpy.ops.import_scene.fbx}
     if path.suffix in importers:
         importers[path.suffix](filepath=str(path))
     else:

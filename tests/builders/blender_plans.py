@@ -64,9 +64,7 @@ def draw(folder, turns, samples=4, *, as_planned=True):
     from hulldown.tests.oracles.rendered import assert_shows_row
 
     with Blender(folder / "logs" / "log") as blender:
-        found = [
-            drawn(blender, job(row, assets, folder / f"{n}.png", samples)) for n, (row, assets) in enumerate(turns)
-        ]
+        found = [drawn(blender, job(row, assets, folder / f"{n}.png", samples)) for n, (row, assets) in enumerate(turns)]
     for picture, (row, assets) in zip(found, turns, strict=True):
         if as_planned:
             assert_shows_row(picture, row, assets)

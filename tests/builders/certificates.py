@@ -5,9 +5,7 @@ import subprocess
 
 import pytest
 
-needs_openssl = pytest.mark.xfail(
-    shutil.which("openssl") is None, reason="there is no openssl to make certificates", run=False
-)
+needs_openssl = pytest.mark.xfail(shutil.which("openssl") is None, reason="there is no openssl to make certificates", run=False)
 
 
 def certificates(folder):

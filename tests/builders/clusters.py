@@ -55,9 +55,7 @@ class Cluster:
         self.log = (folder / "log").open("ab")
         environment = {"DASK_DISTRIBUTED__SCHEDULER__WORKER_TTL": lost}
         options = ["--host", "127.0.0.1", "--port", "0", "--scheduler-file", str(self.file), "--no-dashboard", *tls]
-        self.scheduler = self._start(
-            [sys.executable, "-P", "-m", "distributed.cli.dask_scheduler", *options], environment
-        )
+        self.scheduler = self._start([sys.executable, "-P", "-m", "distributed.cli.dask_scheduler", *options], environment)
         while not self.address:
             assert self.scheduler.poll() is None, f"see {folder / 'log'}"
             time.sleep(0.05)
@@ -69,14 +67,7 @@ class Cluster:
         except (OSError, ValueError):  # not written yet, or only in part
             return ""
 
-    def add(
-        self,
-        python=(sys.executable, "-P"),
-        before=(),
-        environment=None,
-        largest_file=None,
-        resources="render=1",
-    ):
+    def add(self, python=(sys.executable, "-P"), before=(), environment=None, largest_file=None, resources="render=1"):
         """Start a worker, perhaps with another Python, by another command, or with a limit on the size of files."""
         number = len(self.workers)
         scratch = self.folder / f"worker-{number}"

@@ -18,13 +18,10 @@ HERE = Path("dataset")
 def dataset(boxes, *, images=1, classes=("tank", "truck")):
     """A COCO dictionary: `boxes` are (image, class, xywh) or also have a dictionary of more fields; numbered from 1."""
     return {
-        "images": [
-            {"id": i + 1, "file_name": f"images/{i + 1}.png", "width": 640, "height": 480} for i in range(images)
-        ],
+        "images": [{"id": i + 1, "file_name": f"images/{i + 1}.png", "width": 640, "height": 480} for i in range(images)],
         "categories": [{"id": i + 1, "name": name} for i, name in enumerate(classes)],
         "annotations": [
-            {"id": k, "image_id": image, "category_id": label, "bbox": [float(n) for n in box], "iscrowd": 0}
-            | dict(*more)
+            {"id": k, "image_id": image, "category_id": label, "bbox": [float(n) for n in box], "iscrowd": 0} | dict(*more)
             for k, (image, label, box, *more) in enumerate(boxes, start=1)
         ],
     }

@@ -39,13 +39,7 @@ def write_dataset(
 
 
 def append(
-    dataset: CocoDataset,
-    name: str,
-    picture: Image.Image,
-    labels: Sequence[Mapping],
-    *,
-    hashed: bool = False,
-    **more: Any,
+    dataset: CocoDataset, name: str, picture: Image.Image, labels: Sequence[Mapping], *, hashed: bool = False, **more: Any
 ) -> None:
     """Save a picture in an open dataset, and append it with its labels and further fields."""
     path = dataset.folder / name
@@ -60,9 +54,7 @@ def render(folder: Path, indices: Iterable[int], *, key: str = PLAN, hashed: boo
     with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
         run = dataset.reserve(key, images=6, annotations=12)
         for i in indices:
-            labels = [
-                {"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3.5]} for k in (1, 2)
-            ]
+            labels = [{"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3.5]} for k in (1, 2)]
             name, picture = run.file_name(f"images/{i + 1:08d}.png"), Image.new("RGB", (8, 6), (i, ord(key[0]), 7))
             append(dataset, name, picture, labels, hashed=hashed, id=run.image_offset + i + 1, shot=i)
     return folder

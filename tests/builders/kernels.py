@@ -67,10 +67,7 @@ def worlds(images: int) -> list[tuple[Config, Assets]]:
 def of_files(assets: Assets) -> Assets:
     """Assets with fingerprints, as if they had been read from files."""
     files = {
-        kind: {
-            name: GeometrySource(path=name, sha256=name, geometry=asset_fingerprint(one))
-            for name, one in of_kind.items()
-        }
+        kind: {name: GeometrySource(path=name, sha256=name, geometry=asset_fingerprint(one)) for name, one in of_kind.items()}
         for kind, of_kind in (("vehicles", assets.vehicles), ("sceneries", assets.sceneries))
     }
     return replace(assets, files=files)

@@ -113,9 +113,7 @@ def odd_ones():
     material = bpy.data.materials.new("rough")
     material.displacement_method = "DISPLACEMENT"
     tree = material.node_tree
-    tree.links.new(
-        tree.nodes.new("ShaderNodeDisplacement").outputs[0], tree.get_output_node("CYCLES").inputs["Displacement"]
-    )
+    tree.links.new(tree.nodes.new("ShaderNodeDisplacement").outputs[0], tree.get_output_node("CYCLES").inputs["Displacement"])
     rough.data.materials.append(material)
     furry = box("Furry", (1, 1, 1), (2, 0, 2))
     furry.modifiers.new("p", "PARTICLE_SYSTEM")

@@ -77,7 +77,5 @@ def sheet(name, size, cells, at=(0, 0, 0), coll=None, shift=(0, 0, 0)):
     side = np.linspace(-size / 2, size / 2, cells + 1)
     points = [(x + shift[0], y + shift[1], 0.6 * math.sin(x / 5) + shift[2]) for y in side for x in side]
     n = cells + 1
-    faces = [
-        (j * n + i, j * n + i + 1, (j + 1) * n + i + 1, (j + 1) * n + i) for j in range(cells) for i in range(cells)
-    ]
+    faces = [(j * n + i, j * n + i + 1, (j + 1) * n + i + 1, (j + 1) * n + i) for j in range(cells) for i in range(cells)]
     return place(name, mesh(name, points, faces), at, collection=coll)

@@ -35,9 +35,7 @@ def scattered():
     for lod in (1, 2):
         sheet(f"Terrain_LOD{lod}", 60, 2).hide_render = True
     fog = box("Volume", (80, 80, 40))
-    fog.data.materials.append(
-        material_of("fog", lambda tree: add_node(tree, "VolumePrincipled").outputs[0], socket="Volume")
-    )
+    fog.data.materials.append(material_of("fog", lambda tree: add_node(tree, "VolumePrincipled").outputs[0], socket="Volume"))
     sky = box("Skydome", (400, 400, 400))
     return {"hide": [fog.name, sky.name], "kind": "scenery", "distance": 75.0}
 

@@ -48,9 +48,7 @@ def main(folder):
     tire = matt("Tire", (0.8, 0.6, 0.0))
     for x in (-2.2, 0.0, 2.2):
         for y in (-1.4, 1.4):
-            bpy.ops.mesh.primitive_cylinder_add(
-                radius=0.6, depth=0.5, location=(x, y, 0.6), rotation=(math.pi / 2, 0, 0)
-            )
+            bpy.ops.mesh.primitive_cylinder_add(radius=0.6, depth=0.5, location=(x, y, 0.6), rotation=(math.pi / 2, 0, 0))
             bpy.context.object.name = "wheel"
             bpy.context.object.data.materials.append(tire)
     save(folder / "odd.blend")

@@ -94,10 +94,7 @@ DISTRACTOR_ENTRIES = [
 def small_config(**sections):
     """A config with these changes; a planner takes the assets that it gets, whatever the config lists."""
     data = {
-        "assets": {
-            "vehicles": VEHICLE_ENTRIES,
-            "sceneries": [{"path": "hills.blend"}, {"path": "bare.blend"}],
-        },
+        "assets": {"vehicles": VEHICLE_ENTRIES, "sceneries": [{"path": "hills.blend"}, {"path": "bare.blend"}]},
         "budget": {"images_per_class": 11, "images_per_position": 4},
         "camera": {"visibility_rays": 64},
         "placement": {"max_gap": 2.0},

@@ -37,11 +37,7 @@ def test_a_point_at_half_the_field_of_view_is_at_the_images_edge(fov_deg: float)
     assert camera.half_tangents == pytest.approx((960 / camera.f_px, 540 / camera.f_px), rel=1e-12)
     # A row has 12 decimals.
     assert camera.fov_x_deg.round(12) == fov_deg
-    assert (
-        Intrinsics.of_fields(1920, 1080, fov_x_deg=fov_deg)
-        == camera
-        == camera.with_size(480, 270).with_size(1920, 1080)
-    )
+    assert Intrinsics.of_fields(1920, 1080, fov_x_deg=fov_deg) == camera == camera.with_size(480, 270).with_size(1920, 1080)
 
 
 def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:

@@ -101,9 +101,7 @@ def test_a_task_that_kills_its_workers_is_given_up_after_the_others(tmp_path):
                 nodes.add()
             return False
 
-        found = workers.run(
-            [True, False, False], calling(cluster_tasks.kills_its_worker), lost="lost", stopping=replace
-        )
+        found = workers.run([True, False, False], calling(cluster_tasks.kills_its_worker), lost="lost", stopping=replace)
         assert list(found) == [(False, ["done"]), (False, ["done"]), (True, ["lost"])]
         assert len(nodes.workers) - 1 in (MAX_TASK_LOSSES, MAX_TASK_LOSSES + 1)
 

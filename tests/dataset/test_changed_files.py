@@ -57,9 +57,7 @@ def test_swapped_pictures_of_equal_size_are_found(tmp_path):
 def test_a_changed_added_or_deleted_record_is_found_while_there_is_a_journal(tmp_path, change, problem):
     edit(fill(tmp_path), change)
     (found,) = (line for line in errors(tmp_path, fast=True) if "after it was recorded" in line)
-    assert (
-        found == f"error: images/00000002.png: {problem} after it was recorded; if that's meant, delete journal.jsonl"
-    )
+    assert found == f"error: images/00000002.png: {problem} after it was recorded; if that's meant, delete journal.jsonl"
     (tmp_path / "journal.jsonl").unlink()
     assert errors(tmp_path, fast=True) == []
 

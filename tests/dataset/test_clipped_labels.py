@@ -14,9 +14,7 @@ from hulldown.training.inputs.sources import read_sources
 
 
 def dataset(folder, *boxes):
-    return write_dataset(
-        folder / "set", [{"file_name": "a.png"}], [{"image_id": 1, "bbox": list(box)} for box in boxes]
-    )
+    return write_dataset(folder / "set", [{"file_name": "a.png"}], [{"image_id": 1, "bbox": list(box)} for box in boxes])
 
 
 def exported(folder, out, **options):

@@ -111,9 +111,7 @@ def test_pictures_from_elsewhere_are_never_overwritten(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["images"]
     (tmp_path / "annotations.json").write_text("{}")
     with CocoDataset.open(tmp_path) as dataset:
-        assert (
-            dataset.reserve("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
-        )
+        assert dataset.reserve("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
 
 
 def test_records_deleted_by_hand_stay_deleted(tmp_path):

@@ -42,10 +42,7 @@ def folder(tmp_path_factory):
         mask[10:20, 20 : 30 + i] = True
         for k in range(0 if i == 7 else 2 if i == 3 else 1):
             label = {"image_id": i + 1, "category_id": 1 + (i + k) % 2}
-            label |= {
-                "bbox": [20.0, 10.0 + 20 * k, 10.0 + i, 10.0],
-                "segmentation": encode_mask(mask) if k == 0 else [],
-            }
+            label |= {"bbox": [20.0, 10.0 + 20 * k, 10.0 + i, 10.0], "segmentation": encode_mask(mask) if k == 0 else []}
             if i < 12:
                 label |= {"vehicle": f"v{k}", "world_from_vehicle": pose(0.0, float(i), 0.0).tolist()}
                 label |= {"visible_fraction": 0.5 + i / 24, "truncated_fraction": 0.0}
@@ -152,10 +149,7 @@ def test_an_empty_dataset_is_reported(tmp_path):
 
 def test_photographs_alone_have_a_report(tmp_path):
     report_dataset(write_dataset(tmp_path, [{"file_name": "a.jpg"}], names=()), tmp_path / "report.html")
-    assert (
-        "images: 1, images without labels: 1, positions: 0, labels: 0, classes: 0."
-        in (tmp_path / "report.html").read_text()
-    )
+    assert "images: 1, images without labels: 1, positions: 0, labels: 0, classes: 0." in (tmp_path / "report.html").read_text()
 
 
 def test_tables_have_equal_lengths_and_known_values(folder):

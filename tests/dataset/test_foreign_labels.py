@@ -31,8 +31,7 @@ def boxes(coco):
 
 
 @pytest.mark.parametrize(
-    ("layout", "split", "error"),
-    [("yolo", "images/train", 1e-6), ("rfdetr-yolo", "train", 1e-6), ("voc", ".", 1.0)],
+    ("layout", "split", "error"), [("yolo", "images/train", 1e-6), ("rfdetr-yolo", "train", 1e-6), ("voc", ".", 1.0)]
 )
 def test_an_export_can_be_read_back(pictures, tmp_path, layout, split, error):
     export_dataset(pictures, tmp_path / "out", layout=layout, fractions=(1.0, 0.0, 0.0))
@@ -126,13 +125,7 @@ def test_a_root_of_roboflow_is_refused_by_its_splits(tmp_path):
         *((f"{label} .5 +0.5 2e-1 1.", [38.4, 0.0, 19.2, 54.0]) for label in ("0", "0.0")),
         *(
             (line, None)
-            for line in (
-                "0 0_.5 .5 .2 .2",
-                "0 178.1 53.5 21.5 15.8",
-                "0 0.1_5 .5 .2 .2",
-                "0 nan .5 .2 .2",
-                "inf .5 .5 .2 .2",
-            )
+            for line in ("0 0_.5 .5 .2 .2", "0 178.1 53.5 21.5 15.8", "0 0.1_5 .5 .2 .2", "0 nan .5 .2 .2", "inf .5 .5 .2 .2")
         ),
     ],
 )

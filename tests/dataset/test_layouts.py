@@ -143,9 +143,7 @@ def test_pycocotools_reads_coco(exported, labels, capsys, within, overlap):
                     true = mask_of((image["id"] - 1) % 3)
                     shown = coco.annToMask(annotation).astype(bool)
                     assert (true & shown).sum() / (true | shown).sum() > overlap
-                    assert isinstance(annotation["segmentation"], list) == (
-                        within is not None and not annotation["iscrowd"]
-                    )
+                    assert isinstance(annotation["segmentation"], list) == (within is not None and not annotation["iscrowd"])
     compare(labels, found)
 
 
@@ -194,9 +192,7 @@ def test_yolo_has_ultralytics_format(exported, labels):
             assert ((rows[:, 1:] >= 0) & (rows[:, 1:] <= 1)).all()
             center, size = rows[:, 1:3] * [WIDTH, HEIGHT], rows[:, 3:] * [WIDTH, HEIGHT]
             boxes = np.hstack([center - size / 2, center + size / 2])
-            found.append(
-                (picture.read_bytes(), [(NAMES[int(k)], box) for k, box in zip(rows[:, 0], boxes, strict=True)])
-            )
+            found.append((picture.read_bytes(), [(NAMES[int(k)], box) for k, box in zip(rows[:, 0], boxes, strict=True)]))
     compare(labels, found, crowds=False, atol=1e-6)
 
 
@@ -213,9 +209,7 @@ def test_supervision_reads_voc(exported, labels):
         assert name in NAMES
         assert (box[:2] <= corners(true)[:2]).all()
         assert (box[2:] >= corners(true)[2:]).all()
-    stems = [
-        name for split in ("train", "val", "test") for name in (out / f"ImageSets/Main/{split}.txt").read_text().split()
-    ]
+    stems = [name for split in ("train", "val", "test") for name in (out / f"ImageSets/Main/{split}.txt").read_text().split()]
     assert sorted(stems) == sorted(path.stem for path in (out / "Annotations").iterdir())
 
 
@@ -225,9 +219,7 @@ def test_hugging_face_reads_the_image_folder(exported, labels, tmp_path, monkeyp
     monkeypatch.setenv("HF_DATASETS_DISABLE_PROGRESS_BARS", "1")
     datasets = package("datasets")
     datasets.disable_progress_bars()
-    loaded = datasets.load_dataset(
-        "imagefolder", data_dir=str(exported("huggingface", within)), cache_dir=str(tmp_path)
-    )
+    loaded = datasets.load_dataset("imagefolder", data_dir=str(exported("huggingface", within)), cache_dir=str(tmp_path))
     assert sorted(loaded) == ["test", "train", "validation"]
     found = []
     for part in loaded.values():

@@ -45,8 +45,7 @@ def test_sound_pictures_have_no_findings(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("level", "problem"),
-    [(3, "its pixels are black: 3.0 of 255"), (254, "its pixels are white: 254.0 of 255")],
+    ("level", "problem"), [(3, "its pixels are black: 3.0 of 255"), (254, "its pixels are white: 254.0 of 255")]
 )
 def test_a_target_that_is_black_or_overexposed_is_found(tmp_path, level, problem):
     picture, mask = scene(0)
@@ -56,9 +55,7 @@ def test_a_target_that_is_black_or_overexposed_is_found(tmp_path, level, problem
     assert found.figure == pytest.approx(level, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    ("color", "found"), [((212, 150, 209), True), ((166, 70, 140), True), ((161, 130, 165), False)]
-)
+@pytest.mark.parametrize(("color", "found"), [((212, 150, 209), True), ((166, 70, 140), True), ((161, 130, 165), False)])
 def test_ground_in_the_color_of_missing_pictures_is_found(tmp_path, color, found):
     picture, mask = scene(0)
     picture[150:] = color

@@ -25,10 +25,7 @@ from hulldown.tests.builders.render_plans import CUBES, make_row, write_plan
 MASK = np.zeros((24, 32), dtype=bool)
 MASK[4:10, 5:15] = True
 # Keys of rows that records don't have.
-UNRECORDED = {
-    *("slope_deg", "gap", "penetration", "tries", "label", "bounds"),
-    *("role", "planned", "rejected", "left_out"),
-}
+UNRECORDED = {*("slope_deg", "gap", "penetration", "tries", "label", "bounds"), *("role", "planned", "rejected", "left_out")}
 # The camera is 1.25 m below the center; its azimuth is that of the image's lower edge, the vehicle's left.
 IN_SPACE = {
     "distance": 1.25,
@@ -36,12 +33,7 @@ IN_SPACE = {
     "bbox_3d": {"center": [0.0, 0.0, 1.25], "size": [6.0, 3.0, 2.5], "rotation": np.eye(3).tolist()},
     # Of the lower side, in which the camera is; and of the upper one, 2.5 m ahead.
     "bbox_3d_corners": [None] * 4
-    + [
-        [6616.455183, 3312.227592],
-        [6616.455183, -3288.227592],
-        [-6584.455183, -3288.227592],
-        [-6584.455183, 3312.227592],
-    ],
+    + [[6616.455183, 3312.227592], [6616.455183, -3288.227592], [-6584.455183, -3288.227592], [-6584.455183, 3312.227592]],
 }
 FOG = {
     **{"visibility_m": 500.0, "kind": "fog", "rain_mm_h": 0.0, "wind_m_s": [0.0, 0.0], "exposure_s": 0.004},
@@ -75,11 +67,7 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
     ("change", "severity", "text"),
     [
         (lambda c: c["images"][1].update(id=1), "error", "images/1.png: has the id 1, as has images/0.png"),
-        (
-            lambda c: c["images"][1].update(file_name="images/0.png"),
-            "error",
-            "images/0.png: belongs to 2 records",
-        ),
+        (lambda c: c["images"][1].update(file_name="images/0.png"), "error", "images/0.png: belongs to 2 records"),
         (lambda c: c["images"][1].update(width=33), "error", "is 32 x 24 pixels, its record has 33 x 24"),
         (lambda c: c["images"][1].update(file_name="images/x.png"), "error", "images/x.png: is missing"),
         (lambda c: c["annotations"][1].update(id=1), "error", "annotation 1: its id is given twice"),
@@ -102,11 +90,7 @@ def test_a_sound_dataset_has_no_findings(dataset, capsys):
         (lambda c: c["annotations"].append({**c["annotations"][1], "id": 8}), "warning", "repeats class and box"),
         (lambda c: c["categories"].append({"id": 2, "name": "other"}), "error", "category 2: its id is given twice"),
         (lambda c: c["categories"].append({"id": 5, "name": "tank"}), "error", "category tank: belongs to 2 records"),
-        (
-            lambda c: c["categories"].append({"id": 5, "name": "Tank"}),
-            "warning",
-            "differs from tank in capitals",
-        ),
+        (lambda c: c["categories"].append({"id": 5, "name": "Tank"}), "warning", "differs from tank in capitals"),
         (lambda c: c["annotations"][1].update(obb=[1e308, "x", None]), "error", "obb is [1e+308"),
         (lambda c: c["categories"][0].update(keypoints=5), "error", "keypoints is 5"),
         (lambda c: c["images"][1].update(K=[[1e308]], dist="x"), "warning", "K is [[1e+308]]"),
@@ -221,11 +205,7 @@ def moved(pose):
         (lambda i, a: a.update(articulation={"turret": 0.2}), "error", "articulation is {'turret': 0.2}"),
         (lambda i, a: a.update(visible_fraction=0.5), "error", "visible_fraction is 0.5, planned is 0.75"),
         (lambda i, a: a.update(id=100), "error", "tank 't72' is planned and has no annotation"),
-        (
-            lambda i, a: i.update(id=100),
-            "warning",
-            "plan.jsonl: 1 of 4 planned images are not there, such as images/2-",
-        ),
+        (lambda i, a: i.update(id=100), "warning", "plan.jsonl: 1 of 4 planned images are not there, such as images/2-"),
     ],
 )
 def test_every_difference_from_the_plan_is_found(planned, change, severity, text):

@@ -105,9 +105,7 @@ def test_building_keeps_existing_files_and_continues_after_a_crash(tmp_path, mon
     mine.write_text("mine")
     steps: list[tuple[int, int]] = []
     for _ in range(2):  # the second finds nothing to build
-        files = make_assets.build_demo_assets(
-            tmp_path / "out", progress=lambda done, total: steps.append((done, total))
-        )
+        files = make_assets.build_demo_assets(tmp_path / "out", progress=lambda done, total: steps.append((done, total)))
         assert files == tuple(tmp_path / "out" / file for file in make_assets.ASSET_FILES)
         assert steps == [(k + 2, len(files)) for k in range(len(files) - 1)]
     assert [file.read_text() for file in files] == ["built", "mine", *["built"] * (len(files) - 2)]
@@ -185,11 +183,7 @@ def test_vehicles_are_read_as_intended(built, name, tmp_path):
         moved = np.abs(raised - rest).max(axis=1) > 1e-9
         assert moved.any()
         assert set(shape.vertex_part[moved]) == {shape.part_names.index("gun")}
-        tip = (
-            rest[:, 0].argmax()
-            if VEHICLE_CLASSES[name] != LAUNCHER_CLASS
-            else np.flatnonzero(moved)[rest[moved, 0].argmax()]
-        )
+        tip = rest[:, 0].argmax() if VEHICLE_CLASSES[name] != LAUNCHER_CLASS else np.flatnonzero(moved)[rest[moved, 0].argmax()]
         assert raised[tip, 2] > rest[tip, 2]
 
 

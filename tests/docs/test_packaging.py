@@ -105,8 +105,7 @@ def test_setup_without_the_libraries_stops_with_the_line_that_installs_them(tmp_
     )
     python = tmp_path / "python"
     python.write_text(
-        f'#!/bin/sh\n[ "$1" = -P ] || exec "{sys.executable}" "$@"\n'
-        f'exec "{sys.executable}" "{tmp_path / "bare.py"}" "$@"\n'
+        f'#!/bin/sh\n[ "$1" = -P ] || exec "{sys.executable}" "$@"\nexec "{sys.executable}" "{tmp_path / "bare.py"}" "$@"\n'
     )
     python.chmod(0o755)
     ran = subprocess.run(
@@ -144,10 +143,7 @@ def test_setup_takes_a_supported_python_and_tells_which(tmp_path, machine, expec
 @pytest.mark.parametrize(
     ("message", "remedy"),
     [
-        (
-            "ImportError: libX11.so.6: cannot open shared object file: No such file or directory\n",
-            libraries.INSTALL_COMMAND,
-        ),
+        ("ImportError: libX11.so.6: cannot open shared object file: No such file or directory\n", libraries.INSTALL_COMMAND),
         ("No module named 'bpy'\n", "hulldown[blender]"),
         ("ImportError: cannot import name 'x' from 'y'\n", "None"),
     ],

@@ -123,9 +123,7 @@ def _outline_step(picture, mask, around):
     far, turn = np.meshgrid(SHIFTS, np.linspace(0.0, 2.0 * np.pi, DIRECTIONS, endpoint=False), indexing="ij")
     down, right = np.maximum(4.0, far * np.ptp(y)) * np.sin(turn), np.maximum(4.0, far * np.ptp(x)) * np.cos(turn)
     free = around & ~ndimage.binary_dilation(mask, iterations=2)
-    gradients = [
-        [ndimage.sobel(channel, axis) for axis in (0, 1)] for channel in np.moveaxis(picture.astype(float), -1, 0)
-    ]
+    gradients = [[ndimage.sobel(channel, axis) for axis in (0, 1)] for channel in np.moveaxis(picture.astype(float), -1, 0)]
 
     def step(rows, columns):
         """Mean step where a copy is free; within a sector, steps up and down (noise, snow) cancel out."""

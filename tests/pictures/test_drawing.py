@@ -45,9 +45,7 @@ def test_a_box_outside_its_picture_is_drawn_at_the_edge(bbox):
 @pytest.mark.parametrize("bbox", [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]])
 def test_names_are_inside_the_picture(bbox):
     named = [Overlay(np.array(bbox), 2, name) for name in ("i", "truck" * 4)]
-    outline = pixels_of(
-        draw_boxes(gray(), [replace(named[0], ignored=True)]), IGNORED_COLOR
-    )  # ignored ones have no name
+    outline = pixels_of(draw_boxes(gray(), [replace(named[0], ignored=True)]), IGNORED_COLOR)  # ignored ones have no name
     short, long = (pixels_of(draw_boxes(gray(), [box]), category_color(2)) & ~outline for box in named)
     # The name's background, but for the letters: 10 pixels high at least, and a third as wide for each letter.
     assert short.sum() >= 30
@@ -58,9 +56,7 @@ def test_masks_are_tinted_exactly():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
     drawn = np.asarray(
-        draw_boxes(
-            gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode_mask(mask)})]
-        )
+        draw_boxes(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode_mask(mask)})])
     )
     assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(category_color(1)))).all()
     assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()

@@ -2,13 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.placement.footprint import (
-    MAX_LEAN_SLOPE,
-    Underside,
-    contact_footprint,
-    underside_samples,
-    vehicle_underside,
-)
+from hulldown.placement.footprint import MAX_LEAN_SLOPE, Underside, contact_footprint, underside_samples, vehicle_underside
 from hulldown.tests.builders.shapes import box, plane_mesh, surface
 
 
@@ -99,8 +93,7 @@ def test_both_edges_of_a_track_have_spots():
 def test_a_spot_is_as_low_as_the_geometry_around_its_point(n):
     rng = np.random.default_rng(n)
     seen = Underside(
-        np.array([[-3.5, -1.75], [3.5, 1.75]]),
-        rng.choice([0.0, 0.4, 0.9, np.inf], (128, 128), p=[0.01, 0.1, 0.79, 0.1]),
+        np.array([[-3.5, -1.75], [3.5, 1.75]]), rng.choice([0.0, 0.4, 0.9, np.inf], (128, 128), p=[0.01, 0.1, 0.79, 0.1])
     )
     at, share = underside_samples(seen, n), (np.arange(128) + 0.5) / 128
     nearest = np.rint(share * (n - 1)).astype(int)

@@ -62,9 +62,7 @@ def test_no_plane_on_or_above_all_samples_is_lower_at_the_center_than_the_suppor
     assert plane.found.sum() > (10 if n == 2 and share < 1 else 60)
     for i, seen in enumerate(valid):
         # Unbounded if the center is outside the hull of the samples.
-        lowest = linprog(
-            [1.0, *center], -np.c_[np.ones(n * n), xy][seen], 500.0 - heights[i, seen], bounds=(None, None)
-        )
+        lowest = linprog([1.0, *center], -np.c_[np.ones(n * n), xy][seen], 500.0 - heights[i, seen], bounds=(None, None))
         assert plane.found[i] == (lowest.status == 0)
         if plane.found[i]:
             at_center = plane.height[i] + plane.gradient[i] @ center

@@ -15,9 +15,7 @@ def hills(n, *, seed=0):
     rng = np.random.default_rng(seed)
     x = np.arange(n + 1.0)
     level = surface(x, x, rng.uniform(-1, 1, (n + 1, n + 1)))
-    return Mesh(
-        level.vertices + np.pad(rng.uniform(-0.3, 0.3, ((n + 1) ** 2, 2)), ((0, 0), (0, 1))), level.faces, "hills"
-    )
+    return Mesh(level.vertices + np.pad(rng.uniform(-0.3, 0.3, ((n + 1) ** 2, 2)), ((0, 0), (0, 1))), level.faces, "hills")
 
 
 def test_points_at_the_limits_of_float64_miss_without_a_warning():

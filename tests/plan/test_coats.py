@@ -40,10 +40,7 @@ def test_a_pattern_that_matches_no_material_is_found():
     assert unmatched("camo*", "camuflage", "canvas") == "camuflage"
 
 
-PAINT = [
-    {"materials": ["camo*"], "colors": [GREEN, SAND, "#303030"]},
-    {"materials": ["canvas"], "colors": ["own"]},
-]
+PAINT = [{"materials": ["camo*"], "colors": [GREEN, SAND, "#303030"]}, {"materials": ["canvas"], "colors": ["own"]}]
 
 
 @pytest.fixture(scope="module")

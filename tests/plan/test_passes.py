@@ -26,12 +26,7 @@ def made(tmp_path_factory):
     config = small_config(
         budget={"images_per_class": 2},
         placement={"vehicles_per_image": 4, "companion_distance": [6, 15], "distractors_per_image": 1},
-        camera={
-            "elevation_deg": [3, 12],
-            "target_fraction": [0.2, 0.4],
-            "roll_deg": [-30, 30],
-            "visibility_rays": 1024,
-        },
+        camera={"elevation_deg": [3, 12], "target_fraction": [0.2, 0.4], "roll_deg": [-30, 30], "visibility_rays": 1024},
         render={"width": 240, "height": 136},
     )
     plan = write_plan(config, ASSETS, folder / "plan.jsonl")

@@ -207,9 +207,7 @@ def test_the_lock_of_a_plan_is_removed_before_it_is_released(tmp_path, monkeypat
     writer = PlanWriter(tmp_path / "plan.jsonl", header())
     there = []
     release = writer._lock._lock.release
-    monkeypatch.setattr(
-        writer._lock._lock, "release", lambda: (there.append(Path(writer._lock.path).exists()), release())
-    )
+    monkeypatch.setattr(writer._lock._lock, "release", lambda: (there.append(Path(writer._lock.path).exists()), release()))
     writer.__exit__(None, None, None)
     assert there == [False]
 

@@ -29,9 +29,7 @@ def test_the_docs_describe_every_field(kind):
 
 def test_rounding_is_idempotent():
     rng = np.random.default_rng(0)
-    poses = rigid_matrix(
-        axis_rotation([0.0, 0.6, 0.8], rng.uniform(-3, 3, 1000)), rng.normal(scale=1e4, size=(1000, 3))
-    )
+    poses = rigid_matrix(axis_rotation([0.0, 0.6, 0.8], rng.uniform(-3, 3, 1000)), rng.normal(scale=1e4, size=(1000, 3)))
     values = {
         "world_from_camera": poses,
         "bbox": rng.uniform(-1e4, 1e4, (1000, 4)),
@@ -47,9 +45,7 @@ def test_rounding_is_idempotent():
 
 def test_numbers_have_the_documented_decimals():
     rng = np.random.default_rng(1)
-    pose = round_field(
-        "world_from_vehicle", rigid_matrix(axis_rotation([0.0, 0.0, 1.0], 1.0), rng.normal(scale=1e3, size=3))
-    )
+    pose = round_field("world_from_vehicle", rigid_matrix(axis_rotation([0.0, 0.0, 1.0], 1.0), rng.normal(scale=1e3, size=3)))
     boxes = round_field("bbox", rng.uniform(100.0, 1000.0, (1000, 4)))
     for values, decimals in ((pose[:3, 3], 9), (pose[:3, :3], 12), (boxes, 6)):
         assert max(len(repr(value).partition(".")[2]) for value in values.ravel().tolist()) <= decimals

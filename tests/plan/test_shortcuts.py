@@ -21,9 +21,7 @@ def counted(values, classes):
 @pytest.mark.parametrize("values", [2, 20, 500])
 def test_chance_is_not_named(values):
     rng = np.random.default_rng(values)
-    alarms = sum(
-        len(shortcut_notes(counted(rng.integers(0, values, n), rng.integers(0, 3, n)))) for n in (10, 100, 1000) * 30
-    )
+    alarms = sum(len(shortcut_notes(counted(rng.integers(0, values, n), rng.integers(0, 3, n)))) for n in (10, 100, 1000) * 30)
     assert alarms == 0
 
 

@@ -14,13 +14,7 @@ from hulldown.plan.row import PlannedVehicle, Row, row_fields
 from hulldown.planning.check import check_plan, check_rows
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import write_plan
-from hulldown.tests.builders.planning_assets import (
-    DISTRACTOR_ENTRIES,
-    VEHICLE_ENTRIES,
-    hills,
-    small_assets,
-    small_config,
-)
+from hulldown.tests.builders.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, hills, small_assets, small_config
 from hulldown.tests.builders.shapes import surface
 
 ASSETS = small_assets(distractors=True)
@@ -120,10 +114,7 @@ def test_every_changed_field_is_found(made, planner, tmp_path, whose):
 
 @pytest.mark.parametrize(
     ("section", "changes", "message"),
-    [
-        ("budget", {"images_per_class": 9}, "20 images, the budget is 22"),
-        ("light", {"exposure": 4.0}, "exposure_ev is"),
-    ],
+    [("budget", {"images_per_class": 9}, "20 images, the budget is 22"), ("light", {"exposure": 4.0}, "exposure_ev is")],
 )
 def test_a_changed_config_is_found(made, tmp_path, section, changes, message):
     plan = edited(made, tmp_path / "plan.jsonl", lambda header, _: header["config"][section].update(changes))

@@ -150,7 +150,4 @@ def test_semicolons_blank_lines_and_any_column_order(tmp_path):
     path = tmp_path / "poses.csv"
     path.write_bytes(b"yaw_deg ; x;y\r\n\r\n90;1.5;-2\r\n;;\r\n;3;4\r\n")
     poses = read_poses(path)
-    assert [(line.line, line.x, line.y, line.yaw_deg) for line in poses.lines] == [
-        (3, 1.5, -2.0, 90.0),
-        (5, 3.0, 4.0, None),
-    ]
+    assert [(line.line, line.x, line.y, line.yaw_deg) for line in poses.lines] == [(3, 1.5, -2.0, 90.0), (5, 3.0, 4.0, None)]

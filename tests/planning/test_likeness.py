@@ -60,8 +60,7 @@ def test_a_plan_matches_sizes_positions_and_shapes_of_the_photographs(tmp_path):
     known = photographed(tmp_path, drawn_boxes(200))
     wanted = {"height": known.height, "x": known.center[:, 0], "y": known.center[:, 1], "aspect": known.aspect}
     found, other = (
-        features(list(plan(config_of(known, 500, like_share=share, elevation_deg=[1, 8]), ASSETS)))
-        for share in (1.0, 0.0)
+        features(list(plan(config_of(known, 500, like_share=share, elevation_deg=[1, 8]), ASSETS))) for share in (1.0, 0.0)
     )
     for key, values in wanted.items():
         distance = ks_2samp(found[key], values).statistic
@@ -155,10 +154,7 @@ def test_classes_without_boxes_follow_all_photographs_and_are_named(tmp_path):
     assert len(notes) == 2
     assert "1 of 26 boxes aren't followed" in notes[0]
     assert "no box of class 'truck'" in notes[1]
-    assert {row.target.category for row in plan(config_of(known, 5), ASSETS) if row.like.photograph} == {
-        "tank",
-        "truck",
-    }
+    assert {row.target.category for row in plan(config_of(known, 5), ASSETS) if row.like.photograph} == {"tank", "truck"}
 
 
 def test_changed_photographs_are_refused(tmp_path):

@@ -88,9 +88,7 @@ def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_
 
 def test_a_vehicle_is_planned_only_on_its_sceneries(tmp_path):
     patterns = {"t72": ["h*"], "leo": [], "ural": ["bare"]}
-    vehicles = [
-        {"path": f"{name}.blend", "category": BASE.categories[name], "sceneries": on} for name, on in patterns.items()
-    ]
+    vehicles = [{"path": f"{name}.blend", "category": BASE.categories[name], "sceneries": on} for name, on in patterns.items()]
     config = small_config(
         assets={"vehicles": vehicles},
         budget={"images_per_class": 24, "images_per_position": 2},

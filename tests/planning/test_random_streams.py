@@ -37,9 +37,7 @@ def test_no_two_streams_share_a_number():
 
 def test_the_numbers_of_a_seed_never_change():
     # Later versions give the same plan.
-    assert RandomStreams(42).random_bits(Purpose.PLACE, 3, 1, count=2).tolist() == [
-        [3236006953506002898, 3480301495620565934]
-    ]
+    assert RandomStreams(42).random_bits(Purpose.PLACE, 3, 1, count=2).tolist() == [[3236006953506002898, 3480301495620565934]]
 
 
 def test_a_generator_by_row_uses_a_separate_stream_for_each_row():

@@ -50,10 +50,7 @@ WATERS = {
 
 def config_for(scenery, *, images, **sections):
     return small_config(
-        assets={
-            "vehicles": [{"path": "t72.blend", "category": "tank"}],
-            "sceneries": [{"path": f"{scenery.name}.blend"}],
-        },
+        assets={"vehicles": [{"path": "t72.blend", "category": "tank"}], "sceneries": [{"path": f"{scenery.name}.blend"}]},
         budget={"images_per_class": images, "images_per_position": 1},
         **sections,
     )

@@ -187,9 +187,7 @@ def test_origins_at_zero_are_not_pivots_but_the_turret_ring_is() -> None:
     assert [d for d in built.doubts if d.kind == DoubtKind.PIVOT and "gun_pivot" in d.text]
 
 
-@pytest.mark.parametrize(
-    "pose", [turned(0.0), turned(-128.0), np.linalg.inv(up_matrix("-z")), np.linalg.inv(up_matrix("x"))]
-)
+@pytest.mark.parametrize("pose", [turned(0.0), turned(-128.0), np.linalg.inv(up_matrix("-z")), np.linalg.inv(up_matrix("x"))])
 def test_what_reading_had_to_guess_can_be_stated_as_keys(pose: np.ndarray) -> None:
     for parts in (TANK, {k: m for k, m in TRUCK.items() if k != "Cab"}):
         built = read(parts, pose)
@@ -206,8 +204,7 @@ def test_pivots_in_the_config_are_used() -> None:
     pose = turned(90.0)
     built = read(TANK, pose, turret_pivot=(0.0, 0.3, 1.5), gun_pivot="Hull")
     assert np.allclose(
-        transform_points(np.linalg.inv(built.shape.vehicle_from_file), built.shape.part_pivot[1:]),
-        [[0, 0.3, 1.5], [0, 0, 0]],
+        transform_points(np.linalg.inv(built.shape.vehicle_from_file), built.shape.part_pivot[1:]), [[0, 0.3, 1.5], [0, 0, 0]]
     )
     assert not built.doubts
     with pytest.raises(Exception, match="gun_pivot = 'Axle' is no object or empty"):
@@ -257,9 +254,7 @@ def card(y: float, low: float) -> Mesh:
         ("Card", card(0, 0), False, "sticks out of the rest"),
     ],
 )  # fmt: skip
-def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(
-    name: str, mesh: Mesh, hidden: bool, what: str
-) -> None:
+def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(name: str, mesh: Mesh, hidden: bool, what: str) -> None:
     built = read(TANK | {name: mesh}, hidden=(name,) * hidden)
     (doubt,) = [d.text for d in built.doubts if d.kind == DoubtKind.STRAY]
     assert doubt.startswith(f"{name!r}: ")
@@ -320,9 +315,7 @@ def test_pieces_with_two_signs_of_not_belonging_are_left_out(
 def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
     hull = box((8, 5, 1), (0, 0, 1))
     open_below = hull.of_faces(np.flatnonzero(hull.triangles[:, :, 2].max(axis=1) > 1.0))
-    built = read(
-        {"Hull": open_below, "Dome": box((1, 1, 0.6), (0, 0, 1.8)), "Hatch": box((0.3, 0.3, 0.1), (0, 0, 2.1))}
-    )
+    built = read({"Hull": open_below, "Dome": box((1, 1, 0.6), (0, 0, 1.8)), "Hatch": box((0.3, 0.3, 0.1), (0, 0, 2.1))})
     assert all(r.use != "dropped" for r in built.roles)
 
 

@@ -82,9 +82,7 @@ def read(exporter: Exporter, blend: Path, tmp_path: Path) -> Callable[..., bool]
 
     def run(path: Path = blend, kind: str = "vehicle", **options: object) -> bool:
         before, lines = len(exporter.read), []
-        exported, digest = cached_export(
-            path, tmp_path / "cache", kind=kind, options=Options(**options), progress=lines.append
-        )
+        exported, digest = cached_export(path, tmp_path / "cache", kind=kind, options=Options(**options), progress=lines.append)
         assert len(digest) == 64
         assert exported.bundle.is_file()
         assert exported.report.path == str(path)
@@ -211,9 +209,7 @@ def test_an_entry_moved_to_another_key_is_replaced(read: Callable[..., bool], tm
     assert read()
 
 
-def test_another_users_entries_are_not_used(
-    read: Callable[..., bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_users_entries_are_not_used(read: Callable[..., bool], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert read()
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "another"))
     assert [read(), read()] == [True, False]

@@ -88,9 +88,7 @@ def test_a_file_with_all_attacks_reads_and_writes_nothing_outside(attack: Path, 
     before, opened = written(attack), Opened(attack / "secret")
     report = export_asset(attack / "mine/assets/all/everything.blend", tmp_path, kind="scenery").report
     missing = {Path(missing.path).name for missing in report.missing}
-    assert {"image.png", "relative.png", "udim.<UDIM>.png", "font.ttf", "linked.blend"} <= missing, (
-        "missing files are reported"
-    )
+    assert {"image.png", "relative.png", "udim.<UDIM>.png", "font.ttf", "linked.blend"} <= missing, "missing files are reported"
     assert opened.names() == set()
     assert written(attack) == before
 
@@ -195,9 +193,7 @@ def test_no_attack_succeeds_from_plan_to_picture(attack: Path, planned: Path, wh
 
 def assets(attack: Path) -> list[Path]:
     suffixes = (".blend", ".gltf", ".obj", ".fbx")
-    return [
-        path for path in sorted(attack.glob("mine/assets/*.*")) if path.suffix in suffixes and not path.is_symlink()
-    ]
+    return [path for path in sorted(attack.glob("mine/assets/*.*")) if path.suffix in suffixes and not path.is_symlink()]
 
 
 def config(attack: Path, vehicles: list[Path]):

@@ -37,9 +37,7 @@ def write(path, z, *, crs=UTM, transform=None, unit="", scale=None, **profile):
     bands = z if z.ndim == 3 else z[None]
     transform = transform or from_origin(*CORNER, 2.0, 2.0)
     size = dict(zip(("count", "height", "width"), bands.shape, strict=True))
-    with rasterio.open(
-        path, "w", driver="GTiff", dtype=z.dtype, crs=crs, transform=transform, **size, **profile
-    ) as out:
+    with rasterio.open(path, "w", driver="GTiff", dtype=z.dtype, crs=crs, transform=transform, **size, **profile) as out:
         out.write(bands)
         out.units = (unit,) * len(bands)
         if scale:
@@ -225,9 +223,7 @@ def test_a_scenery_is_read_from_a_geotiff_with_its_orthophoto(tmp_path):
         export_asset(path, tmp_path, options=Options(texture="../../../../../etc/ortho.tif"))
 
 
-@pytest.mark.parametrize(
-    "keys", [{"area": [0, 0, 0, 1]}, {"area": [0, 1]}, {"path": "hills.blend", "texture": "a.tif"}]
-)
+@pytest.mark.parametrize("keys", [{"area": [0, 0, 0, 1]}, {"area": [0, 1]}, {"path": "hills.blend", "texture": "a.tif"}])
 def test_keys_of_geotiffs_are_checked(keys):
     scenery = {"path": "dem.tif", **keys}
     with pytest.raises(ConfigError, match=r"assets\.sceneries"):

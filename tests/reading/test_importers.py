@@ -66,18 +66,14 @@ def gltf_text() -> str:
                     "name": "spawn",
                     "samplers": [{"input": 3, "output": 4 + k} for k in (0, 1)],
                     "channels": [
-                        {"sampler": k, "target": {"node": node, "path": path}}
-                        for k, (node, path) in enumerate(channels)
+                        {"sampler": k, "target": {"node": node, "path": path}} for k, (node, path) in enumerate(channels)
                     ],
                 }
             ],
             "accessors": accessors,
             "bufferViews": [{"buffer": 0, "byteOffset": start, "byteLength": size} for start, size in spans],
             "buffers": [
-                {
-                    "byteLength": len(data),
-                    "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode(),
-                }
+                {"byteLength": len(data), "uri": "data:application/octet-stream;base64," + base64.b64encode(data).decode()}
             ],
         }
     )

@@ -116,10 +116,7 @@ def test_a_file_is_inspected(project: Path) -> None:
     assert found.kind == "vehicle"
     assert found.unit == 0.01
     assert found.size == pytest.approx((0.04, 0.04, 0.055))
-    assert [(row.name, row.use, row.triangles) for row in found.rows] == [
-        ("Hull", "hull", 12),
-        ("Turret", "turret", 12),
-    ]
+    assert [(row.name, row.use, row.triangles) for row in found.rows] == [("Hull", "hull", 12), ("Turret", "turret", 12)]
     assert [Path(m.path).name for m in found.missing] == ["gone.png"]
     assert found.missing[0].wanted_by == ("Hull",)
     assert any("5.5 cm long; set scale = 1 (now 0.01)" in doubt.text for doubt in found.doubts)
@@ -161,11 +158,7 @@ def test_the_files_of_a_config_are_read_with_its_options(
     ]
     assert tank["size"] == pytest.approx([6.0, 3.0, 2.0])
     assert tank["unit"] == 0.01
-    assert {row["name"]: row["use"] for row in tank["rows"]} == {
-        "Hull": "hull",
-        "Turret": "turret",
-        "Crate": "dropped",
-    }
+    assert {row["name"]: row["use"] for row in tank["rows"]} == {"Hull": "hull", "Turret": "turret", "Crate": "dropped"}
     assert tank["parts"][0]["limits"] == pytest.approx([math.radians(30), math.radians(30)])
     assert {row["name"]: row["use"] for row in park["rows"]} == {"Lawn": "ground", "Rock": "obstacle"}
     assert max(alone["size"]) > 100
@@ -233,9 +226,7 @@ def test_a_piped_table_has_whole_names_in_one_line(monkeypatch: pytest.MonkeyPat
 
 
 def test_a_terminal_shows_every_character_of_a_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    text = shown(
-        monkeypatch, report(ObjectRow(LONG, "MESH", "hull", "by default")).table(), force_terminal=True, width=80
-    )
+    text = shown(monkeypatch, report(ObjectRow(LONG, "MESH", "hull", "by default")).table(), force_terminal=True, width=80)
     cells = [line.split("│")[1].strip() for line in text.splitlines() if line.count("│") > 2]
     assert LONG in "".join(cells)
     assert "…" not in text
@@ -243,9 +234,7 @@ def test_a_terminal_shows_every_character_of_a_name(monkeypatch: pytest.MonkeyPa
 
 def test_objects_dropped_for_one_reason_share_a_row() -> None:
     # Hidden and dropped objects filled 16 of 24 rows.
-    hidden = [
-        ObjectRow(f"helper {k} of mine", "MESH", "dropped", "hidden from render", 1, 5) for k in "abcdefghijklmnop"
-    ]
+    hidden = [ObjectRow(f"helper {k} of mine", "MESH", "dropped", "hidden from render", 1, 5) for k in "abcdefghijklmnop"]
     named = [ObjectRow(f"lamp {k} x", "LIGHT", "dropped", f"{f'lamp {k} x'!r} matches 'lamp'") for k in "abc"]
     lone = ObjectRow("bound", "MESH", "dropped", "'bound' matches 'bound'")
     table = report(hidden[0], ObjectRow("body", "MESH", "hull", "by default"), *hidden[1:], lone, *named).table()

@@ -117,9 +117,7 @@ def test_a_confined_process_can_do_its_work(names: dict[str, object]) -> None:
     assert tried(MAY, names) == MAY.strip().splitlines()
 
 
-def test_the_forbidden_lines_succeed_without_confinement(
-    names: dict[str, object], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_forbidden_lines_succeed_without_confinement(names: dict[str, object], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HULLDOWN_CONFINEMENT", "off")
     for line in ('open(f"{OUT}/new", "w")', "os.listdir(OUT)", 'socket.create_connection(("127.0.0.1", PORT), 1)'):
         assert tried(line, names) == [line]

@@ -18,15 +18,7 @@ from hulldown.scene.rays import RayList
 SCRIPT = "cutout_blends.py"
 STEP, PIXELS = 1.2, 50  # as in cutout_blends.py
 # Lookups are exact; baked opacity, and the luminance of colors between texels, differ a little.
-LOOSE = {
-    "colored": 0.02,
-    "red": 0.002,
-    "mirror": 0.02,
-    "two textures": 0.02,
-    "both ways": 0.02,
-    "ramp": 0.1,
-    "noise": 0.02,
-}
+LOOSE = {"colored": 0.02, "red": 0.002, "mirror": 0.02, "two textures": 0.02, "both ways": 0.02, "ramp": 0.1, "noise": 0.02}
 EXACT = 2e-3
 FEW = 0.02  # share of pixels where a threshold lies between two roundings
 BY_CHANCE = ("principled alpha",)  # half opaque Principled shaders let a random half of Cycles' rays through
@@ -71,6 +63,4 @@ def test_opacity_that_depends_on_the_view_is_reported_and_counts_as_opaque(cards
 def test_a_missing_image_is_reported_and_counts_as_opaque(cards):
     by_material, report = cards
     assert (by_material["lost image"][1] == 0.0).all()
-    assert [(Path(missing.path).name, missing.wanted_by) for missing in report.missing] == [
-        ("lost.png", ("lost image",))
-    ]
+    assert [(Path(missing.path).name, missing.wanted_by) for missing in report.missing] == [("lost.png", ("lost image",))]

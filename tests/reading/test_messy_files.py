@@ -73,9 +73,7 @@ def test_units_and_axes_give_the_same_vehicle(messy: Messy, name: str) -> None:
     shape, plain = messy.asset(name), messy.asset("library_vehicle")
     assert np.allclose(shape.size_xyz, plain.size_xyz, atol=2e-5)
     assert np.allclose(shape.mesh.bounds, plain.mesh.bounds, atol=2e-5)
-    assert np.allclose(
-        _sorted(shape.mesh.triangles.mean(axis=1)), _sorted(plain.mesh.triangles.mean(axis=1)), atol=2e-5
-    )
+    assert np.allclose(_sorted(shape.mesh.triangles.mean(axis=1)), _sorted(plain.mesh.triangles.mean(axis=1)), atol=2e-5)
 
 
 def _sorted(points: np.ndarray) -> np.ndarray:

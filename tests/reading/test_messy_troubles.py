@@ -42,16 +42,11 @@ def test_a_damaged_file_is_a_one_line_error(messy: Messy, name: str, problem: st
 
 
 def test_the_error_of_a_file_without_visible_objects_names_what_hides_them(messy: Messy) -> None:
-    assert "nothing that is rendered: 'Hull' is hidden from render with its collection 'Off'" in str(
-        messy.errors["nothing"]
-    )
+    assert "nothing that is rendered: 'Hull' is hidden from render with its collection 'Off'" in str(messy.errors["nothing"])
 
 
 def test_nothing_is_lost_or_added(messy: Messy) -> None:
-    lost = {
-        name: [str(d) for d in found.report.doubts if d.kind == DoubtKind.LOST]
-        for name, found in messy.exported.items()
-    }
+    lost = {name: [str(d) for d in found.report.doubts if d.kind == DoubtKind.LOST] for name, found in messy.exported.items()}
     assert not any(lost.values()), lost
 
 
@@ -82,11 +77,7 @@ def test_differences_from_the_render_are_reported(messy: Messy) -> None:
         ("lfs.blend", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("lfs.obj", b"version https://git-lfs.github.com/spec/v1\n", "is only a pointer to a file in Git LFS"),
         ("scene.gltf", b"{]", "isn't readable glTF ("),
-        (
-            "ktx.gltf",
-            b'{"textures": [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]}',
-            "textures[0] has a picture",
-        ),
+        ("ktx.gltf", b'{"textures": [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]}', "textures[0] has a picture"),
         ("model.glb", b"BLENDER17-01v0500", "isn't a .glb file"),
     ],
 )

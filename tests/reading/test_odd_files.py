@@ -119,18 +119,14 @@ GLTF = {
         ({"asset": {"version": "1.0"}}, "is glTF 1.0, which Blender does not read; convert it to glTF 2.0"),
     ],
 )
-def test_the_error_of_a_malformed_gltf_names_the_problem(
-    tmp_path: Path, change: object, line: str, binary: bool
-) -> None:
+def test_the_error_of_a_malformed_gltf_names_the_problem(tmp_path: Path, change: object, line: str, binary: bool) -> None:
     (tmp_path / "mesh .bin").write_bytes(bytes(36))
     (tmp_path / "zero.bin").symlink_to("/dev/zero")
     os.mkfifo(tmp_path / "fifo.bin")
     text = change if isinstance(change, str) else json.dumps({**GLTF, **change})
     path = tmp_path / ("a.glb" if binary else "a.gltf")
     chunk = text.encode()
-    path.write_bytes(
-        b"glTF" + struct.pack("<III4s", 2, 20 + len(chunk), len(chunk), b"JSON") + chunk if binary else chunk
-    )
+    path.write_bytes(b"glTF" + struct.pack("<III4s", 2, 20 + len(chunk), len(chunk), b"JSON") + chunk if binary else chunk)
     with pytest.raises(AssetError) as caught:
         refuse_odd_references(path, "gltf")
     assert line.removeprefix("gltf|") in str(caught.value)

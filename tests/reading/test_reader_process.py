@@ -20,14 +20,9 @@ from hulldown.reading.reader_process import export_asset
             r"needs Blender to be read; install hulldown\[blender\]",
         ),
         pytest.param(
-            "echo 'ZeroDivisionError: it was us'; exit 1",
-            AssetError,
-            "it was us; please report it, with",
-            id="a bug of ours",
+            "echo 'ZeroDivisionError: it was us'; exit 1", AssetError, "it was us; please report it, with", id="a bug of ours"
         ),
-        pytest.param(
-            "exit 3", AssetError, "reading it failed: exit code 3", id="the answer of an earlier export is not used"
-        ),
+        pytest.param("exit 3", AssetError, "reading it failed: exit code 3", id="the answer of an earlier export is not used"),
     ],
 )
 def test_a_process_without_an_answer_is_an_error(

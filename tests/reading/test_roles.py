@@ -33,9 +33,7 @@ def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0
     return Link(name, collections, kind, pose)
 
 
-def piece(
-    *chain: Link | str, size: tuple = (1, 1, 1), at: tuple = (0, 0, 0), data: str = "Mesh", **more: object
-) -> Piece:
+def piece(*chain: Link | str, size: tuple = (1, 1, 1), at: tuple = (0, 0, 0), data: str = "Mesh", **more: object) -> Piece:
     links = tuple(link(c) if isinstance(c, str) else c for c in chain)
     half = np.array(size, float) / 2
     bounds = np.array([np.subtract(at, half), np.add(at, half)])

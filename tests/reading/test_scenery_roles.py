@@ -90,11 +90,7 @@ def test_a_flat_sheet_among_hills_is_water_by_shape_and_reported() -> None:
     (doubt,) = doubts_about(terrain, sheet)
     assert doubt.kind == DoubtKind.WATER
     assert "'Object_7', by shape" in doubt.text
-    for other in (
-        lake("Object_7", at=(0, 0, 16)),
-        lake("Object_7", size=(9, 9, 0)),
-        lake("Object_7", size=(60, 40, 4)),
-    ):
+    for other in (lake("Object_7", at=(0, 0, 16)), lake("Object_7", size=(9, 9, 0)), lake("Object_7", size=(60, 40, 4))):
         assert uses(terrain, other) == ["ground", "obstacle"]
     assert uses(terrain, sheet, not_ground=("Object_7",)) == ["ground", "obstacle"]
     assert uses(terrain, sheet, water=()) == ["ground", "obstacle"]
@@ -123,9 +119,7 @@ def test_ground_with_a_water_material_is_a_doubt() -> None:
         pytest.param([lake("Water", size=(200, 200, 0)), *HOUSES], [], id="water is no ground"),
     ],
 )  # fmt: skip
-def test_ground_by_shape_is_large_level_lowest_and_carries_other_objects(
-    pieces: list[Piece], expected: list[str]
-) -> None:
+def test_ground_by_shape_is_large_level_lowest_and_carries_other_objects(pieces: list[Piece], expected: list[str]) -> None:
     expected = ["Plane.003"] if expected == ["ground"] else expected
     for order in (pieces, pieces[::-1]):
         roles = scenery_roles(order, Options())
@@ -193,9 +187,7 @@ def test_ground_far_below_everything_else_is_not_used() -> None:
     assert [(d.kind, "below everything else" in d.text) for d in doubts] == [(DoubtKind.NOT_GROUND, True)]
 
 
-@pytest.mark.parametrize(
-    ("name", "height", "doubted"), [("Pine", 1.1, True), ("Pine", 9, False), ("Pine_log", 1, False)]
-)
+@pytest.mark.parametrize(("name", "height", "doubted"), [("Pine", 1.1, True), ("Pine", 9, False), ("Pine_log", 1, False)])
 def test_a_world_of_toys_is_a_doubt_with_a_scale(name: str, height: float, doubted: bool) -> None:
     trees = [piece(f"{name}.{i:03}", size=(0.5, 0.5, height), at=(3 * i, 0, height / 2)) for i in range(9)]
     texts = [doubt.text for doubt in doubts_about(piece("Terrain", size=(64, 64, 1), level=1.0), *trees)]

@@ -107,8 +107,7 @@ def read(tmp_path_factory):
         **{name: (parts, {"*": "body"}, "") for name, parts in sceneries.items()},
     }
     files = {
-        name: write_obj(folder / name / ("meshes" * (name == "moved")) / f"{name}.obj", *how)
-        for name, how in made.items()
+        name: write_obj(folder / name / ("meshes" * (name == "moved")) / f"{name}.obj", *how) for name, how in made.items()
     }
     text = files["colored"].read_text().replace("usemtl", "#").replace("mtllib", "#")
     files["colored"].write_text(re.sub(r"(?m)^(v .*)$", r"\1 0.2 0.5 0.1", text))
@@ -156,9 +155,7 @@ def test_a_file_that_looks_wrong_has_a_doubt_about_it(read, name, doubt, sound, 
     assert not any(one.kind == kind for other in sound for one in read[other].report.doubts)
 
 
-@pytest.mark.parametrize(
-    ("share", "missing", "found"), [(0.05, False, True), (0.01, False, False), (0.05, True, False)]
-)
+@pytest.mark.parametrize(("share", "missing", "found"), [(0.05, False, True), (0.01, False, False), (0.05, True, False)])
 def test_magenta_in_a_vehicles_picture_is_a_doubt_unless_its_missing_file_is_named(share, missing, found):
     picture = np.zeros((102, 102, 4))
     picture[1:-1, 1:-1] = (0.2, 0.3, 0.1, 1.0)
@@ -212,9 +209,7 @@ def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):
 
 def test_an_unambiguous_texture_near_the_file_is_found(read):
     doubts = [doubt.text for doubt in read["moved"].report.doubts]
-    assert any(
-        "skin.png" in doubt and "'../materials/textures/skin.png' is used in its place" in doubt for doubt in doubts
-    )
+    assert any("skin.png" in doubt and "'../materials/textures/skin.png' is used in its place" in doubt for doubt in doubts)
     assert any("Tire.PNG" in doubt and "differ" in doubt for doubt in doubts)
     assert [missing.path.endswith("Tire.PNG") for missing in read["moved"].report.missing] == [True]
     picture = np.asarray(Image.open(read["moved"].picture).convert("RGB")).astype(int)
@@ -264,8 +259,7 @@ def test_land_in_an_hdri_is_hidden_or_reported_where_the_terrain_ends(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("light", "kept"),
-    [((0.54, 0.8, 1.08), 0.0), ((1.0, 1.0, 1.0), 0.0), ((1.0, 0.45, 0.12), 1.0), ((0.1, 0.1, 1.0), 1.0)],
+    ("light", "kept"), [((0.54, 0.8, 1.08), 0.0), ((1.0, 1.0, 1.0), 0.0), ((1.0, 0.45, 0.12), 1.0), ((0.1, 0.1, 1.0), 1.0)]
 )
 def test_fog_is_gray_unless_the_light_has_a_color(light, kept):
     light = np.array(light)
@@ -334,7 +328,5 @@ def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
 def test_a_group_can_turn_unless_its_name_excludes_it(group, asked):
     pieces = [piece("lower", size=(6, 3, 1), at=(0, 0, 0.5))]
     pieces += [piece(name, group, size=(1, 1, 1), at=(0, 0, 2)) for name in ("left", "right")]
-    doubts = doubt_unnamed_parts(
-        PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4))
-    )
+    doubts = doubt_unnamed_parts(PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4)))
     assert sum(f"hang from {group!r}" in doubt.text for doubt in doubts) == asked

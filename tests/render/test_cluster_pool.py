@@ -60,9 +60,7 @@ class Course:
         self.lines, self.workers, self._at, self._act = [], set(), at, act
         self.output = folder
         scheduler = Scheduler(address)
-        self.report = render_remaining(
-            plan, folder, progress=self._show, engine=Engine(scheduler=scheduler, device="cpu")
-        )
+        self.report = render_remaining(plan, folder, progress=self._show, engine=Engine(scheduler=scheduler, device="cpu"))
 
     def _show(self, progress):
         self.workers.add(progress.workers)

@@ -87,17 +87,12 @@ def label(**fields):
 
 
 def test_box_and_mask_are_measured():
-    found = compare_masks(
-        "1.png", "cube", label(bbox=[5.2, 4.0, 10.0, 6.4], segmentation=encode_mask(MASK)), MASK, MASK
-    )
+    found = compare_masks("1.png", "cube", label(bbox=[5.2, 4.0, 10.0, 6.4], segmentation=encode_mask(MASK)), MASK, MASK)
     assert (found.pixels, found.box_error, found.outside) == (60, pytest.approx(0.4), pytest.approx(0.2))
     assert found.mask_iou == 1.0
     half = MASK.copy()
     half[:7] = False
-    assert (
-        compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6], segmentation=encode_mask(MASK)), MASK, half).mask_iou
-        == 0.5
-    )
+    assert compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6], segmentation=encode_mask(MASK)), MASK, half).mask_iou == 0.5
     assert math.isnan(compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK, MASK).mask_iou)
     whole = label(bbox=[5, 4, 10, 6], segmentation=encode_mask(half), segmentation_amodal=encode_mask(half))
     found = compare_masks("1.png", "cube", whole, MASK, half)

@@ -27,11 +27,7 @@ def test_a_saved_scene_renders_the_picture_of_the_dataset(written, tmp_path, cap
         worlds,
         assets={
             "vehicles": [
-                {
-                    "path": "vehicles/tank.obj",
-                    "category": "tank",
-                    "paint": [{"materials": ["*"], "colors": ["#ff8800"]}],
-                }
+                {"path": "vehicles/tank.obj", "category": "tank", "paint": [{"materials": ["*"], "colors": ["#ff8800"]}]}
             ],
             "sceneries": [{"path": "sceneries/field.blend"}],
         },

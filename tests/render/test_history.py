@@ -69,9 +69,7 @@ def test_a_sky_looks_the_same_after_a_wider_one(plan, library, tmp_path):
 def test_a_sky_is_read_in_the_color_space_of_its_file(plan, library, tmp_path):
     """Two files with the same light in different color spaces give the same picture, in any order."""
     hdris = ("gray", "acescg", "rec709", "acescg")
-    gray, *tinted = draw(
-        tmp_path, [(altered(plan[0], hdri=hdri, strength=1.0), library) for hdri in hdris], as_planned=False
-    )
+    gray, *tinted = draw(tmp_path, [(altered(plan[0], hdri=hdri, strength=1.0), library) for hdri in hdris], as_planned=False)
     for picture in tinted:
         assert np.abs(picture - tinted[0]).max() <= 1.0
         assert np.abs(picture - gray).mean() > 10.0

@@ -26,9 +26,7 @@ def library(tmp_path):
 
 
 @pytest.mark.parametrize("added", [False, True])
-def test_a_blend_cannot_choose_what_a_worker_must_see_unless_the_user_adds_its_folder(
-    library, tmp_path, monkeypatch, added
-):
+def test_a_blend_cannot_choose_what_a_worker_must_see_unless_the_user_adds_its_folder(library, tmp_path, monkeypatch, added):
     if added:
         monkeypatch.setenv("HULLDOWN_READ", str(tmp_path / "secrets"))
     names = {Path(path).name for path in shared_files(library)}

@@ -13,13 +13,7 @@ from hulldown.scene.posed_scene import Scene
 from hulldown.tests.builders.plan_lines import altered
 from hulldown.tests.builders.render_plans import make_row
 from hulldown.tests.dataset.test_target_appearance import scene
-from hulldown.tests.oracles.rendered import (
-    MAX_SKY_DIFFERENCE,
-    MIN_OUTLINE_STEP,
-    outline_steps,
-    radiance,
-    sky_difference,
-)
+from hulldown.tests.oracles.rendered import MAX_SKY_DIFFERENCE, MIN_OUTLINE_STEP, outline_steps, radiance, sky_difference
 from hulldown.weather.kinds import Weather
 
 ROW = altered(
@@ -75,8 +69,7 @@ def test_a_picture_without_sky_has_no_difference():
 
 
 @pytest.mark.parametrize(
-    ("horizon_deg", "rows"),
-    [(None, [42, 31, 24, 14, 0]), (5.0, [30, 30, 24, 14, 0]), (20.0, [22.5, 22.5, None, 14, 0])],
+    ("horizon_deg", "rows"), [(None, [42, 31, 24, 14, 0]), (5.0, [30, 30, 24, 14, 0]), (20.0, [22.5, 22.5, None, 14, 0])]
 )
 def test_rows_of_the_map_are_elevations_and_a_horizon_covers_those_below(horizon_deg, rows):
     elevation = np.radians([-30.0, 2.0, 22.0, 50.0, 88.0])

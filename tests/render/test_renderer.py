@@ -146,9 +146,7 @@ def test_the_sky_turns_counter_clockwise_with_yaw(plan, library, own_worlds, tmp
     turns = []
     for yaw_deg in (0.0, 75.0, -120.0):
         camera = looking(yaw_deg, 20.0, at=(0.0, 0.0, 4000.0))
-        turns.append(
-            (altered(plan[0], **camera, scenery="field", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[]), walls)
-        )
+        turns.append((altered(plan[0], **camera, scenery="field", hdri="sky", hdri_yaw_deg=yaw_deg, companions=[]), walls))
     for picture in draw(tmp_path, turns):
         bright = np.argwhere(picture.min(axis=2) > 230)
         assert len(bright) > 4

@@ -118,8 +118,7 @@ def test_shares_join_to_the_whole(tmp_path, render, limit, n):
     plan = write_plan(tmp_path, rows)
     parts = [tmp_path / str(k) for k in range(1, n + 1)]
     reports = [
-        render(plan, part, library=library, part=Part(limit=limit, share=(k, n)))
-        for k, part in enumerate(parts, start=1)
+        render(plan, part, library=library, part=Part(limit=limit, share=(k, n))) for k, part in enumerate(parts, start=1)
     ]
     assert all(report.complete for report in reports)
     sizes = [report.images for report in reports]

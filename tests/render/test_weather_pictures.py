@@ -59,9 +59,7 @@ def studio(worlds, tmp_path_factory):
         yield made
 
 
-@pytest.mark.parametrize(
-    ("kind", "color"), [("fog", (1.0, 1.0, 1.0)), ("rain", (1.0, 1.0, 1.0)), ("dust", DUSTY_AIR_ALBEDO)]
-)
+@pytest.mark.parametrize(("kind", "color"), [("fog", (1.0, 1.0, 1.0)), ("rain", (1.0, 1.0, 1.0)), ("dust", DUSTY_AIR_ALBEDO)])
 @pytest.mark.parametrize("visibility", [50.0, 200.0])
 def test_the_veil_follows_koschmieders_law(studio, kind, color, visibility):
     """Black walls at three distances have the airlight's radiance times 1 - exp(-3.912 d / visibility)."""
@@ -142,9 +140,7 @@ def test_streaks_hide_as_much_as_the_falling_drops(studio):
     view = symmetric_view(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
     drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, seed=7)
     expected = moved(drops, view, 192)
-    bare = hidden_by(
-        studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * WEATHER_KINDS["rain"].share_of_sky
-    )
+    bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * WEATHER_KINDS["rain"].share_of_sky)
     share = hidden_by(found, SKY * WEATHER_KINDS["rain"].share_of_sky) - bare
     assert len(drops.diameters) > 80
     assert share.mean() == pytest.approx(expected.mean(), rel=0.1)

@@ -37,9 +37,7 @@ def in_the_world() -> tuple[trimesh.Trimesh, np.ndarray]:
         vertices = trimesh.transform_points(WOOD.meshes[mesh].vertices, pose)
         things.append((SurfaceKind.OBSTACLE, i, vertices, WOOD.meshes[mesh].faces))
     for i, vehicle in enumerate(VEHICLES):
-        vertices = trimesh.transform_points(
-            vertices_at(TANK.shape, vehicle.articulation), vehicle.world_from_vehicle[0]
-        )
+        vertices = trimesh.transform_points(vertices_at(TANK.shape, vehicle.articulation), vehicle.world_from_vehicle[0])
         things.append((SurfaceKind.VEHICLE, i, vertices, TANK.shape.mesh.faces))
     made = trimesh.util.concatenate([trimesh.Trimesh(v, f, process=False) for _, _, v, f in things])
     parts = TANK.shape.vertex_part[TANK.shape.mesh.faces].max(axis=1)

@@ -186,8 +186,7 @@ def test_draw_k_has_the_same_pixels_in_any_worker(tmp_path, monkeypatch, kept_by
 
 
 @pytest.mark.parametrize(
-    ("draws", "batch", "sizes"),
-    [(10, 4, [4, 4, 2]), (10, 2, [2, 2, 2, 2, 2]), (9, 2, [2, 2, 2, 2, 1]), (3, 4, [3])],
+    ("draws", "batch", "sizes"), [(10, 4, [4, 4, 2]), (10, 2, [2, 2, 2, 2, 2]), (9, 2, [2, 2, 2, 2, 1]), (3, 4, [3])]
 )
 def test_every_draw_is_in_one_step_and_a_restart_continues_in_the_middle(draws, batch, sizes):
     batches = Batches(draws, batch=batch)

@@ -50,8 +50,7 @@ def test_distance_elevation_and_side_are_those_of_the_camera_from_the_target():
 
 def test_other_formats_of_poses_are_left_out():
     boxes = [
-        (1, 1, (0, 0, 9, 9), {"world_from_vehicle": pose})
-        for pose in (posed("z", 0), [1, 2, 3], "here", None, [["a"] * 4] * 4)
+        (1, 1, (0, 0, 9, 9), {"world_from_vehicle": pose}) for pose in (posed("z", 0), [1, 2, 3], "here", None, [["a"] * 4] * 4)
     ]
     coco = dataset([*boxes, (1, 1, (0, 0, 9, 9), {"iscrowd": 1, "visible_fraction": 0.5})])
     coco["images"][0]["world_from_camera"] = camera_at(60, 0, 0)

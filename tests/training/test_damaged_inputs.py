@@ -42,9 +42,7 @@ SHAPES = {"class_embed.bias": torch.zeros(3), "class_embed.weight": torch.zeros(
 def test_unusable_weights_are_refused_before_the_folder_is_made(pictures, tmp_path, content, words):
     torch.save(content, tmp_path / "start.pt")
     with pytest.raises(HulldownError, match=words):
-        train_detector(
-            {"demo": pictures}, tmp_path / "run", settings=nano(weights=str(tmp_path / "start.pt")), device="cpu"
-        )
+        train_detector({"demo": pictures}, tmp_path / "run", settings=nano(weights=str(tmp_path / "start.pt")), device="cpu")
     assert not (tmp_path / "run").exists()
 
 
@@ -99,10 +97,7 @@ def test_an_invalid_checkpoint_of_a_run_is_a_one_line_error(pictures, stopped, t
         ("config.json", b"{"),
         ("config.json", b'{"model_type": "d_fine", "d_model": 30}'),
         ("config.json", b'{"model_type": "bert"}'),
-        (
-            "config.json",
-            b'{"model_type": "own", "auto_map": {"AutoConfig": "code.Config"}}',
-        ),  # which asks on a terminal
+        ("config.json", b'{"model_type": "own", "auto_map": {"AutoConfig": "code.Config"}}'),  # which asks on a terminal
         ("preprocessor_config.json", b"[]"),
         ("preprocessor_config.json", None),
     ],
@@ -180,7 +175,5 @@ def test_every_arm_of_a_study_follows_the_same_rule(tmp_path):
     for seed, name in enumerate(("real", "synthetic", "test")):
         make_dataset(tmp_path / name, 8, seed=seed, masks=name == "synthetic")
     (tmp_path / "study").mkdir()
-    study = prepare_study(
-        config_of(tmp_path, tmp_path, arms=["real", "synthetic"], fractions=[1.0]), tmp_path / "study"
-    )
+    study = prepare_study(config_of(tmp_path, tmp_path, arms=["real", "synthetic"], fractions=[1.0]), tmp_path / "study")
     assert {run.settings.masks for run in study_runs(study.config)} == {False}

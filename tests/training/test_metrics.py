@@ -3,10 +3,7 @@ import pytest
 from scipy.stats import binomtest
 
 from hulldown.tests.builders.detections import dataset, loaded, matched, random_case, results, total
-from hulldown.training.evaluation.average_precision import (
-    IOU_THRESHOLDS,
-    resampled_averages,
-)
+from hulldown.training.evaluation.average_precision import IOU_THRESHOLDS, resampled_averages
 from hulldown.training.evaluation.bootstrap import (
     combined_error,
     difference_interval,

@@ -169,9 +169,7 @@ def test_a_damaged_video_names_its_lost_frames_and_a_playlist_is_refused(video, 
     with pytest.warns(UserWarning, match=r"is damaged: \d frames were read, \d of 5 are lost"):
         assert len(find_pictures([video]).images) < 5
     assert capfd.readouterr() == ("", "")  # FFmpeg's messages
-    (tmp_path / "list.mp4").write_text(
-        f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile://{video}\n#EXT-X-ENDLIST\n"
-    )
+    (tmp_path / "list.mp4").write_text(f"#EXTM3U\n#EXT-X-TARGETDURATION:1\n#EXTINF:1,\nfile://{video}\n#EXT-X-ENDLIST\n")
     with pytest.raises(DatasetError, match="isn't a video"):
         find_pictures([tmp_path / "list.mp4"])
 

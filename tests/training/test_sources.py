@@ -46,8 +46,7 @@ def test_classes_are_matched_by_name_for_any_ids(tmp_path):
     np.testing.assert_array_equal(first.class_index, second.class_index)
     assert read_sources({"made": made})[0] == ("square", "disc")
     assert (
-        read_sources({"made": made}, classes=("disc", "square"))[1][0].class_index.tolist()
-        == (1 - first.class_index).tolist()
+        read_sources({"made": made}, classes=("disc", "square"))[1][0].class_index.tolist() == (1 - first.class_index).tolist()
     )
 
 
@@ -147,12 +146,8 @@ def test_a_wrong_picture_or_setting_is_named_before_anything_is_written(tmp_path
 
 def test_a_folder_with_other_content_is_not_trained_in(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
-    with pytest.raises(
-        HulldownError, match=r"set: is inside .*set, which this command reads; name a new or an empty folder"
-    ):
-        train_detector(
-            {"real": dataset}, dataset, settings={"model": "small", "weights": "none", "budget": 4}, device="cpu"
-        )
+    with pytest.raises(HulldownError, match=r"set: is inside .*set, which this command reads; name a new or an empty folder"):
+        train_detector({"real": dataset}, dataset, settings={"model": "small", "weights": "none", "budget": 4}, device="cpu")
 
 
 def test_a_config_file_is_read_and_its_mistakes_are_named(tmp_path):

@@ -86,9 +86,7 @@ def tree(out):
     [
         ({}, [("mixed-100", "training", 3), ("mixed-50", "looking", 8)]),
         pytest.param(
-            {"train": NANO, "fractions": [1.0]},
-            [("real", "training", 1), ("mixed", "training", 1)],
-            marks=pytest.mark.thorough,
+            {"train": NANO, "fractions": [1.0]}, [("real", "training", 1), ("mixed", "training", 1)], marks=pytest.mark.thorough
         ),
     ],
     ids=["small", "nano"],

@@ -42,8 +42,7 @@ def looked(labels, share, *, seed):
         for k in order[: round(share / 100 * len(order))]
     ]  # fmt: skip
     alarms = [
-        {"image_id": image.id, "category_id": 1, "bbox": [1.0, 1.0, 5.0, 5.0], "score": 0.55}
-        for image in labels.images[::8]
+        {"image_id": image.id, "category_id": 1, "bbox": [1.0, 1.0, 5.0, 5.0], "score": 0.55} for image in labels.images[::8]
     ]
     return found + alarms
 
@@ -202,9 +201,7 @@ def test_worth_of_the_papers_synthetic_images():
     curve = np.array([[0.32], [0.35], [0.70], [0.64], [0.76]])
     # Where the curve falls, it's taken as constant: 0.70 is reached with 105, 0.73 halfway to 420.
     wanted = {0.53: 42 * (105 / 42) ** (0.18 / 0.35), 0.70: 105, 0.73: 210 * 2**0.5, 0.80: np.inf, 0.16: 10.5, 0.0: 0}
-    assert photographs_needed(counts, np.tile(curve, len(wanted)), np.array([*wanted])) == pytest.approx(
-        [*wanted.values()]
-    )
+    assert photographs_needed(counts, np.tile(curve, len(wanted)), np.array([*wanted])) == pytest.approx([*wanted.values()])
 
 
 def test_an_interval_that_touches_0_shows_nothing():

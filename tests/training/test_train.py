@@ -63,9 +63,7 @@ def train_and_die(data, out, settings, at=None, **more):
             os.kill(os.getpid(), signal.SIGKILL)
 
     return in_child(
-        lambda: train_detector(
-            data, out, settings=settings, device="cpu", checkpoint_every_s=0.0, progress=progress, **more
-        )
+        lambda: train_detector(data, out, settings=settings, device="cpu", checkpoint_every_s=0.0, progress=progress, **more)
     )
 
 
@@ -85,11 +83,7 @@ def metrics(run: Path) -> list[dict[str, float]]:
 
 @pytest.mark.parametrize(
     ("settings", "kills"),
-    [
-        (small(budget=95), (6, 10)),
-        (nano(budget=12), (5,)),
-        pytest.param(nano(), (6, 10), marks=pytest.mark.thorough),
-    ],
+    [(small(budget=95), (6, 10)), (nano(budget=12), (5,)), pytest.param(nano(), (6, 10), marks=pytest.mark.thorough)],
     ids=["small", "nano once", "nano"],
 )
 def test_a_killed_run_continues_from_its_checkpoint(pictures, tmp_path, settings, kills):
@@ -161,9 +155,7 @@ def test_small_can_memorize_a_few_pictures(tmp_path):
     pictures = make_dataset(tmp_path / "set", 8)
     keys = {"resolution": 96, "budget": 1200, "batch": 8, "accumulate": 1, "learning_rate": 2e-3}
     settings = small(augmentation=augmentation(), **keys)
-    run = train_detector(
-        {"demo": pictures}, tmp_path / "run", settings=settings, valid=pictures, workers=0, device="cpu"
-    )
+    run = train_detector({"demo": pictures}, tmp_path / "run", settings=settings, valid=pictures, workers=0, device="cpu")
     assert run.figures.valid["ap50"] > 0.5  # of random weights: 0.00
     losses = [row["train/loss"] for row in metrics(tmp_path / "run")]
     assert np.mean(losses[-5:]) < np.mean(losses[:5]) / 1.5
@@ -261,9 +253,7 @@ def test_a_training_that_diverges_names_the_learning_rate(pictures, tmp_path, se
     wild = settings(budget=95, learning_rate=1.0, weight_decay=100.0)
     for _ in range(2):  # and again, from its checkpoint
         with pytest.raises(HulldownError, match=r"diverged in step \d+; lower learning_rate \(1\)") as error:
-            train_detector(
-                {"demo": pictures}, tmp_path / "run", settings=wild, workers=0, device="cpu", checkpoint_every_s=0.0
-            )
+            train_detector({"demo": pictures}, tmp_path / "run", settings=wild, workers=0, device="cpu", checkpoint_every_s=0.0)
         assert error.value.path == tmp_path / "run"
         assert not list((tmp_path / "run").glob("weights*"))
         assert json.loads((tmp_path / "run" / "run.json").read_text(), parse_constant=pytest.fail)["figures"] == {}
@@ -271,8 +261,6 @@ def test_a_training_that_diverges_names_the_learning_rate(pictures, tmp_path, se
 
 def test_rf_detr_gets_boxes_as_centers_and_sizes_in_shares_of_the_picture():
     corners = torch.tensor([[8.0, 10.0, 24.0, 30.0]])
-    _, (target,) = fit_detr.collate_examples(
-        [Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))]
-    )
+    _, (target,) = fit_detr.collate_examples([Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))])
     torch.testing.assert_close(target["boxes"], torch.tensor([[0.2, 0.5, 0.2, 0.5]]))
     assert (target["labels"].tolist(), target["area"].tolist()) == ([1], [320.0])

@@ -96,9 +96,7 @@ def test_an_argument_out_of_range_is_refused(words, expected, run):
     assert expected in ran.stderr
 
 
-@pytest.mark.parametrize(
-    ("verb", "left"), [("export", "nothing was written"), ("join", "the same command goes on from here")]
-)
+@pytest.mark.parametrize(("verb", "left"), [("export", "nothing was written"), ("join", "the same command goes on from here")])
 def test_a_stopped_run_reports_what_is_left(verb, left, tmp_path):
     render(tmp_path / "d", range(100))
     command = [sys.executable, "-P", "-m", "hulldown", verb, "d", "-o", "out"]

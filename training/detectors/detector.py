@@ -196,7 +196,5 @@ def chosen_device(device: str) -> Any:
         chosen = torch.device(device)
         torch.empty(0, device=chosen)
     except (RuntimeError, AssertionError) as error:
-        raise HulldownError(
-            f"device {device!r} cannot be used ({first_line(error)})", remedy="name auto or cpu"
-        ) from None
+        raise HulldownError(f"device {device!r} cannot be used ({first_line(error)})", remedy="name auto or cpu") from None
     return chosen

@@ -55,9 +55,7 @@ IMAGENET_MEAN, IMAGENET_DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 COCO_LOGITS = 91  # the pre-trained heads number classes as COCO does
 
 
-def starting_module(
-    settings: Settings, classes: Sequence[str], device: torch.device, folder: Path
-) -> RFDETRModelModule:
+def starting_module(settings: Settings, classes: Sequence[str], device: torch.device, folder: Path) -> RFDETRModelModule:
     """Return RF-DETR's module with the weights to start from; RF-DETR downloads its own."""
     named = None if settings.weights in (None, "none") else find_weights(Path(str(settings.weights)))
     own = own_weights(settings.model)
@@ -145,20 +143,13 @@ def detr_contents(module: RFDETRModelModule, classes: Sequence[str], network: An
     config = BestModelCallback._serialize_model_config(module, state)
     name = type(module.model_config).__name__.removesuffix("Config")
     args = {"class_names": list(classes), "num_classes": len(classes), "pretrain_weights": None}
-    return {
-        "model": state,
-        "args": args,
-        "model_name": name,
-        "model_config": {**(config or {}), "pretrain_weights": None},
-    }
+    return {"model": state, "args": args, "model_name": name, "model_config": {**(config or {}), "pretrain_weights": None}}
 
 
 class DetrDetector:
     """RF-DETR as a `Detector`; `resolution` is the side of its input in pixels."""
 
-    def __init__(
-        self, network: Any, postprocess: Any, names: dict[int, str], resolution: int, device: torch.device
-    ) -> None:
+    def __init__(self, network: Any, postprocess: Any, names: dict[int, str], resolution: int, device: torch.device) -> None:
         self.classes = tuple(names.values())
         self._network, self._postprocess = network.to(device).eval(), postprocess
         self._size, self._device = (resolution, resolution), device
@@ -189,9 +180,7 @@ def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
         with silence_libraries():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
     except DAMAGE_ERRORS as error:  # an entry of the file may be missing or have another shape
-        raise HulldownError(
-            f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another"
-        ) from None
+        raise HulldownError(f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another") from None
     context = model.model
     refuse_odd_numbers(context.model, path)
     logits = int(context.model.class_embed.weight.shape[0])

@@ -129,8 +129,7 @@ def _read_pretrained(source: str, settings: Settings | None, **names: object) ->
             )  # fmt: skip
     except UNUSABLE_ERRORS as error:
         raise HulldownError(
-            f"{source}: cannot be loaded as a detector of transformers ({first_line(error)})",
-            remedy=_REMEDY,
+            f"{source}: cannot be loaded as a detector of transformers ({first_line(error)})", remedy=_REMEDY
         ) from None
     refuse_odd_numbers(network, Path(source))
     return network, processor, sorted(key for key, *_ in found["mismatched_keys"])

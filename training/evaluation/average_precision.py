@@ -49,9 +49,7 @@ def coco_averages(labels: Labels, predictions: Predictions) -> tuple[dict[str, f
     return dict(zip(AP_SUMMARY, figures, strict=False)), np.where(each < 0.0, np.nan, each)
 
 
-def resampled_averages(
-    matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]
-) -> Float[np.ndarray, "r c 3"]:
+def resampled_averages(matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]) -> Float[np.ndarray, "r c 3"]:
     """Return `AP_NAMES` of each class in each resample of positions; nan if a resample has no label of it."""
     labels, predictions = matchings[0].labels, matchings[0].predictions
     order = np.argsort(-predictions.score, kind="stable")

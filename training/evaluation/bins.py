@@ -54,11 +54,7 @@ def _side_length(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
 
 
 def _make_field(
-    name: str,
-    title: str,
-    bins: Sequence[str],
-    of_label: Int[np.ndarray, " g"],
-    of_detection: Int[np.ndarray, " d"] | None,
+    name: str, title: str, bins: Sequence[str], of_label: Int[np.ndarray, " g"], of_detection: Int[np.ndarray, " d"] | None
 ) -> BinnedField:
     used = of_label if of_detection is None else np.concatenate([of_label, of_detection])
     there = np.bincount(used[used >= 0], minlength=len(bins)) > 0

@@ -116,9 +116,7 @@ def figure_intervals(
     for key, whole in wholes.items():
         groups = int((whole > 0).sum())
         trials = np.inf if key in MEAN_METRICS else whole.sum()
-        found[key] = share_interval(
-            values[key], standard_error(resampled[key], groups), freedom=groups - 1, trials=trials
-        )
+        found[key] = share_interval(values[key], standard_error(resampled[key], groups), freedom=groups - 1, trials=trials)
     return found
 
 

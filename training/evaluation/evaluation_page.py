@@ -16,16 +16,7 @@ from hulldown.annotate.labels.oriented_box import visible_corners
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
-from hulldown.dataset.reports.charts import (
-    BLUE,
-    GREEN,
-    INK,
-    MAX_NAME_CHARACTERS,
-    RED,
-    SERIES_COLORS,
-    make_axes,
-    shorten_name,
-)
+from hulldown.dataset.reports.charts import BLUE, GREEN, INK, MAX_NAME_CHARACTERS, RED, SERIES_COLORS, make_axes, shorten_name
 from hulldown.dataset.reports.page import render_page
 from hulldown.pictures.sheets import BACKGROUND_COLOR, contact_sheet
 from hulldown.training.evaluation.detector_report import DetectorReport
@@ -91,11 +82,7 @@ def comparison_page(
             "columns": {name: report.overall for name, report in reports.items()},
             "curves": {"precision over recall of each": precision_recall(evaluations)},
             "changes": [
-                (
-                    f"{FIGURE_TITLES[key]}: {one.second[:MAX_NAME_CHARACTERS]}",
-                    one.difference[key],
-                    one.intervals[key].tolist(),
-                )
+                (f"{FIGURE_TITLES[key]}: {one.second[:MAX_NAME_CHARACTERS]}", one.difference[key], one.intervals[key].tolist())
                 for one in compared
                 for key in COMPARED_METRICS
             ],
@@ -146,29 +133,21 @@ def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
     sizes = np.sqrt(one.labels.xywh[:, 2] * one.labels.xywh[:, 3])
     chosen = {
         "misses.png": _ranked_tiles(one, one.labels, one.seen.missed, sizes, "size {:.0f} px"),
-        "false_alarms.png": _ranked_tiles(
-            one, one.predictions, one.seen.false, one.predictions.score, "confidence {:.2f}"
-        ),
+        "false_alarms.png": _ranked_tiles(one, one.predictions, one.seen.false, one.predictions.score, "confidence {:.2f}"),
     }
     sheets = {}
     for name, tiles in chosen.items():
         (folder / name).unlink(missing_ok=True)
         if tiles:
             file = io.BytesIO()
-            contact_sheet(list(tiles.values()), columns=6, tile_width=TILE_SIZE[0], captions=list(tiles)).save(
-                file, "PNG"
-            )
+            contact_sheet(list(tiles.values()), columns=6, tile_width=TILE_SIZE[0], captions=list(tiles)).save(file, "PNG")
             sheets[name] = file.getvalue()
             replace_file(folder / name, sheets[name])
     return sheets
 
 
 def _ranked_tiles(
-    one: Evaluation,
-    boxes: Labels | Predictions,
-    among: Bool[np.ndarray, " n"],
-    rank: Float[np.ndarray, " n"],
-    word: str,
+    one: Evaluation, boxes: Labels | Predictions, among: Bool[np.ndarray, " n"], rank: Float[np.ndarray, " n"], word: str
 ) -> dict[str, Image.Image]:
     """Return pictures of the boxes of highest rank by caption; `word` formats the rank there."""
     rows = np.flatnonzero(among)

@@ -22,28 +22,14 @@ from hulldown.base.files import replace_file
 from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import progress_bar
 from hulldown.training.evaluation.average_precision import AP_NAMES
-from hulldown.training.evaluation.detector_report import (
-    DetectorReport,
-    DetectorReports,
-    detector_report,
-    reported_comparison,
-)
+from hulldown.training.evaluation.detector_report import DetectorReport, DetectorReports, detector_report, reported_comparison
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare_detectors
 from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, write_sheets
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.metrics import COUNT_METRICS, DERIVED_METRICS
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
 
-REPORT_COLUMNS = (
-    "predictions",
-    "scope",
-    *COUNT_METRICS,
-    *DERIVED_METRICS,
-    *AP_NAMES,
-    "threshold",
-    "threshold_source",
-    "iou",
-)
+REPORT_COLUMNS = ("predictions", "scope", *COUNT_METRICS, *DERIVED_METRICS, *AP_NAMES, "threshold", "threshold_source", "iou")
 
 
 def evaluate_detections(
@@ -131,9 +117,7 @@ def evaluate_detections(
             reports[detections.name] = found
             folder = output / detections.name if len(paths) > 1 else output
             folder.mkdir(exist_ok=True)
-            _write_reports(
-                folder, {detections.name: found}, found, evaluation_page(one, found, write_sheets(folder, one))
-            )
+            _write_reports(folder, {detections.name: found}, found, evaluation_page(one, found, write_sheets(folder, one)))
             advance(k, len(paths))
         if len(evaluations) == 1:
             return found

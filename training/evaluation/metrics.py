@@ -39,10 +39,7 @@ def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np
     """Return `DERIVED_METRICS` from `SUM_METRICS` in the last axis; nan if undefined."""
     tp, _, _, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
     parts = (tp, tp, 2.0 * tp, iou, sure_tp + sure_fp, sure_tp, sure_fp)
-    return {
-        key: safe_ratio(part, whole)
-        for part, (key, whole) in zip(parts, figure_denominators(sums).items(), strict=True)
-    }
+    return {key: safe_ratio(part, whole) for part, (key, whole) in zip(parts, figure_denominators(sums).items(), strict=True)}
 
 
 def figure_denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:

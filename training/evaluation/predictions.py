@@ -76,9 +76,7 @@ def read_predictions(path: Path | str, labels: Labels, *, name: str | None = Non
         _check_images(info, listed.get("images"), labels)
         names |= _category_names(listed)
     if not isinstance(found, list):
-        raise DatasetError(
-            "isn't COCO results: expected a list of detections", path=path, remedy="name a file of detections"
-        )
+        raise DatasetError("isn't COCO results: expected a list of detections", path=path, remedy="name a file of detections")
     return read_checked_predictions(found, labels, path=path, name=name or path.stem, names=names)
 
 
@@ -138,9 +136,7 @@ def _refuse_file(problem: str, path: Path, labels: Labels) -> DatasetError:
 def _category_names(info: Mapping[str, object]) -> dict[int, str]:
     listed = info.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
-    return {
-        one["id"]: one["name"] for one in records if type(one.get("id")) is int and isinstance(one.get("name"), str)
-    }
+    return {one["id"]: one["name"] for one in records if type(one.get("id")) is int and isinstance(one.get("name"), str)}
 
 
 def _check_images(path: Path, listed: object, labels: Labels) -> None:

@@ -108,9 +108,7 @@ class Batches(Sampler[list[int]]):
             yield list(range(start, min(start + self._batch, self._draws)))
 
 
-def network_pictures(
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]
-) -> UInt8[torch.Tensor, "n 3 h w"]:
+def network_pictures(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]) -> UInt8[torch.Tensor, "n 3 h w"]:
     """Return pictures of any sizes at a network's size (width, height), as in training."""
     nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
     return torch.stack([make_example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])

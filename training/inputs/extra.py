@@ -11,16 +11,7 @@ from contextlib import contextmanager
 
 from hulldown.base.errors import HulldownError
 
-TRAINING_PACKAGES = (
-    "torch",
-    "torchvision",
-    "pytorch_lightning",
-    "rfdetr",
-    "transformers",
-    "albumentations",
-    "cv2",
-    "onnx",
-)
+TRAINING_PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "transformers", "albumentations", "cv2", "onnx")
 
 
 def require_extra() -> None:

@@ -140,9 +140,7 @@ def check_source_pictures(
     return checked
 
 
-def shared_pictures(
-    first: LabeledPictures, second: LabeledPictures, checked: Mapping[str, CheckedPictures]
-) -> list[str]:
+def shared_pictures(first: LabeledPictures, second: LabeledPictures, checked: Mapping[str, CheckedPictures]) -> list[str]:
     """Describe the near duplicates between two sources."""
     ones, others = checked[first.name], checked[second.name]
     pairs = set(map(tuple, near_duplicates(ones.hashes, others.hashes).tolist()))
@@ -176,8 +174,7 @@ def _make_source(name: str, folder: Path, found: LabeledImages, classes: Sequenc
     counted = [[label for label in image.labels if not label.crowd] for image in images]
     boxes = [sorted(labels, key=lambda label: label.id) for labels in counted]
     learned = [
-        [image.file_name, *image.size, list(map(_training_label, labels))]
-        for image, labels in zip(images, boxes, strict=True)
+        [image.file_name, *image.size, list(map(_training_label, labels))] for image, labels in zip(images, boxes, strict=True)
     ]
     return LabeledPictures(
         class_names=tuple(classes),

@@ -50,15 +50,10 @@ class StudyConfig(BaseModel):
     seeds: tuple[Annotated[int, Field(ge=0, lt=2**32)], ...] = Field((0, 1, 2), min_length=1)
     stratified: bool = Field(False, description="whether each share keeps the proportion of classes")
     threshold: float | None = Field(
-        None,
-        ge=0.0,
-        le=1.0,
-        description="confidence of a detection; default: by valid, or as many as labels",
+        None, ge=0.0, le=1.0, description="confidence of a detection; default: by valid, or as many as labels"
     )
     iou: float = Field(0.5, gt=0.0, le=1.0, description="overlap of a find")
-    train: Settings = Field(
-        default_factory=lambda: Settings.model_validate({}), description="as of `hulldown train --config`"
-    )
+    train: Settings = Field(default_factory=lambda: Settings.model_validate({}), description="as of `hulldown train --config`")
 
     @property
     def named_arms(self) -> tuple[NamedArm, ...]:
@@ -118,9 +113,7 @@ def _resolve_weights(folder: Path, weights: str | None) -> str | None:
     return str(folder / weights) if weights is not None and (folder / weights).exists() else weights
 
 
-def write_study(
-    output: AnyPath, *, real: AnyPath, synthetic: AnyPath, test: AnyPath, valid: AnyPath | None = None
-) -> Path:
+def write_study(output: AnyPath, *, real: AnyPath, synthetic: AnyPath, test: AnyPath, valid: AnyPath | None = None) -> Path:
     """Write a study's config.
 
     Writes a comment on every key, and its default.

@@ -164,9 +164,7 @@ def compared_cells(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
         later = "mixed" if ARM_KINDS.get(cell.arm, ArmKind()).beyond_mixed else base
         if later not in (cell.arm, "real"):
             wanted.append((by_key.get((later, cell.fraction)), cell))
-    return [
-        (first, second) for first, second in wanted if first is not None and first.judged.keys() & second.judged.keys()
-    ]
+    return [(first, second) for first, second in wanted if first is not None and first.judged.keys() & second.judged.keys()]
 
 
 class Equivalent(NamedTuple):

@@ -235,10 +235,7 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -
     if np.isnan(found.value):
         return f"{second.name} minus {first.name}: {title} is undefined without detections."
     if np.isnan(found.ends).any():
-        return (
-            f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions for an "
-            "interval."
-        )
+        return f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions for an interval."
     ends = f"{found.value:+.3f} ({found.ends[0]:+.3f} to {found.ends[1]:+.3f})"
     if found.shown:
         how = "higher" if found.ends[0] > 0 else "lower"
@@ -269,9 +266,7 @@ def interval_note(study: Study, compared: int) -> str:
     """Return a note on the intervals' meaning; `compared` intervals are of differences."""
     seeds, images = len(study.config.seeds), study.datasets["test"].images
     trainings = (
-        "With one seed, they don't cover other trainings."
-        if seeds == 1
-        else f"They include the spread of the {seeds} seeds."
+        "With one seed, they don't cover other trainings." if seeds == 1 else f"They include the spread of the {seeds} seeds."
     )
     note = f"Intervals have 95 % confidence, from resampling the positions in the {images} test pictures. {trainings}"
     if not compared:

@@ -84,9 +84,7 @@ def _paper_rows(report: StudyReport) -> list[list[str]]:
 
 def arm_color(arm: str) -> str:
     """Return an arm's color, the same in every chart; a named arm's is by its name."""
-    return dict(zip(ARM_KINDS, SERIES_COLORS, strict=False)).get(
-        arm, SPARE_COLORS[sum(arm.encode()) % len(SPARE_COLORS)]
-    )
+    return dict(zip(ARM_KINDS, SERIES_COLORS, strict=False)).get(arm, SPARE_COLORS[sum(arm.encode()) % len(SPARE_COLORS)])
 
 
 def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
@@ -102,9 +100,7 @@ def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
         axis.set_ylim(0.0, None if keys == CHART_PANELS[0] else 1.09)
         axis.set_xlim(-0.6, len(keys) - 0.4)
         axis.margins(y=0.12)
-    figure.legend(
-        *axes[0].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside upper right", ncols=len(cells)
-    )
+    figure.legend(*axes[0].get_legend_handles_labels(), fontsize=8, frameon=False, loc="outside upper right", ncols=len(cells))
     figure.suptitle(title, fontsize=10, color=INK)
     return figure
 

@@ -127,6 +127,4 @@ def _train_and_predict(
     for which in study.judged:
         if not (folder / f"{which}.json").exists():
             looking = partial(progress, f"looking at {which}")
-            predict_detections(
-                folder, study.datasets[which].folder, folder / f"{which}.json", device=device, progress=looking
-            )
+            predict_detections(folder, study.datasets[which].folder, folder / f"{which}.json", device=device, progress=looking)

@@ -62,12 +62,7 @@ def _label_line(number: int, shares: Float[np.ndarray, " n"]) -> str:
 
 
 def write_yolo(
-    splits: Splits,
-    out: Path,
-    *,
-    lines: MakeLabelLines = label_lines,
-    split_first: bool = False,
-    more: Sequence[str] = (),
+    splits: Splits, out: Path, *, lines: MakeLabelLines = label_lines, split_first: bool = False, more: Sequence[str] = ()
 ) -> None:
     """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them."""
     numbers = {category.id: number for number, category in enumerate(splits.categories)}

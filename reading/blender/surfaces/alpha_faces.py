@@ -12,14 +12,7 @@ from jaxtyping import Float32, Int
 from hulldown.blender.buffers import read_property, texture_coordinates
 from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
 from hulldown.reading.blender.surfaces.bake import bake_opacities, bake_opacity
-from hulldown.reading.blender.surfaces.opacity import (
-    IDENTITY_AFFINE,
-    Cutter,
-    Lookup,
-    NotUnderstoodError,
-    is_opaque,
-    texels,
-)
+from hulldown.reading.blender.surfaces.opacity import IDENTITY_AFFINE, Cutter, Lookup, NotUnderstoodError, is_opaque, texels
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 
@@ -73,9 +66,7 @@ class CutoutReader:
     def _make_cutter(self, opacity: Lookup | float) -> Cutter | None:
         if isinstance(opacity, float):
             texel = np.full((1, 1), opacity, dtype=np.float32)
-            return (
-                Cutter(AlphaMap(texel, Extension.EXTEND, smooth=False), "", IDENTITY_AFFINE) if opacity < 1.0 else None
-            )
+            return Cutter(AlphaMap(texel, Extension.EXTEND, smooth=False), "", IDENTITY_AFFINE) if opacity < 1.0 else None
         image, channel = opacity.image, opacity.channel
         if image is None or not (image.has_data or all(image.size)):  # asking for the size loads it
             return None  # Cycles renders it pink; the report lists it as missing

@@ -37,9 +37,7 @@ def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
     found: dict[int, Lookup | float] = {}
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
-        images = [
-            copies.enter_context(_grade_image(values)) for values in (TEXEL_GRADES, linear_from_srgb(TEXEL_GRADES))
-        ]
+        images = [copies.enter_context(_grade_image(values)) for values in (TEXEL_GRADES, linear_from_srgb(TEXEL_GRADES))]
         for material, copy in zip(materials, copies.enter_context(_emit_opacity(materials)), strict=True):
             with suppress(NotUnderstoodError):
                 lookups[material.as_pointer()] = lookup = material_lookup(copy)

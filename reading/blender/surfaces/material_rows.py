@@ -37,10 +37,7 @@ def _material_areas(mesh: Any) -> dict[Any, float]:
     """Return the area of each material's faces, in the mesh's own units."""
     if not len(mesh.materials):
         return {}
-    worn, area = (
-        read_property(mesh.polygons, "material_index", np.int32),
-        read_property(mesh.polygons, "area", np.float32),
-    )
+    worn, area = (read_property(mesh.polygons, "material_index", np.int32), read_property(mesh.polygons, "area", np.float32))
     sums = np.bincount(worn.clip(0, len(mesh.materials) - 1), weights=area, minlength=len(mesh.materials))
     found: dict[Any, float] = defaultdict(float)
     for material, one in zip(mesh.materials, sums.tolist(), strict=True):

@@ -17,9 +17,7 @@ UNIT_PER_UINT32 = 1.0 / 0xFFFFFFFF
 def random_number(instance: Any) -> float:
     """Return Cycles' random number, from 0 to 1, of anything that `depsgraph.object_instances` yields."""
     return (
-        (instance.random_id % 2**32) * UNIT_PER_UINT32
-        if instance.is_instance
-        else random_number_of_name(instance.object.name)
+        (instance.random_id % 2**32) * UNIT_PER_UINT32 if instance.is_instance else random_number_of_name(instance.object.name)
     )
 
 

@@ -29,11 +29,7 @@ def used_files() -> list[str]:
 
 def find_moved(path: Path) -> list[Doubt]:
     """Point images whose files are missing to files of the same name near the asset."""
-    images = [
-        block
-        for block in _referring_blocks()
-        if isinstance(block, bpy.types.Image) and UDIM_TOKEN not in block.filepath
-    ]
+    images = [block for block in _referring_blocks() if isinstance(block, bpy.types.Image) and UDIM_TOKEN not in block.filepath]
     gone = [image for image in images if (wanted := _block_path(image)) and not _is_there(wanted)]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
     found: dict[str, set[str]] = {name: set() for name in named}
@@ -58,11 +54,7 @@ def find_moved(path: Path) -> list[Doubt]:
 
 def nearby_pictures(path: Path) -> list[str]:
     """Return pictures that `find_moved` searches near an asset, relative to its folder, without hidden folders."""
-    near = {
-        Path(os.path.relpath(file, path.parent))
-        for file in nearby_files(path)
-        if file.suffix.lower() in TEXTURE_SUFFIXES
-    }
+    near = {Path(os.path.relpath(file, path.parent)) for file in nearby_files(path) if file.suffix.lower() in TEXTURE_SUFFIXES}
     return sorted(str(file) for file in near if not any(re.match(r"\.\w", part) for part in file.parts))
 
 
