@@ -18,8 +18,8 @@ from rich.markup import escape
 from hulldown.base.errors import HulldownError, shorten_text
 from hulldown.base.terminal import STDERR_TERMINAL
 from hulldown.verbs import demo, planning, rendering, training
-from hulldown.verbs.command import named_verb, parser_problem, run_command
-from hulldown.verbs.output import DONE, MISTAKE, STDOUT_NAME, STOPPED, silence_stdout, warnings_in_one_line
+from hulldown.verbs.command import describe_parser_error, find_verb_name, run_command
+from hulldown.verbs.output import DONE, MISTAKE, STDOUT_NAME, STOPPED, show_one_line_warnings, silence_stdout
 
 MAX_LINE_CHARACTERS = 2000
 # Errors of the file system that aren't bugs: a full disk, missing rights, a file instead of a folder or the reverse.
@@ -39,13 +39,13 @@ def main(argv: Sequence[str] | None = None) -> int:
             stream.reconfigure(errors="backslashreplace")
     words = list(sys.argv[1:] if argv is None else argv)
     try:
-        with warnings_in_one_line():
+        with show_one_line_warnings():
             return run_command(words, VERBS)
     except HulldownError as error:
         return _print_refusal(str(error))
     except CycloptsError as error:
-        asked = " ".join(["hulldown", named_verb(words, VERBS) or "", "--help"])
-        return _print_refusal(f"{parser_problem(error)} (see `{' '.join(asked.split())}`)")
+        asked = " ".join(["hulldown", find_verb_name(words, VERBS) or "", "--help"])
+        return _print_refusal(f"{describe_parser_error(error)} (see `{' '.join(asked.split())}`)")
     except KeyboardInterrupt:
         resumes = any(verb.resumes for name, verb in VERBS.items() if words[: name.count(" ") + 1] == name.split())
         return _print_refusal(f"stopped; {'the same command goes on from here' if resumes else 'nothing was written'}", STOPPED)

@@ -47,7 +47,7 @@ from jaxtyping import Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.annotate.extremes import ImageView, surface_extremes
-from hulldown.annotate.posing import PosedParts, transform_parts
+from hulldown.annotate.posing import PosedParts, transform_part_points
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.arrays import checked_array
 from hulldown.camera.cameras import NEAR_M, Cameras
@@ -107,7 +107,7 @@ def surface_box(
     used, number = np.unique(triangles, return_inverse=True)
     triangles = number.reshape(-1, 3)
     points = (camera.world_from_camera[:3, :3].T @ (vertices[used] - camera.position).T).copy()
-    return _is_known(_view_box(points, triangles, ImageView(camera.lenses, frame)))
+    return _box_or_none(_surface_box_in_view(points, triangles, ImageView(camera.lenses, frame)))
 
 
 class VehicleBoxes:
@@ -165,8 +165,8 @@ class VehicleBoxes:
         xywh in continuous pixels, or None if no surface counts.
         """
         pose = checked_array(world_from_vehicle, "world_from_vehicle", (4, 4))[None]
-        found = self.boxes(pose, camera.at_poses(camera.world_from_camera[None]), [articulation or {}])
-        return _is_known((found.xywh if frame else found.amodal)[0])
+        found = self.boxes(pose, camera.with_poses(camera.world_from_camera[None]), [articulation or {}])
+        return _box_or_none((found.xywh if frame else found.amodal)[0])
 
     def boxes(
         self,
@@ -196,14 +196,14 @@ class VehicleBoxes:
         for start in range(0, n, MAX_BATCH_POSES):
             rows = slice(start, min(start + MAX_BATCH_POSES, n))
             camera_from_parts = self._parts.camera_from_parts(vehicles[rows], cameras.world_from_camera[rows], angles[rows])
-            xywh[rows], amodal[rows] = self._view_boxes(camera_from_parts, lenses.take(rows))
+            xywh[rows], amodal[rows] = self._framed_and_amodal_boxes(camera_from_parts, lenses.take(rows))
         return Boxes(xywh, amodal, truncated_fraction(xywh, amodal))
 
-    def _view_boxes(
+    def _framed_and_amodal_boxes(
         self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lenses: Intrinsics
     ) -> tuple[Float[np.ndarray, "n 4"], Float[np.ndarray, "n 4"]]:
         faces, size = self._parts.faces, lenses.size
-        low, high, nearest, farthest = self._hull_extremes(camera_from_parts, lenses)
+        low, high, nearest, farthest = self._hull_corners_and_depths(camera_from_parts, lenses)
         # A surface wholly in front of the camera has the box of its hull, if the lens doesn't bend its edges.
         whole = (nearest >= NEAR_M) & (not lenses.is_distorted)
         amodal = np.where(whole[:, None], np.concatenate([low, high - low], axis=1), np.nan)
@@ -211,22 +211,22 @@ class VehicleBoxes:
         out_of_frame = ((high < -CLEAR_MARGIN_PX) | (low > size + CLEAR_MARGIN_PX)).any(axis=1)
         xywh = np.where((whole & framed)[:, None], amodal, np.nan)
         for i in np.flatnonzero((farthest >= NEAR_M) & ~(whole & (framed | out_of_frame))).tolist():
-            points, lens = self._points(camera_from_parts[i]), lenses.take(i)
+            points, lens = self._points_in_camera(camera_from_parts[i]), lenses.take(i)
             if not whole[i]:
-                amodal[i] = _view_box(points, faces, ImageView(lens, clip_to_image=False))
+                amodal[i] = _surface_box_in_view(points, faces, ImageView(lens, clip_to_image=False))
                 first, last = amodal[i, :2], amodal[i, :2] + amodal[i, 2:]
                 if (first >= 0.0).all() and (last <= size).all():
                     xywh[i] = amodal[i]
                     continue
                 if not ((last >= -CLEAR_MARGIN_PX).all() and (first <= size + CLEAR_MARGIN_PX).all()):
                     continue
-            xywh[i] = _view_box(points, faces, ImageView(lens, clip_to_image=True))
+            xywh[i] = _surface_box_in_view(points, faces, ImageView(lens, clip_to_image=True))
         return xywh, amodal
 
-    def _points(self, camera_from_parts: Float[np.ndarray, "p 3 4"]) -> Float[np.ndarray, "3 v"]:
-        return transform_parts(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
+    def _points_in_camera(self, camera_from_parts: Float[np.ndarray, "p 3 4"]) -> Float[np.ndarray, "3 v"]:
+        return transform_part_points(self._parts.vertices, self._parts.vertex_slices, camera_from_parts[None])[:, 0]
 
-    def _hull_extremes(
+    def _hull_corners_and_depths(
         self, camera_from_parts: Float[np.ndarray, "n p 3 4"], lenses: Intrinsics
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
         """Low and high corners in pixels of n hulls, and depths; valid in front of the camera, without distortion."""
@@ -235,7 +235,7 @@ class VehicleBoxes:
         step = max(1, POINTS_PER_BLOCK // self._parts.extreme.shape[1])
         for start in range(0, n, step):
             rows = slice(start, start + step)
-            x, y, z = transform_parts(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[rows])
+            x, y, z = transform_part_points(self._parts.extreme, self._parts.extreme_slices, camera_from_parts[rows])
             with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
                 x /= z
                 y /= z
@@ -257,11 +257,13 @@ def truncated_fraction(xywh: ArrayLike, amodal: ArrayLike) -> Float[np.ndarray, 
     return np.asarray(np.clip(1.0 - share, 0.0, 1.0))
 
 
-def _view_box(points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView) -> Float[np.ndarray, "4"]:
+def _surface_box_in_view(
+    points: Float[np.ndarray, "3 v"], faces: Int[np.ndarray, "f 3"], view: ImageView
+) -> Float[np.ndarray, "4"]:
     extremes = surface_extremes(points, faces, view)
     empty = not extremes[0] <= extremes[2]
     return np.full(4, np.nan) if empty else np.concatenate([extremes[:2], extremes[2:] - extremes[:2]])
 
 
-def _is_known(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:
+def _box_or_none(box: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"] | None:
     return None if np.isnan(box[0]) else box

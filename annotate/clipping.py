@@ -16,7 +16,7 @@ def extremes_of_points(pixels: Float[np.ndarray, "2 *n"]) -> Float[np.ndarray, "
     return np.array([u.min(), v.min(), u.max(), v.max()])
 
 
-def clip_triangles(
+def clip_triangles_to_polygons(
     triangles: Float[np.ndarray, "3 f 3"], planes: Float[np.ndarray, "k 4"]
 ) -> tuple[Float[np.ndarray, "3 n"], Int[np.ndarray, " n"], UInt8[np.ndarray, " n"]]:
     """Clip triangles (Sutherland, Hodgman): corners, each one's polygon, and as bits the planes that cut it."""
@@ -27,11 +27,11 @@ def clip_triangles(
     for i, plane in enumerate(planes):
         if not len(polygon):
             break
-        distance = plane_distance(plane, points)
+        distance = signed_plane_distances(plane, points)
         inside = distance >= 0.0
         if inside.all():
             continue
-        following = next_corner(polygon)
+        following = next_corner_indices(polygon)
         crossing = inside != inside[following]
         share = distance[crossing] / (distance[crossing] - distance[following[crossing]])
         start, end = points[:, crossing], points[:, following[crossing]]
@@ -49,12 +49,12 @@ def clip_triangles(
     return points, polygon, on
 
 
-def union_boxes(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
+def union_extremes(a: Float[np.ndarray, "4"], b: Float[np.ndarray, "4"]) -> Float[np.ndarray, "4"]:
     """Return the smallest box around two; either may be empty."""
     return np.concatenate([np.minimum(a[:2], b[:2]), np.maximum(a[2:], b[2:])])
 
 
-def next_corner(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+def next_corner_indices(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """Return the index of the next corner of the same polygon, for each corner in a flat list of polygons."""
     following = np.arange(1, len(polygon) + 1)
     last = np.flatnonzero(np.diff(polygon, append=-1))
@@ -62,7 +62,7 @@ def next_corner(polygon: Int[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     return following
 
 
-def plane_distance(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
+def signed_plane_distances(plane: Float[np.ndarray, "4"], points: Float[np.ndarray, "3 *n"]) -> Float[np.ndarray, "*n"]:
     """Return the signed, scaled distance of points from a plane; it isn't negative inside."""
     terms = [factor * x for factor, x in zip(plane.tolist(), (*points, 1.0), strict=True) if factor]
     return sum(terms[1:], start=terms[0])

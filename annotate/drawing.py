@@ -52,14 +52,14 @@ class Overlay:
         return IGNORED_COLOR if self.ignored else category_color(self.category_id)
 
 
-def draw_boxes(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) -> Image.Image:
+def picture_with_labels(image: Image.Image, labels: Sequence[Overlay], *, tint: bool = True) -> Image.Image:
     """Return a copy of a picture with labels just outside their boxes, inside the picture, and with `tint` masks."""
     picture = image.convert("RGB")
     values = [[declared_fields(label.record, kind) for kind in LABEL_TYPES] if label.record else [] for label in labels]
     for label, of_label in zip(labels, values, strict=True):
         for each in of_label if tint else ():
-            if (pixels := each.tinted_pixels(*picture.size)) is not None:
-                picture = _tint_mask(picture, pixels, label.color)
+            if (pixels := each.pixels_to_tint(*picture.size)) is not None:
+                picture = _picture_with_tinted_mask(picture, pixels, label.color)
     canvas = ImageDraw.Draw(picture)
     line = max(1, round(picture.height / 360))
     font = label_font(max(10, picture.height // 36))
@@ -97,7 +97,7 @@ def _draw_name(
     pen.text((x + pad - left, y + pad - top), text, fill=(0, 0, 0) if dark else (255, 255, 255), font=font)
 
 
-def _tint_mask(picture: Image.Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image.Image:
+def _picture_with_tinted_mask(picture: Image.Image, mask: Bool[np.ndarray, "h w"], color: tuple[int, int, int]) -> Image.Image:
     pixels = np.asarray(picture).astype(np.float32)
     pixels[mask] = 0.6 * pixels[mask] + 0.4 * np.array(color, dtype=np.float32)
     return Image.fromarray(pixels.round().astype(np.uint8))

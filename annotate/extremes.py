@@ -18,15 +18,15 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.annotate.clipping import (
     EMPTY_EXTREMES,
-    clip_triangles,
+    clip_triangles_to_polygons,
     extremes_of_points,
-    next_corner,
-    plane_distance,
-    union_boxes,
+    next_corner_indices,
+    signed_plane_distances,
+    union_extremes,
 )
 from hulldown.base.portable import sin_cos
 from hulldown.camera.cameras import NEAR_M
-from hulldown.camera.distortion import distort_points, max_bend
+from hulldown.camera.distortion import distort_points, max_second_derivative
 from hulldown.camera.intrinsics import Intrinsics
 
 NEAR_PLANE = np.array([[0.0, 0.0, 1.0, -NEAR_M]])
@@ -44,7 +44,7 @@ class ImageView:
     clip_to_image: bool  # whether the image's sides bound what is seen, or the near plane and a lens's fold alone
 
     @cached_property
-    def lens_numbers(self) -> tuple[list[float], list[float], list[float]]:
+    def focal_center_and_size(self) -> tuple[list[float], list[float], list[float]]:
         """Focal lengths, principal point, and image size in pixels."""
         return self.lens.focal.tolist(), self.lens.center.tolist(), self.lens.size.tolist()
 
@@ -53,7 +53,7 @@ class ImageView:
         """Rows (a, b, c, d) with a x + b y + c z + d >= 0 inside: near, then left, right, upper, and lower side."""
         if not self.clip_to_image:
             return NEAR_PLANE
-        (fx, fy), (cx, cy), (width, height) = self.lens_numbers
+        (fx, fy), (cx, cy), (width, height) = self.focal_center_and_size
         sides = [[fx, 0.0, cx, 0.0], [-fx, 0.0, width - cx, 0.0], [0.0, fy, cy, 0.0], [0.0, -fy, height - cy, 0.0]]
         return np.concatenate([NEAR_PLANE, sides])
 
@@ -65,12 +65,12 @@ class ImageView:
 
     def pixels(self, unit: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "2 n"]:
         """Return pixels of points at unit depth, in the image or not."""
-        (u, v), ((fx, fy), (cx, cy), _) = unit, self.lens_numbers
+        (u, v), ((fx, fy), (cx, cy), _) = unit, self.focal_center_and_size
         if self.lens.is_distorted:
             u, v = distort_points(unit.T, self.lens.distortion).T
         return np.stack([u * fx + cx, v * fy + cy])
 
-    def box_gain(
+    def box_gain_and_bounds(
         self,
         best: Float[np.ndarray, "4"],
         pixels: Sequence[Float[np.ndarray, "2 n"]],
@@ -82,7 +82,7 @@ class ImageView:
         `square`, `farthest`: the greatest length squared of a line, and distance from the axis, at unit depth.
         """
         # A curve is no farther from its chord than an eighth of its greatest second derivative.
-        sagitta = square * max_bend(farthest, self.lens.distortion) / 8.0
+        sagitta = square * max_second_derivative(farthest, self.lens.distortion) / 8.0
         sagitta = self.lens.focal[:, None] * sagitta
         low, high = reduce(np.minimum, pixels) - sagitta, reduce(np.maximum, pixels) + sagitta
         if self.clip_to_image:
@@ -91,7 +91,7 @@ class ImageView:
         gain[(low[0] > high[0]) | (low[1] > high[1])] = 0.0
         return gain, low, high
 
-    def are_inside(self, pixels: Float[np.ndarray, "2 n"]) -> Bool[np.ndarray, " n"]:
+    def inside_mask(self, pixels: Float[np.ndarray, "2 n"]) -> Bool[np.ndarray, " n"]:
         """Return which pixels are in the image, if its sides count."""
         (u, v), (width, height) = pixels, self.lens.size.tolist()
         return (u >= 0.0) & (u <= width) & (v >= 0.0) & (v <= height) if self.clip_to_image else np.isfinite(u)
@@ -111,13 +111,13 @@ def _straight_extremes(
     planes = view.clip_planes
     outside = np.zeros(points.shape[1], dtype=np.uint8)  # as bits, the planes that each point is outside of
     for i, plane in enumerate(planes):
-        outside |= (plane_distance(plane, points) < 0.0).astype(np.uint8) << np.uint8(i)
+        outside |= (signed_plane_distances(plane, points) < 0.0).astype(np.uint8) << np.uint8(i)
     a, b, c = outside[faces[:, 0]], outside[faces[:, 1]], outside[faces[:, 2]]
     straddling = faces[((a | b | c) != 0) & ((a & b & c) == 0)]
     inner = points.compress(outside == 0, axis=1)
-    cut, _, on = clip_triangles(points[:, straddling], planes)
+    cut, _, on = clip_triangles_to_polygons(points[:, straddling], planes)
     inner, cut = view.pixels(inner[:2] / inner[2]), view.pixels(cut[:2] / cut[2])
-    width, height = view.lens_numbers[2]
+    width, height = view.focal_center_and_size[2]
     if view.clip_to_image:
         for pixels in (inner, cut):  # against rounding
             np.clip(pixels[0], 0.0, width, out=pixels[0])
@@ -125,7 +125,7 @@ def _straight_extremes(
     # A corner cut by an edge of the image is exactly on it.
     for bit, (axis, side) in enumerate(((0, 0.0), (0, width), (1, 0.0), (1, height)), start=1):
         cut[axis, on >> bit & 1 == 1] = side
-    return union_boxes(extremes_of_points(inner), extremes_of_points(cut))
+    return union_extremes(extremes_of_points(inner), extremes_of_points(cut))
 
 
 def _curved_extremes(
@@ -141,23 +141,23 @@ def _curved_extremes(
     corners = np.ascontiguousarray(faces.T)
     corners_ahead = ahead[corners]
     whole, some = corners_ahead.all(axis=0), corners_ahead.any(axis=0)
-    best = extremes_of_points(pixels.compress(view.are_inside(pixels), axis=1))
-    near_border = _may_widen(best, unit, pixels, corners.compress(whole, axis=1), view)
-    clipped_points, polygon, _ = clip_triangles(points[:, faces[some & ~whole]], NEAR_PLANE)
+    best = extremes_of_points(pixels.compress(view.inside_mask(pixels), axis=1))
+    near_border = _triangles_that_may_widen(best, unit, pixels, corners.compress(whole, axis=1), view)
+    clipped_points, polygon, _ = clip_triangles_to_polygons(points[:, faces[some & ~whole]], NEAR_PLANE)
     flat = clipped_points[:2] / clipped_points[2]
     start = np.concatenate([unit.take(near_border.ravel(), axis=1), flat], axis=1)
-    end = np.concatenate([unit.take(near_border[[1, 2, 0]].ravel(), axis=1), flat[:, next_corner(polygon)]], axis=1)
-    start, end = _clip_to_disk(start, end, radius)
+    end = np.concatenate([unit.take(near_border[[1, 2, 0]].ravel(), axis=1), flat[:, next_corner_indices(polygon)]], axis=1)
+    start, end = _clip_lines_to_disk(start, end, radius)
     best = _widen_box(best, [start, end, view.pixels(start), view.pixels(end)], view)
     if view.clip_to_image or math.isfinite(radius):
         every = points.take(corners.compress(some, axis=1), axis=1)
-        for spot, at in zip(*_interior_extremes(view, radius), strict=True):
-            if _box_excess(best, at[:, None], at[:, None]).max() > 0.0 and _covers_ray(every, spot):
-                best = union_boxes(best, np.concatenate([at, at]))
+        for spot, at in zip(*_interior_extreme_candidates(view, radius), strict=True):
+            if _box_excess(best, at[:, None], at[:, None]).max() > 0.0 and _any_triangle_covers_ray(every, spot):
+                best = union_extremes(best, np.concatenate([at, at]))
     return np.clip(best, -MAX_COORDINATE_PX, MAX_COORDINATE_PX) if best[0] <= best[2] else EMPTY_EXTREMES
 
 
-def _may_widen(
+def _triangles_that_may_widen(
     best: Float[np.ndarray, "4"],
     unit: Float[np.ndarray, "2 v"],
     pixels: Float[np.ndarray, "2 v"],
@@ -170,7 +170,9 @@ def _may_widen(
     if not near.all():
         corners, low, high = (columns.compress(near, axis=1) for columns in (corners, low, high))
     farthest = np.sqrt(_squared_length(np.maximum(-low, high)))
-    gain, _, _ = view.box_gain(best, [pixels.take(corner, axis=1) for corner in corners], _squared_length(high - low), farthest)
+    gain, _, _ = view.box_gain_and_bounds(
+        best, [pixels.take(corner, axis=1) for corner in corners], _squared_length(high - low), farthest
+    )
     return corners.compress(~(gain <= 0.0), axis=1)  # nan where a corner isn't seen
 
 
@@ -179,12 +181,12 @@ def _widen_box(best: Float[np.ndarray, "4"], lines: list[np.ndarray], view: Imag
     for _ in range(MAX_HALVINGS):
         start, end, first, last = lines
         for pixels in (first, last):
-            best = union_boxes(best, extremes_of_points(pixels.compress(view.are_inside(pixels), axis=1)))
+            best = union_extremes(best, extremes_of_points(pixels.compress(view.inside_mask(pixels), axis=1)))
         farthest = np.sqrt(np.maximum(_squared_length(start), _squared_length(end)))
-        gain, low, high = view.box_gain(best, (first, last), _squared_length(end - start), farthest)
+        gain, low, high = view.box_gain_and_bounds(best, (first, last), _squared_length(end - start), farthest)
         nearly = (gain > 0.0) & (gain <= BOX_TOLERANCE_PX)
         some = low[:, nearly].min(axis=1, initial=np.inf), high[:, nearly].max(axis=1, initial=-np.inf)
-        best = union_boxes(best, np.concatenate(some))
+        best = union_extremes(best, np.concatenate(some))
         left = gain > BOX_TOLERANCE_PX
         if not left.any():
             break
@@ -207,7 +209,7 @@ def _box_excess(
     return np.maximum(across, np.maximum(best[1] - low[1], high[1] - best[3]))
 
 
-def _clip_to_disk(
+def _clip_lines_to_disk(
     start: Float[np.ndarray, "2 n"], end: Float[np.ndarray, "2 n"], radius: float
 ) -> tuple[Float[np.ndarray, "2 m"], Float[np.ndarray, "2 m"]]:
     """Return the parts of lines that are in a disk about the axis."""
@@ -225,12 +227,12 @@ def _clip_to_disk(
     return np.where(first > 0.0, start + first * along, start), np.where(last < 1.0, start + last * along, end)
 
 
-def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
+def _interior_extreme_candidates(view: ImageView, radius: float) -> tuple[Float[np.ndarray, "4 2"], Float[np.ndarray, "4 2"]]:
     """Return points that may be extreme inside a triangle, and their pixels: image corners, extremes on the fold."""
     if view.clip_to_image:
         width, height = view.lens.size.tolist()
         corners = np.array([[0.0, 0.0], [width, 0.0], [0.0, height], [width, height]])
-        return view.lens.at_unit_depth(corners), corners
+        return view.lens.unit_points_from_pixels(corners), corners
     found = []
     for axis, sign in ((0, 1.0), (0, -1.0), (1, 1.0), (1, -1.0)):
         middle, step = 0.0, 2.0 * math.pi / FOLD_CIRCLE_SAMPLES
@@ -244,7 +246,7 @@ def _interior_extremes(view: ImageView, radius: float) -> tuple[Float[np.ndarray
     return spots, view.pixels(spots.T).T
 
 
-def _covers_ray(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
+def _any_triangle_covers_ray(triangles: Float[np.ndarray, "3 3 f"], spot: Float[np.ndarray, "2"]) -> bool:
     """Return whether a triangle in front of the near plane covers the ray through a point at unit depth."""
     x, y = spot.tolist()
     across, down = triangles[0] - x * triangles[2], triangles[1] - y * triangles[2]

@@ -59,7 +59,7 @@ class LabelType(Struct, kw_only=True):
         """Yield a sentence for each contradiction to the label, its image, or its class (None: unknown)."""
         return iter(())
 
-    def tinted_pixels(self, width: int, height: int) -> Bool[ndarray, "h w"] | None:
+    def pixels_to_tint(self, width: int, height: int) -> Bool[ndarray, "h w"] | None:
         """Return the pixels that are tinted in a picture of labels; None: there are none."""
         return None
 

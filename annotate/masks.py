@@ -51,7 +51,7 @@ def run_lengths(segmentation: object, width: int, height: int) -> Int[np.ndarray
     return _parse_counts(rle_codec.merge(rle_codec.frPyObjects(segmentation, height, width))["counts"].decode("ascii"))
 
 
-def run_ends(segmentation: object, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
+def run_starts_and_ends(segmentation: object, width: int, height: int) -> tuple[Int[np.ndarray, " n"], Int[np.ndarray, " n"]]:
     """Return where each run of a segmentation's pixels begins and ends, by columns; raises as `decode_mask` does."""
     ends = np.cumsum(run_lengths(segmentation, width, height))
     first, end = ends[:-1:2], ends[1::2]
@@ -61,7 +61,7 @@ def run_ends(segmentation: object, width: int, height: int) -> tuple[Int[np.ndar
 
 def covers_mask(outer: object, inner: object, width: int, height: int) -> bool:
     """Return whether a segmentation has all pixels of another, without decoding; raises as `decode_mask` does."""
-    (first, end), (start, stop) = run_ends(outer, width, height), run_ends(inner, width, height)
+    (first, end), (start, stop) = run_starts_and_ends(outer, width, height), run_starts_and_ends(inner, width, height)
     ends, pixels = np.stack([first, end], axis=1).ravel(), np.cumsum(end - first)
     counted = np.stack([pixels - (end - first), pixels], axis=1).ravel()  # pixels of `outer` before each end
     if not len(ends):
@@ -69,9 +69,9 @@ def covers_mask(outer: object, inner: object, width: int, height: int) -> bool:
     return bool((np.interp(stop, ends, counted) - np.interp(start, ends, counted) == stop - start).all())
 
 
-def area_and_box(segmentation: object, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
+def mask_area_and_box(segmentation: object, width: int, height: int) -> tuple[int, Float[np.ndarray, "4"] | None]:
     """Return area and `mask_box` of a segmentation, without decoding it; raises as `decode_mask` does."""
-    first, end = run_ends(segmentation, width, height)
+    first, end = run_starts_and_ends(segmentation, width, height)
     if not len(first):
         return 0, None
     left, right = first // height, (end - 1) // height

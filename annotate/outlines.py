@@ -51,7 +51,7 @@ def simplify_ring(ring: Ring, within: float) -> Ring:
         start, end = spans.pop()
         if end - start < 2:
             continue
-        away = _from_line(closed[start + 1 : end], closed[start], closed[end])
+        away = _line_distances(closed[start + 1 : end], closed[start], closed[end])
         worst = int(np.argmax(away))
         if away[worst] > within:
             middle = start + 1 + worst
@@ -60,7 +60,7 @@ def simplify_ring(ring: Ring, within: float) -> Ring:
     return ring[keep[:-1]]
 
 
-def _from_line(points: Ring, start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"]) -> Float[np.ndarray, " _"]:
+def _line_distances(points: Ring, start: Float[np.ndarray, "2"], end: Float[np.ndarray, "2"]) -> Float[np.ndarray, " _"]:
     along = end - start
     length = float(along @ along)
     share = np.clip((points - start) @ along / length, 0.0, 1.0) if length else np.zeros(len(points))

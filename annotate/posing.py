@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.hulls import extreme_point_indices
 from hulldown.geometry.transforms import compose_affine, matrix_product
 
 NEAR_VERTEX_SHARE = 1e-9  # of part sizes: by rounding, a point so close to a hull vertex may be extreme in its place
@@ -20,7 +20,7 @@ class PosedParts:
 
     def __init__(self, shape: VehicleShape) -> None:
         def part_slices(part: Int[np.ndarray, " n"]) -> list[slice]:
-            return end_slices(np.searchsorted(part, np.arange(len(shape.part_names) + 1)))
+            return slices_between_ends(np.searchsorted(part, np.arange(len(shape.part_names) + 1)))
 
         surface, vertex_part = shape.surface
         used = np.unique(surface.faces)
@@ -33,9 +33,9 @@ class PosedParts:
         by_part = np.argsort(face_part, kind="stable")
         self.faces: Int[np.ndarray, "f 3"] = number[surface.faces[by_part]]
         self.face_slices = part_slices(face_part[by_part])
-        hulls = [s.start + extreme_points(self.vertices[:, s].T, near=NEAR_VERTEX_SHARE) for s in self.vertex_slices]
+        hulls = [s.start + extreme_point_indices(self.vertices[:, s].T, near=NEAR_VERTEX_SHARE) for s in self.vertex_slices]
         self.extreme: Float[np.ndarray, "3 h"] = np.ascontiguousarray(self.vertices[:, np.concatenate(hulls)])
-        self.extreme_slices = end_slices(np.cumsum([0, *(len(hull) for hull in hulls)]))
+        self.extreme_slices = slices_between_ends(np.cumsum([0, *(len(hull) for hull in hulls)]))
         self.shape = shape
 
     def camera_from_parts(
@@ -56,7 +56,7 @@ class PosedParts:
         return compose_affine(camera_from_vehicle[:, None], self.shape.vehicle_from_parts(angles)[:, :, :3])
 
 
-def transform_parts(
+def transform_part_points(
     points: Float[np.ndarray, "3 v"], slices: Sequence[slice], b_from_parts: Float[np.ndarray, "n p 3 4"]
 ) -> Float[np.ndarray, "3 n v"]:
     """Return points of all parts in n frames, by explicit sums: a point's bits depend on point and pose alone."""
@@ -75,6 +75,6 @@ def transform_parts(
     return moved
 
 
-def end_slices(ends: Int[np.ndarray, " n"]) -> list[slice]:
+def slices_between_ends(ends: Int[np.ndarray, " n"]) -> list[slice]:
     """Return the ranges between consecutive ends."""
     return [slice(int(a), int(b)) for a, b in pairwise(ends)]

@@ -10,7 +10,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from hulldown.annotate.coco_types import Record
-from hulldown.base.outside import parse_value
+from hulldown.base.outside import convert_parsed_value
 
 Pixel = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Side = Annotated[float, Meta(ge=0, le=1e9)]
@@ -36,7 +36,7 @@ class ImageRecord(Struct):
 
 
 class CameraRecord(Struct):
-    """Fields of an image's camera; see `camera.intrinsics.Intrinsics.of_fields`."""
+    """Fields of an image's camera; see `camera.intrinsics.Intrinsics.from_record_fields`."""
 
     fov_x_deg: Annotated[float, Meta(ge=1e-6, le=179.999)] | None = None
     K: Matrix3 | None = None
@@ -87,20 +87,20 @@ def declared_fields(record: Record, kind: type[Declared]) -> Declared:
     'hills'
     """
     try:
-        return parse_value(record, kind)
+        return convert_parsed_value(record, kind)
     except ValueError:
-        wrong = {key for key, _ in _field_errors(record, kind)}
-        return parse_value({key: value for key, value in record.items() if key not in wrong}, kind)
+        wrong = {key for key, _ in _errors_by_field(record, kind)}
+        return convert_parsed_value({key: value for key, value in record.items() if key not in wrong}, kind)
 
 
-def invalid_fields(record: Record, kind: type[Struct]) -> Iterator[str]:
+def invalid_field_sentences(record: Record, kind: type[Struct]) -> Iterator[str]:
     """Yield a sentence for each field that doesn't have its declared type and range, or is missing."""
-    return (f"{key} is {record.get(key)!r:.60} ({error})" for key, error in _field_errors(record, kind))
+    return (f"{key} is {record.get(key)!r:.60} ({error})" for key, error in _errors_by_field(record, kind))
 
 
-def _field_errors(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueError]]:
+def _errors_by_field(record: Record, kind: type[Struct]) -> Iterator[tuple[str, ValueError]]:
     try:
-        parse_value(record, kind)
+        convert_parsed_value(record, kind)
         return
     except ValueError:
         pass
@@ -108,7 +108,7 @@ def _field_errors(record: Record, kind: type[Struct]) -> Iterator[tuple[str, Val
         if key not in record and optional:
             continue
         try:
-            parse_value(record.get(key), hint)
+            convert_parsed_value(record.get(key), hint)
         except ValueError as error:
             yield key, error
 

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from hulldown.annotate.coco_types import Record
 from hulldown.annotate.record_fields import CameraRecord, CategoryKeypoints, Declared, LabelRecord, Pose, declared_fields
-from hulldown.base.outside import parse_value
+from hulldown.base.outside import convert_parsed_value
 from hulldown.camera.intrinsics import Intrinsics
 
 
@@ -95,8 +95,8 @@ class Image:
     def intrinsics(self) -> Intrinsics | None:
         """The camera; None if the record has none that can be used."""
         try:
-            optics = parse_value(self.record, CameraRecord)
-            return Intrinsics.of_fields(*self.size, fov_x_deg=optics.fov_x_deg, K=optics.K, dist=optics.dist)
+            optics = convert_parsed_value(self.record, CameraRecord)
+            return Intrinsics.from_record_fields(*self.size, fov_x_deg=optics.fov_x_deg, K=optics.K, dist=optics.dist)
         except ValueError:
             return None
 
@@ -105,7 +105,7 @@ class Image:
         return replace(self, labels=tuple(labels))
 
 
-def overhang_px(bbox: Float[np.ndarray, "4"], width: int, height: int) -> float:
+def box_overhang_px(bbox: Float[np.ndarray, "4"], width: int, height: int) -> float:
     """Return the pixels that a box reaches beyond its image; at most 0 if it doesn't."""
     x, y, w, h = bbox.tolist()
     return max(-x, -y, x + w - width, y + h - height)

@@ -7,16 +7,16 @@ import shapely
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
-from hulldown.annotate.masks import run_ends
+from hulldown.annotate.masks import run_starts_and_ends
 from hulldown.base.arrays import checked_array
 
 RECTANGLE_ROUNDING_PX = 1e-5  # more than sides and angles are rounded by
 _UNIT_CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
-def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.ndarray, "5"] | None:
+def smallest_mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.ndarray, "5"] | None:
     """Return center, width, height, and angle of the smallest rectangle around a mask; None for an empty mask."""
-    corners = _pixel_corners(segmentation, width, height)
+    corners = _mask_corners(segmentation, width, height)
     if not len(corners):
         return None
     around = shapely.get_coordinates(shapely.oriented_envelope(shapely.linestrings(corners)))[:4]
@@ -30,19 +30,19 @@ def mask_rectangle(segmentation: object, width: int, height: int) -> Float[np.nd
 def is_smallest_rectangle(rectangle: ArrayLike, segmentation: object, width: int, height: int) -> bool:
     """Return whether a rectangle is a smallest one around a mask, up to rounding; a triangle has three."""
     given = checked_array(rectangle, "rectangle", (5,))
-    smallest = mask_rectangle(segmentation, width, height)
+    smallest = smallest_mask_rectangle(segmentation, width, height)
     if smallest is None or abs(given[2] * given[3] - smallest[2] * smallest[3]) > RECTANGLE_ROUNDING_PX * (
         1.0 + smallest[2:4].sum()
     ):
         return False
     along = np.array([np.cos(given[4]), np.sin(given[4])])
-    off = _pixel_corners(segmentation, width, height) - given[:2]
+    off = _mask_corners(segmentation, width, height) - given[:2]
     reach = [np.abs(off @ axis).max() for axis in (along, np.array([-along[1], along[0]]))]
     return bool((reach <= given[2:4] / 2 + RECTANGLE_ROUNDING_PX).all())
 
 
-def _pixel_corners(segmentation: object, width: int, height: int) -> Float[np.ndarray, "n 2"]:
-    first, end = run_ends(segmentation, width, height)
+def _mask_corners(segmentation: object, width: int, height: int) -> Float[np.ndarray, "n 2"]:
+    first, end = run_starts_and_ends(segmentation, width, height)
     left, top, right, bottom = first // height, first % height, (end - 1) // height, (end - 1) % height + 1
     # A run that goes through several columns is a bar in the first, one in the last, and a block between them.
     one_column, full = left == right, np.full(len(first), height)

@@ -21,14 +21,14 @@ FIRST_TESTED_PIXELS = 256
 MAX_BATCH_RAYS = 1 << 18
 
 
-def vehicle_masks(
+def whole_and_visible_masks(
     vehicle: PosedVehicle, camera: Cameras, *, xywh: ArrayLike | None = None, world: Scene | None = None
 ) -> tuple[Bool[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Return the pixels in the box `xywh` whose center is on the vehicle, and those that nothing in `world` hides."""
     size = np.array([camera.lenses.width, camera.lenses.height])
     whole, mask = np.zeros((2, *size[::-1]), dtype=bool)
     box = np.append([0.0, 0.0], size) if xywh is None else checked_array(xywh, "xywh", (4,))
-    first, end = _box_pixels(box, size)
+    first, end = _box_pixel_ranges(box, size)
     rows, columns = np.mgrid[first[1] : end[1], first[0] : end[0]].reshape(2, -1)
     if not len(rows):
         return whole, mask
@@ -45,12 +45,12 @@ def vehicle_masks(
     return whole, mask
 
 
-def show_pixels(
+def visible_subject_mask(
     subjects: Sequence[PosedVehicle], cameras: Cameras, *, xywh: Float[np.ndarray, "n 4"], world: Scene
 ) -> Bool[np.ndarray, " n"]:
     """Return whether any pixel's center shows each camera's subject; a few pixels are tested first."""
     shown = np.zeros(len(xywh), dtype=bool)
-    first, end = _box_pixels(xywh, cameras.lenses.size)
+    first, end = _box_pixel_ranges(xywh, cameras.lenses.size)
     width, pixels = end[:, 0] - first[:, 0], (end - first).prod(axis=1)
     few = pixels // FIRST_TESTED_PIXELS + 1
 
@@ -83,7 +83,7 @@ def show_pixels(
     return shown
 
 
-def _box_pixels(
+def _box_pixel_ranges(
     xywh: Float[np.ndarray, "... 4"], size: Shaped[np.ndarray, "... 2"]
 ) -> tuple[Int[np.ndarray, "... 2"], Int[np.ndarray, "... 2"]]:
     first = np.clip(np.ceil(xywh[..., :2] - 0.5), 0, size).astype(int)

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from hulldown.base.indices import group_and_rank
 from hulldown.camera.cameras import Cameras
 from hulldown.geometry.transforms import transform_points
-from hulldown.scene.camera_pencils import CameraPencils, box_at_unit_depth
+from hulldown.scene.camera_pencils import CameraPencils, bound_points_at_unit_depth
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle
 
@@ -34,7 +34,7 @@ class Visibility:
     area: Float[np.ndarray, " n"]  # square pixels of the silhouette in the frame
 
 
-def visible_fraction(
+def measure_visibility(
     subjects: Sequence[PosedVehicle], cameras: Cameras, *, world: Scene = EMPTY_SCENE, rays: int = 256, seed: int = 0
 ) -> Visibility:
     """Return the visible share of each subject, by a jittered ray per cell of its box; nan outside the frame."""
@@ -49,7 +49,7 @@ def visible_fraction(
     size = max(1, RAYS_PER_BLOCK // rays)
     for index in (np.arange(i, min(i + size, n)) for i in range(0, n, size)):
         posed = [subject.take(index) for subject in subjects]
-        found = _count_rays(posed, world.take(index), cameras.take(index), pattern)
+        found = _ray_counts_and_areas(posed, world.take(index), cameras.take(index), pattern)
         hits[index], visible[index], area[index] = found
     return Visibility(visible / np.where(hits > 0, hits, np.nan), hits, area * hits / rays)
 
@@ -66,20 +66,20 @@ def jittered_points(n: int, *, rng: np.random.Generator) -> Float[np.ndarray, "n
     return np.stack([(column + uniform[:, 0]) / columns[row], top + uniform[:, 1] * columns[row] / n], axis=1)
 
 
-def _count_rays(
+def _ray_counts_and_areas(
     subjects: list[PosedVehicle], world: Scene, cameras: Cameras, pattern: Float[np.ndarray, "r 2"]
 ) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """For each camera: the rays on its subject, how many of these see it, and the area that all rays go through."""
     n, r = len(cameras), len(pattern)
     low, high = np.full((n, 2), np.inf), np.full((n, 2), -np.inf)
     for subject in subjects:
-        camera, parts = subject.parts_in_cameras(cameras.world_from_camera)
+        camera, parts = subject.cameras_and_posed_parts(cameras.world_from_camera)
         for part, pose in parts:
-            box = box_at_unit_depth(transform_points(pose, part.around))
+            box = bound_points_at_unit_depth(transform_points(pose, part.around))
             low[camera] = np.minimum(low[camera], box[:, 0])
             high[camera] = np.maximum(high[camera], box[:, 1])
     first, last = cameras.lenses.window
-    pencils, area = _window_pencils(np.maximum(low, first), np.minimum(high, last), cameras, pattern)
+    pencils, area = _window_pencils_and_areas(np.maximum(low, first), np.minimum(high, last), cameras, pattern)
     distance, asked = np.full(n * r, np.inf), np.repeat(np.where(area > 0.0, np.inf, -np.inf), r)
     for subject in subjects:
         distance = np.minimum(distance, subject.first_hits(pencils, max_distance=asked).distance)
@@ -89,7 +89,7 @@ def _count_rays(
     return np.bincount(met // r, minlength=n), np.bincount(met // r, weights=passed, minlength=n), area
 
 
-def _window_pencils(
+def _window_pencils_and_areas(
     low: Float[np.ndarray, "n 2"], high: Float[np.ndarray, "n 2"], cameras: Cameras, pattern: Float[np.ndarray, "r 2"]
 ) -> tuple[CameraPencils, Float[np.ndarray, " n"]]:
     extent, poses, lenses = np.clip(high - low, 0.0, None), cameras.world_from_camera, cameras.lenses
@@ -98,10 +98,10 @@ def _window_pencils(
     seen = (extent > 0.0).all(axis=1)
     rows, patterns = np.flatnonzero(seen), np.zeros((len(low), *pattern.shape))
     lenses, area = lenses.take(rows), np.zeros(len(low))
-    first, last = lenses.window_image(low[rows], high[rows])
+    first, last = lenses.window_pixel_bounds(low[rows], high[rows])
     size = np.clip(last - first, 0.0, None)
     area[rows] = size.prod(axis=1)
-    at = lenses.at_unit_depth(first[:, None] + size[:, None] * pattern)
+    at = lenses.unit_points_from_pixels(first[:, None] + size[:, None] * pattern)
     low[rows] = at.min(axis=1)
     extent[rows] = np.maximum(at.max(axis=1) - low[rows], 1e-300)
     patterns[rows] = (at - low[rows, None]) / extent[rows, None]

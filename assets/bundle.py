@@ -16,7 +16,7 @@ import numpy as np
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.base.files import atomic_writer, open_regular
+from hulldown.base.files import atomic_writer, open_regular_file
 from hulldown.base.outside import convert_value
 
 BUNDLE_FORMAT = 12  # also raised when undersides, surfaces, or extreme vertices are computed in another way
@@ -67,7 +67,7 @@ def load_scenery(path: Path | str) -> Scenery:
 def _load_asset(path: Path, wanted: type[Asset]) -> Asset:
     try:
         # Opened here, since numpy doesn't close a file that isn't an archive.
-        with open_regular(path) as stream, np.load(stream, allow_pickle=False) as file:
+        with open_regular_file(path) as stream, np.load(stream, allow_pickle=False) as file:
             # Reading an uncompressed bundle takes no more memory than the file has bytes.
             if any(member.compress_type for member in file.zip.infolist()):
                 raise ValueError("it is compressed, which bundles never are")

@@ -34,13 +34,13 @@ class PictureFile:
 
 def read_picture(path: Path, size: tuple[int, int] | None = None, *, largest: int | None = None) -> PictureFile:
     """Read a picture, of a stated width and height if given; of more than `largest` pixels, only structure and size."""
-    picture = _read_picture(path, largest)
+    picture = _read_picture_of_any_size(path, largest)
     if size is not None and picture.size != size:
-        raise DatasetError(size_problem(picture, size), path=path, remedy="correct the record or the picture")
+        raise DatasetError(describe_size_difference(picture, size), path=path, remedy="correct the record or the picture")
     return picture
 
 
-def _read_picture(path: Path, largest: int | None) -> PictureFile:
+def _read_picture_of_any_size(path: Path, largest: int | None) -> PictureFile:
     def refuse(problem: object) -> DatasetError:
         if problem == MISSING_FILE:
             return DatasetError("is missing", path=path, remedy="put it there or delete its record")
@@ -76,7 +76,7 @@ def read_pixels(path: Path, size: tuple[int, int] | None = None) -> UInt8[np.nda
     return pixels
 
 
-def size_problem(picture: PictureFile, stated: tuple[object, object]) -> str:
+def describe_size_difference(picture: PictureFile, stated: tuple[object, object]) -> str:
     """Describe how a picture's size differs from the size in its record."""
     turned = "" if picture.orientation == UPRIGHT_ORIENTATION else f" when displayed (EXIF orientation {picture.orientation})"
     width, height = picture.size
@@ -90,19 +90,19 @@ def rgb_pixels(picture: Image.Image) -> UInt8[np.ndarray, "h w 3"]:
         values = np.asarray(picture, dtype=np.float64)
         if not (np.isfinite(values).all() and values.min(initial=0.0) >= 0.0 and values.max(initial=0.0) <= 1.0):
             raise ValueError("its floating point values are not all from 0 to 1")
-        return _gray_levels(values)
+        return _gray_rgb_pixels(values)
     if mode == "I" and picture.format == "TIFF":
         if picture.getexif().get(Base.SampleFormat, (1,)) != (1,):
             raise ValueError("its integers are signed")
-        return _gray_levels(np.asarray(picture, dtype=np.int32).view(np.uint32) / _THIRTY_TWO)
+        return _gray_rgb_pixels(np.asarray(picture, dtype=np.int32).view(np.uint32) / _THIRTY_TWO)
     if mode == "I" or mode.startswith("I;16"):  # Pillow scales PGM, and before version 11 PNG, to 16 bits in "I"
-        return _gray_levels(np.asarray(picture).astype(np.float64) / _SIXTEEN)
+        return _gray_rgb_pixels(np.asarray(picture).astype(np.float64) / _SIXTEEN)
     if mode in ("La", "RGBa"):  # colors multiplied by alpha
         picture = picture.convert(mode.replace("a", "A"))
     return np.asarray(picture.convert("RGB"))
 
 
-def _gray_levels(values: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
+def _gray_rgb_pixels(values: np.ndarray) -> UInt8[np.ndarray, "h w 3"]:
     if values.max(initial=0.0) > 1.0 or values.min(initial=0.0) < 0.0:
         raise ValueError("its integers have more than 16 bits")
     return np.repeat(np.rint(values * 255.0).astype(np.uint8)[..., None], 3, axis=2)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import transform_points
 
 
@@ -33,7 +33,7 @@ class Scenery:
     crs: str = ""  # the coordinate reference system that `origin` is in: "EPSG:32632", or WKT; "" if there is none
 
     @property
-    def solid_instances(self) -> Bool[np.ndarray, " k"]:
+    def solid_instance_mask(self) -> Bool[np.ndarray, " k"]:
         """(k,) instances that nothing may touch: all but grass and water."""
         return ~(self.instance_gives_way | self.instance_is_water)
 
@@ -44,4 +44,4 @@ class Scenery:
             Mesh(transform_points(self.world_from_instance[i], mesh.vertices), mesh.faces, self.instance_names[i])
             for i, mesh in ((i, self.obstacle_meshes[self.instance_mesh[i]]) for i in wet)
         ]
-        return merge_meshes(placed, name=f"water of {self.name}")[0] if placed else None
+        return merge_meshes_with_sources(placed, name=f"water of {self.name}")[0] if placed else None

@@ -26,10 +26,10 @@ def level_irradiance(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "3
     """Irradiance of level ground under equirectangular radiance, lowest row first; exact for linear interpolation."""
     height, width = pixels.shape[:2]
     rows = pixels.sum(axis=1, dtype=np.float64) * (2.0 * math.pi / width)
-    return np.asarray(row_weights(height) @ rows)
+    return np.asarray(irradiance_row_weights(height) @ rows)
 
 
-def row_weights(height: int) -> Float[np.ndarray, " h"]:
+def irradiance_row_weights(height: int) -> Float[np.ndarray, " h"]:
     """Weight per radian of each row, lowest first, in the light on level ground: its hat times sin(e) cos(e)."""
     step = math.pi / height
     center = (np.arange(height) + 0.5) * step - math.pi / 2.0

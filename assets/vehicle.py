@@ -42,7 +42,7 @@ class VehicleShape:
     keypoint_names: tuple[str, ...] = ()
     keypoints: Float[np.ndarray, "k 3"] = field(default_factory=lambda: np.zeros((0, 3)))
     keypoint_part: Int[np.ndarray, " k"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    # seen, seen_part: what can be seen of the mesh, as `geometry.seen_surface` finds it, and the part of each of its
+    # seen, seen_part: what can be seen of the mesh, by `geometry.seen_mesh_and_source_faces`, and the part of each of its
     # vertices. None: the whole mesh.
     seen: Mesh | None = None
     seen_part: Int[np.ndarray, " s"] = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -52,7 +52,7 @@ class VehicleShape:
         """The visible mesh, which boxes and sizes are computed from, and the part of each of its vertices."""
         return (self.mesh, self.vertex_part) if self.seen is None else (self.seen, self.seen_part)
 
-    def seen_vertices(self, part: int) -> Float[np.ndarray, "v 3"]:
+    def seen_part_vertices(self, part: int) -> Float[np.ndarray, "v 3"]:
         """Return a part's visible vertices, at rest; none if it's wholly transparent."""
         surface, vertex_part = self.surface
         return surface.vertices[vertex_part == part]
@@ -98,7 +98,7 @@ class VehicleShape:
                     affine[:, i] = compose_affine(affine[:, parent], affine[:, i])
         return poses
 
-    def turned_keypoints(
+    def articulated_keypoints(
         self, articulation: Articulation | Sequence[Articulation] | Float[np.ndarray, "1 p"]
     ) -> Float[np.ndarray, "k 3"]:
         """Return keypoints in the vehicle frame with the parts turned."""

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 from cyclopts import Parameter
 
 
-def make_check(expected: str, fits: Callable[[Any], bool]) -> Parameter:
+def make_option_check(expected: str, fits: Callable[[Any], bool]) -> Parameter:
     """Return a check of an option's values."""
 
     def check(_: object, value: Any) -> None:
@@ -21,7 +21,7 @@ def make_check(expected: str, fits: Callable[[Any], bool]) -> Parameter:
     return Parameter(validator=check)
 
 
-def make_parser(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Parameter:
+def make_option_parser(expected: str, parse: Callable[[str], Any], *, metavar: str) -> Parameter:
     """Return a parser of an option's text; `parse` raises ValueError for text that isn't as expected."""
 
     def convert(_: object, tokens: Any) -> Any:
@@ -35,19 +35,19 @@ def make_parser(expected: str, parse: Callable[[str], Any], *, metavar: str) -> 
     return Parameter(converter=convert, n_tokens=1, accepts_keys=False, metavar=metavar)
 
 
-def has_suffix(suffix: str) -> Parameter:
+def make_suffix_check(suffix: str) -> Parameter:
     """Return a check of a file's name."""
-    return make_check(f"the name of a {suffix} file", lambda path: Path(path).suffix.lower() == suffix)
+    return make_option_check(f"the name of a {suffix} file", lambda path: Path(path).suffix.lower() == suffix)
 
 
-PATH_PARSER = make_parser("a path", Path, metavar="PATH")
+PATH_PARSER = make_option_parser("a path", Path, metavar="PATH")
 AnyPath: TypeAlias = Annotated[str | os.PathLike[str], PATH_PARSER]
-PngFile: TypeAlias = Annotated[AnyPath, has_suffix(".png")]
-BlendFile: TypeAlias = Annotated[AnyPath, has_suffix(".blend")]
-HtmlFile: TypeAlias = Annotated[AnyPath, has_suffix(".html")]
-Count: TypeAlias = Annotated[int, make_check("a whole number of at least 1", lambda number: number >= 1)]
-Positive: TypeAlias = Annotated[float, make_check("a number above 0", lambda number: 0.0 < number < math.inf)]
-FROM_ZERO = make_check("a number from 0 on", lambda number: 0.0 <= number < math.inf)
+PngFile: TypeAlias = Annotated[AnyPath, make_suffix_check(".png")]
+BlendFile: TypeAlias = Annotated[AnyPath, make_suffix_check(".blend")]
+HtmlFile: TypeAlias = Annotated[AnyPath, make_suffix_check(".html")]
+Count: TypeAlias = Annotated[int, make_option_check("a whole number of at least 1", lambda number: number >= 1)]
+Positive: TypeAlias = Annotated[float, make_option_check("a number above 0", lambda number: 0.0 < number < math.inf)]
+FROM_ZERO = make_option_check("a number from 0 on", lambda number: 0.0 <= number < math.inf)
 AtLeastZero: TypeAlias = Annotated[float, FROM_ZERO]
-Overlap: TypeAlias = Annotated[float, make_check("a number above 0 and up to 1", lambda number: 0.0 < number <= 1.0)]
-Share: TypeAlias = Annotated[float, make_check("a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)]
+Overlap: TypeAlias = Annotated[float, make_option_check("a number above 0 and up to 1", lambda number: 0.0 < number <= 1.0)]
+Share: TypeAlias = Annotated[float, make_option_check("a number from 0 to 1", lambda number: 0.0 <= number <= 1.0)]

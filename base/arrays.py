@@ -33,7 +33,7 @@ def checked_array(
     return array
 
 
-def positive_array(value: ArrayLike, name: str) -> np.ndarray:
+def checked_positive_array(value: ArrayLike, name: str) -> np.ndarray:
     """Return `value` as finite positive numbers of any shape, or raise a ValueError that names it."""
     array = checked_array(value, name, ("...",))
     if (array <= 0.0).any():
@@ -41,13 +41,13 @@ def positive_array(value: ArrayLike, name: str) -> np.ndarray:
     return array
 
 
-def are_numbers(values: Iterable[object]) -> bool:
+def are_finite_numbers(values: Iterable[object]) -> bool:
     """Return whether all values are finite numbers; true and false are not."""
     # NaN fails the comparison, and so do integers beyond the largest float.
     return all(isinstance(x, int | float) and not isinstance(x, bool) and abs(x) <= MAX_FLOAT for x in values)
 
 
-def whole_number(value: object, name: str) -> int:
+def checked_whole_number(value: object, name: str) -> int:
     """Return `value` as an int, or raise a ValueError that names it."""
     if isinstance(value, bool) or not isinstance(value, int | np.integer):
         raise ValueError(f"{name}: expected a whole number, got {value!r:.80}")

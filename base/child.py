@@ -11,7 +11,7 @@ from pathlib import Path
 
 import psutil
 
-from hulldown.base.files import open_in_place
+from hulldown.base.files import open_file_to_append
 
 MAX_LISTENER_WAIT_S = 2.0  # the child's own processes may still hold the pipe
 MAX_LINE_BYTES = 1 << 20
@@ -37,7 +37,7 @@ class Child:
         with contextlib.ExitStack() as stack:
             errors: int = subprocess.STDOUT
             if log is not None:
-                file = stack.enter_context(open_in_place(log))
+                file = stack.enter_context(open_file_to_append(log))
                 self._log_start = log.stat().st_size
                 errors = file.fileno()
             self._process = subprocess.Popen(
@@ -48,10 +48,10 @@ class Child:
                 stderr=errors,
                 start_new_session=True,
             )
-        self._listener = threading.Thread(target=self._read_lines, daemon=True)
+        self._listener = threading.Thread(target=self._forward_output_lines, daemon=True)
         self._listener.start()
 
-    def _read_lines(self) -> None:
+    def _forward_output_lines(self) -> None:
         assert self._process.stdout is not None
         with self._process.stdout as lines:
             while line := lines.readline(MAX_LINE_BYTES):
@@ -95,7 +95,7 @@ class Child:
             return self._process.wait(seconds)
         return None
 
-    def last_words(self) -> str:
+    def describe_end(self) -> str:
         """Describe how it ended, with the last line of its log."""
         code = self._process.wait()
         how = f"ended by signal {-code}" if code < 0 else f"ended with exit code {code}"
@@ -133,6 +133,6 @@ def end_with_parent(signum: int) -> None:
     threading.Thread(target=wait, daemon=True).start()
 
 
-def memory_limit(given: int | None, processes: int) -> float:
+def process_memory_limit(given: int | None, processes: int) -> float:
     """Return `given`, or if it's None each process's share of nine tenths of the machine's memory, in bytes."""
     return 0.9 * float(psutil.virtual_memory().total) / processes if given is None else float(given)

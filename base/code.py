@@ -36,7 +36,7 @@ def package_version(package: str) -> str | None:
         return None
 
 
-def version_difference(client: Mapping[str, str]) -> str:
+def describe_version_difference(client: Mapping[str, str]) -> str:
     """Describe the first version in which this process differs from a client; empty if there is none."""
     own_versions = package_versions(*client.keys() - {"hulldown"})
     for name, version in client.items():

@@ -20,7 +20,7 @@ def srgb_from_linear(linear: ArrayLike) -> np.ndarray:
     return np.where(values <= 0.0031308, 12.92 * values, 1.055 * np.maximum(values, 0.0) ** (1 / 2.4) - 0.055)
 
 
-def linear_color(name: str) -> tuple[float, float, float]:
+def linear_rgb_from_hex(name: str) -> tuple[float, float, float]:
     """Return the linear light of an sRGB color "#rrggbb"."""
     red, green, blue = linear_from_srgb([int(name[i : i + 2], 16) / 255 for i in (1, 3, 5)]).tolist()
     return red, green, blue

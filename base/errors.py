@@ -36,7 +36,7 @@ class HulldownError(Exception):
 
     @classmethod
     @contextmanager
-    def raise_for_system(cls, problem: str, *, path: Path | str, remedy: str | None = None) -> Iterator[None]:
+    def replace_os_errors(cls, problem: str, *, path: Path | str, remedy: str | None = None) -> Iterator[None]:
         """Raise this error, with the system's reason, in place of an OSError."""
         try:
             yield
@@ -62,7 +62,7 @@ class DatasetError(HulldownError):
     """A dataset folder that can't be read or written."""
 
 
-def shorten_value(value: object) -> str:
+def short_repr(value: object) -> str:
     """Return the beginning of a value from a user's file."""
     try:
         return f"{value!r:.60}"

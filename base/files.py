@@ -38,28 +38,28 @@ def replace_file(path: Path, content: bytes | memoryview) -> None:
         file.write(content)
 
 
-def open_regular(path: Path) -> BinaryIO:
+def open_regular_file(path: Path) -> BinaryIO:
     """Open a regular file for reading bytes; pipes and devices, which may never end, are refused."""
     # Without O_NONBLOCK, opening a pipe waits for a writer.
     descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    return _check_regular(descriptor, "rb", path)
+    return _open_regular_descriptor(descriptor, "rb", path)
 
 
-def _check_regular(descriptor: int, mode: str, path: Path) -> BinaryIO:
+def _open_regular_descriptor(descriptor: int, mode: str, path: Path) -> BinaryIO:
     if not stat.S_ISREG(os.fstat(descriptor).st_mode):
         os.close(descriptor)
         raise OSError(errno.EINVAL, "it isn't a regular file", str(path))
     return cast(BinaryIO, os.fdopen(descriptor, mode))
 
 
-def open_in_place(path: Path) -> BinaryIO:
+def open_file_to_append(path: Path) -> BinaryIO:
     """Open a file to read and append to in place, created if missing, without following a link."""
     if path.is_symlink():
         raise OSError(errno.ELOOP, "it is a link, which could lead anywhere; delete it", str(path))
     flags = os.O_RDWR | os.O_CREAT | os.O_APPEND
     for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"):  # whichever the system has
         flags |= getattr(os, name, 0)
-    return _check_regular(os.open(path, flags, 0o666), "a+b", path)
+    return _open_regular_descriptor(os.open(path, flags, 0o666), "a+b", path)
 
 
 def sync_folder(folder: Path) -> None:
@@ -73,7 +73,7 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def stays_inside(file_name: object) -> TypeGuard[str]:
+def is_safe_relative_path(file_name: object) -> TypeGuard[str]:
     """Return whether a relative path does not leave its folder, read the Unix way and the Windows way."""
     if not isinstance(file_name, str) or not file_name or "\0" in file_name:
         return False

@@ -20,7 +20,7 @@ import msgspec
 from filelock import FileLock, Timeout
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import open_regular, replace_file
+from hulldown.base.files import open_regular_file, replace_file
 from hulldown.base.outside import file_sha256, read_json
 
 DONE_NAME = ".hulldown-done"  # this file has the key of what made its folder, and hashes of the folder's files
@@ -40,11 +40,11 @@ class OutputBusy(OutputError):
     """Another process is at work on an output."""
 
 
-def claim_file(path: Path, what: str, mark: bytes = b"", *, inputs: Iterable[Path] = ()) -> None:
+def require_replaceable_file(path: Path, what: str, mark: bytes = b"", *, inputs: Iterable[Path] = ()) -> None:
     """Refuse a folder, an input, and somebody's file: one that isn't empty and doesn't have the `mark`."""
     if path.is_dir():
         raise OutputError("is a folder", path=path, remedy=f"name a file for {what}")
-    with OutputError.raise_for_system("cannot be written", path=path, remedy=WRITABLE_REMEDY):
+    with OutputError.replace_os_errors("cannot be written", path=path, remedy=WRITABLE_REMEDY):
         if path.parent.is_file():
             raise NotADirectoryError(errno.ENOTDIR, f"{path.parent} is a file")
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -53,7 +53,7 @@ def claim_file(path: Path, what: str, mark: bytes = b"", *, inputs: Iterable[Pat
         if any(source.exists() and path.exists() and path.samefile(source) for source in inputs):
             raise OutputError("is an input of this command", path=path, remedy="name another file by -o")
     try:
-        with open_regular(path) as file:
+        with open_regular_file(path) as file:
             beginning = file.read(MAX_MARK_BYTES)
         ours = not beginning or bool(mark and mark in beginning)
     except OSError:
@@ -69,7 +69,7 @@ class OutputLock:
         self.path = path
         self._made = [folder for folder in path.parents if not folder.exists()]  # the inner ones first
         self._lock = FileLock(path, timeout=0)
-        with OutputError.raise_for_system("cannot be written", path=output, remedy=WRITABLE_REMEDY):
+        with OutputError.replace_os_errors("cannot be written", path=output, remedy=WRITABLE_REMEDY):
             path.parent.mkdir(parents=True, exist_ok=True)
             try:
                 self._lock.acquire()
@@ -80,7 +80,7 @@ class OutputLock:
                 raise OutputBusy(f"another process is writing this {what}", path=output, remedy=remedy) from None
 
     @classmethod
-    def of_file(cls, path: Path, what: str) -> Self:
+    def acquire_for_file(cls, path: Path, what: str) -> Self:
         """Return the lock of a file that is continued after a stop."""
         return cls(path.with_name(f".{path.name}.lock"), what, output=path)
 
@@ -132,7 +132,7 @@ class OutputFolder(OutputLock):
             if source.is_dir() and path.resolve().is_relative_to(source.resolve()):
                 raise OutputError(f"is inside {source}, which this command reads", path=path, remedy=OTHER_FOLDER)
         super().__init__(path / LOCK_NAME, what, output=path)
-        names = self._other_names() - {remains}
+        names = self._content_names() - {remains}
         if names and not any(
             (home / mark).exists() for mark in ((own,) if marks is None else marks) for home in (path, self._unfinished_folder)
         ):
@@ -147,14 +147,14 @@ class OutputFolder(OutputLock):
     def _unfinished_folder(self) -> Path:
         return self.folder / UNFINISHED_NAME
 
-    def _other_names(self) -> set[str]:
+    def _content_names(self) -> set[str]:
         names = {path.name for path in self.folder.iterdir()} - {LOCK_NAME, UNFINISHED_NAME}
         return {name for name in names if not (name.startswith(".") and name.endswith(".tmp"))}  # killed writers'
 
     @contextmanager
-    def all_or_nothing(self, key: str = "") -> Iterator[Path]:
-        """Yield a folder inside the empty one; its content moves up at the end, and `is_done` is true for `key`."""
-        if names := self._other_names():
+    def stage_content(self, key: str = "") -> Iterator[Path]:
+        """Yield a folder inside the empty one; its content moves up at the end, and `finish_earlier_run` is true for `key`."""
+        if names := self._content_names():
             has = "what was made of other inputs or options" if DONE_NAME in names else min(names)
             raise OutputError(f"isn't empty: it has {has}", path=self.folder, remedy=OTHER_FOLDER)
         unfinished = self._unfinished_folder
@@ -164,7 +164,7 @@ class OutputFolder(OutputLock):
             yield unfinished
             if key:
                 replace_file(unfinished / DONE_NAME, msgspec.json.encode(FinishedMark(key, _file_hashes(unfinished))))
-            self._move_content()
+            self._lift_content()
         except BaseException as error:
             shutil.rmtree(unfinished, ignore_errors=True)
             if isinstance(error, OSError):
@@ -174,7 +174,7 @@ class OutputFolder(OutputLock):
                 raise OutputError(problem, path=self.folder, remedy=remedy) from error
             raise
 
-    def is_done(self, key: str) -> bool:
+    def finish_earlier_run(self, key: str) -> bool:
         """Return whether an earlier run with this key finished; complete one that was stopped while it moved files."""
         for home in (self.folder, self._unfinished_folder):
             path = home / DONE_NAME
@@ -185,7 +185,7 @@ class OutputFolder(OutputLock):
         else:
             return False
         if self._unfinished_folder.exists():
-            self._move_content()
+            self._lift_content()
         for name, digest in done.files.items():
             path = self.folder / name
             try:
@@ -197,7 +197,7 @@ class OutputFolder(OutputLock):
                 raise OutputError(problem, path=path, remedy=f"delete {self.folder}, or name another folder by -o")
         return True
 
-    def _move_content(self) -> None:
+    def _lift_content(self) -> None:
         new = sorted(self._unfinished_folder.iterdir(), key=lambda path: path.name == DONE_NAME)
         for path in new:
             if os.path.lexists(taken := self.folder / path.name):

@@ -21,7 +21,7 @@ import msgspec
 import orjson
 import yaml
 
-from hulldown.base.files import open_regular
+from hulldown.base.files import open_regular_file
 
 # Largest files by kind, in bytes: texts that people write, documents, and labels or pictures.
 MAX_TEXT_BYTES, MAX_DOCUMENT_BYTES, MAX_DATA_BYTES = 1 << 20, 1 << 28, 1 << 32
@@ -57,7 +57,7 @@ def read_file(path: Path, refuse: MakeError, *, most: int = MAX_DOCUMENT_BYTES) 
     hulldown.base.errors.HulldownError: nothing.toml: no such file
     """
     try:
-        with open_regular(path) as file:
+        with open_regular_file(path) as file:
             # One more byte than it has, since it may grow.
             content = file.read(min(os.fstat(file.fileno()).st_size, most) + 1)
     except FileNotFoundError:
@@ -76,7 +76,7 @@ def describe_path(path: Path) -> str:
     if path.is_dir():
         return next((kind for name, kind in FOLDER_KINDS.items() if (path / name).exists()), "a folder")
     try:
-        with open_regular(path) as file:
+        with open_regular_file(path) as file:
             start = file.read(16)
     except OSError:
         return "another file"
@@ -88,7 +88,7 @@ def describe_path(path: Path) -> str:
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a regular file's content, in hexadecimal digits."""
     digest = hashlib.sha256()
-    with open_regular(path) as file:
+    with open_regular_file(path) as file:
         while part := file.read(1 << 20):
             digest.update(part)
     return digest.hexdigest()
@@ -113,7 +113,7 @@ def read_json(path: Path, kind: type[T], refuse: MakeError, *, what: str, most: 
 
 def parse_json(content: bytes | memoryview, kind: type[T]) -> T:
     """Return a JSON value as a `kind`."""
-    return parse_value(orjson.loads(content), kind)
+    return convert_parsed_value(orjson.loads(content), kind)
 
 
 def convert_value(
@@ -124,7 +124,7 @@ def convert_value(
         return msgspec.convert(value, kind, strict=strict, dec_hook=dec_hook)
 
 
-def parse_value(value: object, kind: type[T], *, strict: bool = True) -> T:
+def convert_parsed_value(value: object, kind: type[T], *, strict: bool = True) -> T:
     """Return parsed JSON, YAML, or TOML as a `kind`; if not `strict`, also from texts. Errors of `parse_json`."""
     try:
         found = convert_value(value, kind, strict=strict)
@@ -146,7 +146,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     if any(line.count(".") > MAX_LINE_DOTS for line in text.splitlines()):
         raise ValueError("a line has hundreds of points")
     try:
-        return parse_value(tomllib.loads(text), dict[str, Any])
+        return convert_parsed_value(tomllib.loads(text), dict[str, Any])
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 
@@ -214,7 +214,7 @@ def parse_xml(content: bytes) -> Element:
         raise ValueError(str(error)) from None
 
 
-def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
+def json_and_repeated_keys(content: bytes) -> tuple[object, Counter[str]]:
     """Return a JSON value, and how many objects have a key more than once; ValueError as for `parse_json`."""
     repeated: Counter[str] = Counter()
 
@@ -230,7 +230,7 @@ def json_with_repeats(content: bytes) -> tuple[object, Counter[str]]:
         raise ValueError("it is nested too deeply") from None
 
 
-def json_parts(content: bytes) -> dict[str, msgspec.Raw]:
+def raw_json_values(content: bytes) -> dict[str, msgspec.Raw]:
     """Return the values of a JSON object, not parsed, which takes little memory; ValueError as for `parse_json`."""
     return _decode_json(content, dict[str, msgspec.Raw])
 

@@ -49,7 +49,7 @@ def sin_cos(angle: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     """Sine and cosine of angles in radians, within 1 ulp; of more than a million turns, less."""
     x = np.asarray(angle, dtype=np.float64)
     turns = np.rint(x * (2.0 / math.pi))
-    sine, cosine = _around_zero(x, turns)
+    sine, cosine = _sin_cos_near_zero(x, turns)
     if not np.any(turns):
         return np.asarray(sine), np.asarray(cosine)
     quarter = turns.astype(np.int64) & 3
@@ -74,7 +74,7 @@ def arctan2(y: ArrayLike, x: ArrayLike) -> np.ndarray:
     down, across = np.abs(y), np.abs(x)
     larger = np.maximum(down, across)
     ratio = np.asarray(np.minimum(down, across) / np.where(larger > 0.0, larger, 1.0))
-    angle = _arctan_to_one(ratio)
+    angle = _arctan_up_to_one(ratio)
     angle = np.where(down > across, math.pi / 2 - (angle - _PI_2_REST), angle)
     angle = np.where(np.asarray(x) < 0.0, math.pi - (angle - 2.0 * _PI_2_REST), angle)
     return np.where(np.asarray(y) < 0.0, -angle, angle)
@@ -112,7 +112,7 @@ def log(value: ArrayLike) -> np.ndarray:
     return np.asarray(k * _LN_2[0] - ((half - (s * (half + r) + k * _LN_2[1])) - f))
 
 
-def _around_zero(x: Number, turns: Number) -> tuple[Number, Number]:
+def _sin_cos_near_zero(x: Number, turns: Number) -> tuple[Number, Number]:
     """Sine and cosine of x minus `turns` quarter turns, which is within pi/4 of zero."""
     first = x - turns * _PI_2_PARTS[0]
     second = turns * _PI_2_PARTS[1]
@@ -128,7 +128,7 @@ def _around_zero(x: Number, turns: Number) -> tuple[Number, Number]:
     return sine, whole + (((1.0 - whole) - half) + (z * z * _evaluate_polynomial(_COS, z) - r * tail))
 
 
-def _arctan_to_one(ratio: np.ndarray) -> np.ndarray:
+def _arctan_up_to_one(ratio: np.ndarray) -> np.ndarray:
     """Arc tangent of numbers from 0 to 1, computed about 0, 1/2, or 1."""
     half, one = (ratio >= 7.0 / 16.0) & (ratio < 11.0 / 16.0), ratio >= 11.0 / 16.0
     t = np.where(half, (2.0 * ratio - 1.0) / (2.0 + ratio), np.where(one, (ratio - 1.0) / (ratio + 1.0), ratio))

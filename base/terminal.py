@@ -65,7 +65,7 @@ def reading_status() -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
+def one_bar_for_all_titles(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
     """Show a bar on stderr; yields a function of title, steps done, and their total."""
     measured = [TextColumn("{task.fields[speed]}", style="progress.data.speed")] if unit else []
     columns = (
@@ -90,7 +90,7 @@ def titled_bar(*, unit: str = "") -> Iterator[Callable[[str, int, int], None]]:
 
 
 @contextmanager
-def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
+def one_bar_per_title() -> Iterator[Callable[[str, int, int], None]]:
     """Show bars on stderr, one after the other; yields a function of title, steps done, and their total."""
     with ExitStack() as bars:
         advance: dict[str, Callable[[str, int, int], None]] = {}
@@ -98,7 +98,7 @@ def progress_bars() -> Iterator[Callable[[str, int, int], None]]:
         def show(title: str, done: int, total: int) -> None:
             if title not in advance:
                 bars.close()
-                advance[title] = bars.enter_context(titled_bar())
+                advance[title] = bars.enter_context(one_bar_for_all_titles())
             advance[title](title, done, total)
 
         yield show
@@ -110,7 +110,7 @@ def progress_bar(title: str, progress: Callable[[int, int], None] | None = None)
     if progress is not None:
         yield progress
     elif is_interactive():
-        with titled_bar() as advance:
+        with one_bar_for_all_titles() as advance:
             yield partial(advance, title)
     else:
         yield lambda done, total: None

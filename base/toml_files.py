@@ -12,7 +12,7 @@ from typing import Any, TypeVar, get_args
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
-from hulldown.base.errors import ConfigError, shorten_value
+from hulldown.base.errors import ConfigError, short_repr
 from hulldown.base.outside import describe_path, parse_toml, read_text
 
 POSSIBLE_CONFIG_KINDS = ("a config", "a JSON file", "another file", "empty")
@@ -61,13 +61,13 @@ def _explain_error(error: ErrorDetails, top: type[BaseModel], removed: Mapping[s
     steps = [s for s in error["loc"] if not (isinstance(s, str) and ("[" in s or s in ("int", "dict")))]
     key = "".join(f"[{s}]" if isinstance(s, int) else f".{s}" for s in steps).lstrip(".")
     is_unknown, declared = error["type"] == "extra_forbidden", ".".join(s for s in steps if isinstance(s, str))
-    value = "" if is_unknown or isinstance(error["input"], dict) else f" = {shorten_value(error['input'])}"
+    value = "" if is_unknown or isinstance(error["input"], dict) else f" = {short_repr(error['input'])}"
     if instead := removed.get(declared + value):
         return f"{key}{value} is gone; delete it: {instead}"
     if is_unknown:
         section = [s for s in steps[:-1] if isinstance(s, str)]
         near = _nearest_key(str(steps[-1]), section, top)
-        hint = f"did you mean {near}?" if near else f"known here: {', '.join(sorted(_section_fields(section, top)))}"
+        hint = f"did you mean {near}?" if near else f"known here: {', '.join(sorted(_known_section_keys(section, top)))}"
         return f"unknown key {key}; {hint}"
     if error["type"] == "missing":
         return f"{key} is missing" if key else "is empty"
@@ -83,7 +83,7 @@ def _nested_models(annotation: object) -> Iterator[type[BaseModel]]:
         yield from _nested_models(inner)
 
 
-def _section_fields(section: list[str], model: type[BaseModel]) -> list[str]:
+def _known_section_keys(section: list[str], model: type[BaseModel]) -> list[str]:
     """Return keys known in a section, given the names that lead to it."""
     for name in section:
         model = next(_nested_models(model.model_fields[name].annotation), model)
@@ -92,12 +92,12 @@ def _section_fields(section: list[str], model: type[BaseModel]) -> list[str]:
 
 def _nearest_key(name: str, section: list[str], top: type[BaseModel]) -> str | None:
     """Return the known key most like `name`: in its own section if there is one, else anywhere, with its section."""
-    if near := difflib.get_close_matches(name, _section_fields(section, top), n=1):
+    if near := difflib.get_close_matches(name, _known_section_keys(section, top), n=1):
         return ".".join([*section, near[0]])
     elsewhere = {
         key: table
         for table, field in top.model_fields.items()
-        for key in (_section_fields([table], top) if list(_nested_models(field.annotation)) else [])
+        for key in (_known_section_keys([table], top) if list(_nested_models(field.annotation)) else [])
     }
     if near := difflib.get_close_matches(name, elsewhere, n=1, cutoff=0.8):
         return f"{elsewhere[near[0]]}.{near[0]}"

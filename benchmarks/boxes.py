@@ -11,7 +11,7 @@ import numpy as np
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.annotate.extremes import ImageView, surface_extremes
-from hulldown.annotate.posing import PosedParts, transform_parts
+from hulldown.annotate.posing import PosedParts, transform_part_points
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.benchmarks.scenes import HD
 from hulldown.benchmarks.tables import table
@@ -169,12 +169,12 @@ class _Rules:
     def dropped(self, points: np.ndarray, slices: list, pose: np.ndarray, camera: Cameras, turned: dict) -> np.ndarray | None:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
-        return _clamped(*transform_parts(points, slices, poses)[:, 0], camera)
+        return _clamped(*transform_part_points(points, slices, poses)[:, 0], camera)
 
     def clip_all(self, pose: np.ndarray, camera: Cameras, turned: dict) -> np.ndarray | None:
         angles = self.parts.shape.angles([turned])
         poses = self.parts.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
-        points = transform_parts(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
+        points = transform_part_points(self.parts.vertices, self.parts.vertex_slices, poses)[:, 0]
         u0, v0, u1, v1 = surface_extremes(points, self.parts.faces, ImageView(camera.lenses, clip_to_image=True))
         return np.array([u0, v0, u1 - u0, v1 - v0]) if u0 <= u1 else None
 

@@ -19,11 +19,11 @@ from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
 from hulldown.render.blender.messages import CyclesSettings, RenderJob
 from hulldown.render.cluster_pool import ClusterPool
-from hulldown.render.jobs import readable_paths, render_job
-from hulldown.render.outline import sort_key
+from hulldown.render.jobs import blender_readable_paths, make_render_job
+from hulldown.render.outline import row_sort_key
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
-from hulldown.render.supervisor import render_remaining
+from hulldown.render.supervisor import render_remaining_images
 from hulldown.tests.builders.clusters import Cluster, blenders, cluster, digests
 
 SIZES = ((96, 54), (480, 270))
@@ -52,13 +52,13 @@ def run(quick: bool) -> dict[str, Any]:
 
 def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[str, Any]:
     """Time the same rows on two workers of this machine and on two of Dask's, in turn; all keep loaded assets."""
-    rows = sorted(plan, key=sort_key)[:ROWS_PER_TURN]
+    rows = sorted(plan, key=row_sort_key)[:ROWS_PER_TURN]
     settings = plan.config.render
     cycles = CyclesSettings(settings.samples, settings.denoise, settings.adaptive_threshold, settings.bounces)
     output.mkdir()
 
     def job(i: int) -> RenderJob:
-        return render_job(rows[i], library, cycles, output / f"{i}.png")
+        return make_render_job(rows[i], library, cycles, output / f"{i}.png")
 
     def once(pool: Pool | ClusterPool) -> float:
         began = time.perf_counter()
@@ -71,7 +71,7 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
         for _ in range(WORKER_COUNT):
             nodes.add(environment={SHARE_VARIABLE: str(WORKER_COUNT)})
         with (
-            Pool(output / "logs", engine, confinement=Confinement(output, readable_paths(library))) as local,
+            Pool(output / "logs", engine, confinement=Confinement(output, blender_readable_paths(library))) as local,
             ClusterPool(Scheduler(nodes.address), engine, library, say=lambda line: None, stopping=lambda: False) as dask,
         ):
             once(local), once(dask)  # everything is loaded
@@ -86,13 +86,13 @@ def overhead(plan: Plan, library: Library, output: Path, rounds: int) -> dict[st
 def _kills(folder: Path, config: Path, n: int) -> dict[str, Any]:
     """Render a plan on three workers; one of them, or its Blender, is killed again and again, and replaced."""
     plan, library = planned(folder, config, 4 * n, SIZES[0], one_of_a_class=True, render=TINY)
-    render_remaining(plan.path, folder / "whole", library=library, engine=Engine(device="cpu"))
+    render_remaining_images(plan.path, folder / "whole", library=library, engine=Engine(device="cpu"))
     found: dict[str, Any] = {"images": len(plan), "workers": 3}
     rng = np.random.default_rng(3)
     for name in ("quiet", "killed"):
         victims: list[str] = []
         with cluster(folder / name / "nodes", 3) as nodes:
-            report = render_remaining(
+            report = render_remaining_images(
                 plan.path,
                 folder / name / "dataset",
                 library=library,

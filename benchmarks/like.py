@@ -20,7 +20,7 @@ from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.settings import load_settings
-from hulldown.training.study.results import Cell, Judged, estimate_measure, evaluate_run, group_cells
+from hulldown.training.study.results import Cell, Judged, estimate_measure, evaluate_run, group_runs_into_cells
 from hulldown.training.study.study_folder import StudyRun
 
 # Cameras of the stand-ins. The default one is at 3 to 35 degrees, and half of its targets fill less than 0.13 of the
@@ -133,7 +133,7 @@ def main() -> None:
             detector(run, [data[part] for part in parts], seed)
             results.append(judged(run, photographs, arm=arm, seed=seed))
             print(run.name, {key: round(results[-1].values[key], 3) for key in MEASURES}, flush=True)
-    lines, numbers = table({cell.arm: cell for cell in group_cells(results)})
+    lines, numbers = table({cell.arm: cell for cell in group_runs_into_cells(results)})
     replace_file(folder / f"{name}.json", json.dumps(numbers, indent=2).encode() + b"\n")
     print("\n".join(lines))
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from hulldown.assets.plan_assets import Assets
 from hulldown.benchmarks.scenes import vehicles
-from hulldown.demo.project import CONFIG_NAME, create_project, project_text
+from hulldown.demo.project import CONFIG_NAME, create_project, demo_config_text
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.schema import Config
@@ -92,8 +92,8 @@ def _plan(make: Callable[..., tuple[Any, Assets]], *arguments: Any) -> dict[str,
     started = time.process_time()
     planner = Planner(config, assets)
     ready, rows, size = time.process_time(), 0, 0
-    for start in range(0, planner.budget.n_positions, POSITIONS_PER_BLOCK):
-        lines, n = planner.lines(start, min(start + POSITIONS_PER_BLOCK, planner.budget.n_positions))
+    for start in range(0, planner.budget.n_planned_positions, POSITIONS_PER_BLOCK):
+        lines, n = planner.lines(start, min(start + POSITIONS_PER_BLOCK, planner.budget.n_planned_positions))
         rows, size = rows + n, size + len(lines)
     seconds = time.process_time() - ready
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
@@ -204,7 +204,7 @@ def _apart(work: Callable[..., dict[str, float]], *arguments: Any) -> dict[str, 
 
 def config_hash() -> str:
     """Return a hash of the config that `hulldown init` writes, of its values without its comments."""
-    config = Config.of(tomllib.loads(project_text()))
+    config = Config.of(tomllib.loads(demo_config_text()))
     return hashlib.sha256(config.model_dump_json().encode()).hexdigest()[:12]
 
 

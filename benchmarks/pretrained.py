@@ -15,17 +15,17 @@ import numpy as np
 
 from hulldown.benchmarks.tables import table
 from hulldown.benchmarks.yolox import COCO_NAMES, INPUT_SIZE_PX, Yolox, YoloxDetector, train_yolox
-from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.record_checks import read_usable_dataset
 from hulldown.training.detectors.detector import Detector
 from hulldown.training.detectors.rivals import ContestedDetector
 from hulldown.training.detectors.transformers_detector import VEHICLE_LIKE_CLASS
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.inputs.data import DrawnExamples, Draws
-from hulldown.training.inputs.settings import resolved_augmentation
-from hulldown.training.inputs.sources import LabeledPictures, read_sources
-from hulldown.training.predict import predict_labeled
-from hulldown.training.subset import nested_subsets
+from hulldown.training.inputs.settings import settings_with_augmentation
+from hulldown.training.inputs.sources import LabeledPictures, read_classes_and_sources
+from hulldown.training.predict import detect_in_labeled_pictures
+from hulldown.training.subset import nested_subset_ids
 
 PHOTOGRAPHS = "photographs"
 COLUMNS = ("photographs", "alone", "with renders", "difference", "alone, rivals", "with renders, rivals", "difference")
@@ -33,8 +33,8 @@ COLUMNS = ("photographs", "alone", "with renders", "difference", "alone, rivals"
 
 def nested_rows(source: LabeledPictures, count: int, seed: int) -> np.ndarray:
     """Return rows of `count` photographs, nested over counts."""
-    images = read_usable(source.folder).images
-    chosen = set(nested_subsets(images, [count / len(images)], seed=seed)[0])
+    images = read_usable_dataset(source.folder).images
+    chosen = set(nested_subset_ids(images, [count / len(images)], seed=seed)[0])
     names = {image.file_name for image in images if image.id in chosen}
     return np.flatnonzero([name in names for name in source.file_names])
 
@@ -47,7 +47,7 @@ def drawn_examples(sources: Sequence[LabeledPictures], rows: Sequence[np.ndarray
     random = np.random.default_rng(seed)
     source = random.choice(len(sources), budget, p=share)
     image = np.array([random.choice(rows[k]) for k in source])
-    augmentation = resolved_augmentation({"augmentation": "mild"})["augmentation"]
+    augmentation = settings_with_augmentation({"augmentation": "mild"})["augmentation"]
     return DrawnExamples(
         sources, Draws(source, image, random.integers(1 << 32, size=budget)), INPUT_SIZE_PX, augmentation, masks=False
     )
@@ -55,7 +55,7 @@ def drawn_examples(sources: Sequence[LabeledPictures], rows: Sequence[np.ndarray
 
 def resampled_ap50(detector: Detector, labels: Labels) -> np.ndarray:
     """Return AP50, followed by that in resamples of the photographs."""
-    found = Evaluation(labels, predict_labeled(detector, labels), threshold=Threshold(0.5, "given"))
+    found = Evaluation(labels, detect_in_labeled_pictures(detector, labels), threshold=Threshold(0.5, "given"))
     return np.append(found.summary["ap50"], found.resampled()["ap50"])
 
 
@@ -79,7 +79,7 @@ def main() -> None:
     parser.add_argument("--draws", type=int, default=1600)
     given = parser.parse_args()
     folders = {PHOTOGRAPHS: given.photographs, **{f"renders {k}": one for k, one in enumerate(given.synthetic)}}
-    classes, (photographs, *renders) = read_sources(folders)
+    classes, (photographs, *renders) = read_classes_and_sources(folders)
     labels, truck = read_labels(given.test), COCO_NAMES.index(VEHICLE_LIKE_CLASS)
     rows = [COCO_NAMES.index(name) if name in COCO_NAMES else truck for name in classes]
     untrained = YoloxDetector(Yolox(given.weights, range(len(COCO_NAMES))), COCO_NAMES)

@@ -18,11 +18,11 @@ from hulldown.benchmarks.tables import table
 from hulldown.geometry.transforms import transform_points
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.doubts import vehicle_doubts
-from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, format_xyz
+from hulldown.reading.pieces.asset_report import FileReport, ObjectRow, xyz_tuple
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.vehicle.stance import stand_upright
-from hulldown.reading.vehicle_or_scenery import refuse_wrong_kind
+from hulldown.reading.vehicle.stance import turn_pieces_upright
+from hulldown.reading.vehicle_or_scenery import refuse_or_doubt_kind
 
 EACH = (36, 12, 6)  # files of each of the ten vehicles, by group
 MAX_LENGTH_ERROR = 0.03  # a length may be off by this share
@@ -88,12 +88,12 @@ def _angle(a: Any, b: Any) -> float:
 
 def _judged(opened: Any, drawn: Any) -> tuple[Any, list[str], list[Doubt]]:
     options = Options()
-    upright = stand_upright(drawn, unit=opened.unit, stated_up=opened.up, up=None)
-    refuse_wrong_kind("vehicle", upright.drawn.pieces, options)
+    upright = turn_pieces_upright(drawn, unit=opened.unit, stated_up=opened.up, up=None)
+    refuse_or_doubt_kind("vehicle", upright.drawn.pieces, options)
     built = build_vehicle("it", upright, options)
     uses = [role.use for role in built.roles]
     rows = (ObjectRow(p.name, "", r.use, r.why, 1, p.faces) for p, r in zip(drawn.pieces, built.roles, strict=True))
-    report = FileReport("vehicle", "", format_xyz(built.shape.size_xyz), 0, opened.unit, upright.up.value, rows=tuple(rows))
+    report = FileReport("vehicle", "", xyz_tuple(built.shape.size_xyz), 0, opened.unit, upright.up.value, rows=tuple(rows))
     return built.shape, uses, [*built.doubts, *vehicle_doubts(report, options), *opened.doubts]
 
 

@@ -16,11 +16,11 @@ from hulldown.benchmarks.reading_things import LITTER_PART, PARTS, Model, Thing,
 from hulldown.demo.vehicles import VEHICLE_LOOKS, build_vehicle_file
 from hulldown.geometry.transforms import transform_points
 from hulldown.reading.blender.depsgraph import evaluate_scene
-from hulldown.reading.blender.importers import Opened, open_file
+from hulldown.reading.blender.importers import Opened, open_asset_in_blender
 from hulldown.reading.build import build_vehicle
 from hulldown.reading.pieces.options import DEFAULT_TEXTURE_SIZE, Options
 from hulldown.reading.pieces.roles import Evaluated
-from hulldown.reading.vehicle.stance import meters_from_file, stand_upright
+from hulldown.reading.vehicle.stance import meters_from_file, turn_pieces_upright
 
 
 def corpus(each: Sequence[int]) -> Iterator[tuple[Case, Truth, Opened, Evaluated]]:
@@ -41,7 +41,7 @@ def corpus(each: Sequence[int]) -> Iterator[tuple[Case, Truth, Opened, Evaluated
 
 
 def _read(path: Path, kind: str) -> tuple[Opened, Evaluated]:
-    opened = open_file(path, kind, Options())
+    opened = open_asset_in_blender(path, kind, Options())
     meters = meters_from_file(opened.unit, opened.up)
     given = {"meters_from_file": meters, "duplicates": opened.duplicates}
     return opened, evaluate_scene(bpy.context.scene, **given, texture_size=DEFAULT_TEXTURE_SIZE)
@@ -51,7 +51,7 @@ def _base(path: Path) -> Model:
     """A demo vehicle as it is rendered: its objects with their parts, empties of parts included, litter left out."""
     opened, drawn = _read(path, "blend")
     meters = meters_from_file(opened.unit, "z")
-    upright = stand_upright(drawn, unit=opened.unit, stated_up="z", up="z")
+    upright = turn_pieces_upright(drawn, unit=opened.unit, stated_up="z", up="z")
     built = build_vehicle(path.stem, upright, Options(forward="+x"))
     names = built.shape.part_names
     from_vehicle = meters @ np.linalg.inv(built.shape.vehicle_from_file)

@@ -25,8 +25,8 @@ from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import Row
 from hulldown.planning.write import write_plan
 from hulldown.render.blender.messages import CyclesSettings, RenderJob
-from hulldown.render.jobs import render_job
-from hulldown.render.outline import sort_key
+from hulldown.render.jobs import make_render_job
+from hulldown.render.outline import row_sort_key
 from hulldown.render.process import Allowance, Blender, Limits
 
 SIZES = ((320, 180), (640, 360))
@@ -49,7 +49,7 @@ def run(quick: bool) -> dict:
         config = Config.of(given, path=path)
         plan = write_plan(config, load_library(config).assets, folder / "plan.jsonl")
         library = load_planned_library(plan)
-        rows = [row for row in sorted(plan, key=sort_key) if row.labeled]
+        rows = [row for row in sorted(plan, key=row_sort_key) if row.labeled]
         rows = rows[len(rows) // 2 :][: 3 if quick else 6]
         return {
             "settings": RENDER_PROFILES["train"],
@@ -116,7 +116,7 @@ def planned(
 
 def make_job(row: Row, library: Library, settings: dict[str, Any], output: Path) -> RenderJob:
     """Return the job of rendering a row with these settings."""
-    return render_job(row, library, CyclesSettings(**settings), output)
+    return make_render_job(row, library, CyclesSettings(**settings), output)
 
 
 def make_blender(folder: Path) -> Blender:

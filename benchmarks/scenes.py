@@ -8,7 +8,7 @@ import numpy as np
 
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 
 HD = Intrinsics(1920, 1080, math.radians(50))
 
@@ -43,7 +43,7 @@ def vehicles(*, fine: int = 1) -> dict[str, VehicleShape]:
 
 
 def _shape(name: str, meshes: list[Mesh], pivots: list[list[float]]) -> VehicleShape:
-    mesh, source = merge_meshes(meshes)
+    mesh, source = merge_meshes_with_sources(meshes)
     part = np.zeros(len(mesh.vertices), dtype=int)
     part[mesh.faces] = source[:, None]
     low, high = mesh.bounds
@@ -69,4 +69,4 @@ def _box(low: list[float], high: list[float], fine: int) -> Mesh:
         for end in (0.0, 1.0):
             unit = np.insert(np.stack([s, t], -1), axis, end, axis=-1)
             sides.append(sheet(np.array(low) + unit * (np.array(high) - low)))
-    return merge_meshes(sides)[0]
+    return merge_meshes_with_sources(sides)[0]

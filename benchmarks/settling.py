@@ -90,7 +90,7 @@ def _truth(
 def _resting(samples: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, float, float]:
     """Return gradient and height of the facet of the convex hull above the middle, and how far inside the middle is.
 
-    The mean of the facets that four nudges of the middle give, as `support_plane` has it.
+    The mean of the facets that four nudges of the middle give, as `fit_support_planes` has it.
     """
     hull = ConvexHull(np.column_stack([samples, heights]))
     upper = hull.equations[:, 2] > 1e-12

@@ -32,7 +32,7 @@ from hulldown.plan.config.config_keys import config_text
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.planning.write import write_plan
-from hulldown.render.supervisor import RenderProgress, render_remaining
+from hulldown.render.supervisor import RenderProgress, render_remaining_images
 
 SAMPLES_PER_PIXEL = 6  # rays a pixel, denoised
 SHARES = (0.5, 0.15, 0.35)  # of the stand-ins: to train on, to choose a threshold on, to test on
@@ -124,7 +124,7 @@ def make_side(side: Side, folder: Path) -> Path:
         config = Config.read(write_side(side, folder))
         workers = os.cpu_count() or 1
         write_plan(config, load_library(config).assets, plan, workers=workers, progress=_say(side.name))
-    if not render_remaining(plan, dataset, progress=_rendered(side)).complete:
+    if not render_remaining_images(plan, dataset, progress=_rendered(side)).complete:
         raise SystemExit(f"{dataset}: not all images could be rendered; see failures.jsonl there")
     return dataset
 

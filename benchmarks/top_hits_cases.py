@@ -8,7 +8,7 @@ from fractions import Fraction
 import numpy as np
 
 from hulldown.benchmarks.top_hits_peers import hills, raw_embreex
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.placement.ground_faces import GroundFaceHits
 from hulldown.placement.terrain import Terrain
 from hulldown.tests.oracles.top_hits import Top, angle, exact_tops, on_face
@@ -40,10 +40,10 @@ def cases(n: int) -> Iterator[Case]:
     upright = np.concatenate([lines, np.full((200, 3, 1), 30.0)], axis=2).reshape(-1, 3)
     over = Mesh(upright, np.arange(600).reshape(-1, 3))
     at = lines[rng.integers(200, size=n), rng.integers(3, size=n)]
-    yield "zero-area faces above the ground", merge_meshes([over, ground])[0], at
+    yield "zero-area faces above the ground", merge_meshes_with_sources([over, ground])[0], at
     for gap in (1e-3, 1e-5, 1e-7):
-        yield f"two sheets {gap:g} m apart", merge_meshes([ground, _moved(ground, [0, 0, gap])])[0], anywhere
-    yield "the same sheet twice", merge_meshes([ground, ground])[0], anywhere
+        yield f"two sheets {gap:g} m apart", merge_meshes_with_sources([ground, _moved(ground, [0, 0, gap])])[0], anywhere
+    yield "the same sheet twice", merge_meshes_with_sources([ground, ground])[0], anywhere
     yield "slivers of 1 to 1e6", *_slivers(rng, n)
     yield "100 km triangles beside a patch of 1 mm", *_patch(rng, n)
     yield "hole edges, one ulp beside", *_holes(ground, rng, n)
@@ -135,7 +135,7 @@ def _patch(rng: np.random.Generator, n: int) -> tuple[Mesh, np.ndarray]:
     large = _strip(np.arange(3) * 1e5, np.array([0.0, 100.0, 0.0]), np.arange(3) * 1e5)
     steps = np.arange(21) * 1e-3
     small = _strip(30e3 + steps, 40.0 + 1e-3 * rng.random(21), 41e3 + steps)
-    return merge_meshes([large, small])[0], rng.uniform([30e3, 41e3], [30e3 + 0.02, 41e3 + 0.02], (n, 2))
+    return merge_meshes_with_sources([large, small])[0], rng.uniform([30e3, 41e3], [30e3 + 0.02, 41e3 + 0.02], (n, 2))
 
 
 def _holes(ground: Mesh, rng: np.random.Generator, n: int) -> tuple[Mesh, np.ndarray]:

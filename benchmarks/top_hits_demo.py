@@ -14,8 +14,8 @@ from hulldown.benchmarks import top_hits_peers as peers
 from hulldown.benchmarks.tables import table
 from hulldown.benchmarks.top_hits import RAW, bold, timed
 from hulldown.demo.project import create_project
-from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.reading.cache import cached_export
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
+from hulldown.reading.cache import cached_export_and_digest
 from hulldown.reading.pieces.options import Options
 
 HILL_TRIANGLES = 150_000  # triangles, about as many as the demo's sceneries have
@@ -36,12 +36,12 @@ def _grounds() -> Iterator[tuple[str, Mesh]]:
     yield "hills", hills
     for sheets in (2, 10):
         layers = [Mesh(hills.vertices - [0, 0, float(i)], hills.faces) for i in range(sheets)]
-        yield f"{sheets} sheets", merge_meshes(layers)[0]
+        yield f"{sheets} sheets", merge_meshes_with_sources(layers)[0]
     with TemporaryDirectory() as folder:
         create_project(folder)
         for name in SCENERIES:
             file = Path(folder, "sceneries", f"{name}.blend")
-            exported, _ = cached_export(file, Path(folder, "cache"), kind="scenery", options=Options())
+            exported, _ = cached_export_and_digest(file, Path(folder, "cache"), kind="scenery", options=Options())
             ground = load_scenery(exported.bundle).ground
             assert ground is not None
             yield name, ground

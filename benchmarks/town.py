@@ -15,7 +15,7 @@ from scipy.ndimage import zoom
 from hulldown.demo import earth, shapes, vegetation
 from hulldown.demo.land import Land
 from hulldown.demo.materials import Graph, plain_material
-from hulldown.demo.relief import make_sheet
+from hulldown.demo.relief import grid_vertices_and_quads
 
 HALF, TEXELS = 90.0, 4096  # meters; of the ground's texture, 4 cm each
 EAST, NORTH = (-60.0, 0.0, 60.0), (-45.0, 45.0)  # y of the middles of streets to the east, x of those to the north
@@ -84,7 +84,9 @@ def write_town(path: Path, *, rng: np.random.Generator) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     ground_picture(rng).save(path.with_suffix(".png"))
     points = np.linspace(-HALF, HALF, 21)
-    ground = land.add("Ground", make_sheet(points, points, lambda x, y: 0 * x), paved(path.with_suffix(".png")), home="Land")
+    ground = land.add(
+        "Ground", grid_vertices_and_quads(points, points, lambda x, y: 0 * x), paved(path.with_suffix(".png")), home="Land"
+    )
     mesh = ground.data
     at = np.array([mesh.vertices[loop.vertex_index].co[:2] for loop in mesh.loops])
     mesh.uv_layers.new(name="UVMap").uv.foreach_set("vector", ((at + HALF) / (2 * HALF)).astype(np.float32).ravel())
@@ -101,11 +103,11 @@ def _houses(land: Land, rng: np.random.Generator) -> None:
         y, deep = (south + north) / 2, min(9.0, (north - south) / 2 - 3)
         for x in np.arange(west + 8, east - 7, 22.0):
             high, wide = rng.uniform(6, 14), rng.uniform(6, 9)
-            wall = shapes.make_block((x - wide, y - deep, 0), (x + wide, y + deep, high))
-            roof = shapes.make_block((x - wide, y - deep, high), (x + wide, y + deep, high + 0.3))
+            wall = shapes.make_corner_box((x - wide, y - deep, 0), (x + wide, y + deep, high))
+            roof = shapes.make_corner_box((x - wide, y - deep, high), (x + wide, y + deep, high + 0.3))
             if rng.random() < 0.7:
                 gable = [(x - wide - 0.5, high), (x + wide + 0.5, high), (x, high + 4)]
-                roof = shapes.make_prism(gable, y - deep - 0.5, y + deep + 0.5)
+                roof = shapes.extrude_along_y(gable, y - deep - 0.5, y + deep + 0.5)
             for name, shape, material in (("House", wall, walls[k % 3]), ("Roof", roof, roofs[k % 4])):
                 house = land.add(f"{name}_{k}", (shape.vertices, shape.faces), material, home="Houses")
                 house.data.shade_flat()
@@ -116,7 +118,7 @@ def _trees(land: Land, rng: np.random.Generator) -> None:
     """Trees along the sidewalks and in the gardens."""
     dress = [earth.bark_material("Bark", "#5a4a3a"), earth.leaf_material("Leaves", ("#2f4016", "#52652a"))]
     kinds = [
-        vegetation.make_broadleaf(f"Tree_{k}", dress, height=height, spread=spread, rng=rng)
+        vegetation.make_broadleaf_mesh(f"Tree_{k}", dress, height=height, spread=spread, rng=rng)
         for k, (height, spread) in enumerate([(9.0, 3.4), (7.0, 2.8), (11.0, 4.0)])
     ]
     along = [(x, y + side) for y, side, x in product(EAST, (-STREET / 2 - 3, STREET / 2 + 3), np.arange(-85, 85, 12.0))

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from hulldown.annotate.visibility import Visibility, visible_fraction
+from hulldown.annotate.visibility import Visibility, measure_visibility
 from hulldown.benchmarks.scenes import HD, sheet, vehicles
 from hulldown.benchmarks.tables import table
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
-from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.camera.shell import camera_pose, sample_azimuths, sample_elevations
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_scene import Scene
@@ -52,8 +52,8 @@ class Woods:
         poses = camera_pose(
             center,
             rng.uniform(15, 120, n),
-            draw_azimuth(n, rng=rng),
-            draw_elevation(n, (math.radians(3), math.radians(35)), rng=rng),
+            sample_azimuths(n, rng=rng),
+            sample_elevations(n, (math.radians(3), math.radians(35)), rng=rng),
         )
         at_rest = np.concatenate([part.hull for part in self.caster.parts])
         hull = transform_points(self.world_from_vehicle, at_rest)
@@ -65,7 +65,7 @@ class Woods:
         """Return hulldown's visible shares."""
         target = PosedVehicle(self.caster, self.world_from_vehicle[rows], self.articulation[rows])
         cameras = Cameras(HD, self.world_from_camera[rows])
-        return visible_fraction([target], cameras, world=world, rays=rays, seed=seed)
+        return measure_visibility([target], cameras, world=world, rays=rays, seed=seed)
 
     def fraction(self, rows: slice, rays: int, seed: int = 0, *, wood: bool = True) -> np.ndarray:
         """Visible shares, with the wood or without."""
@@ -109,7 +109,7 @@ def _tree() -> Mesh:
     sides = np.array([[i, i + 1, i + 10] for i in range(8)] + [[i, i + 10, i + 9] for i in range(8)])
     middle = rng.normal(size=(3000, 3)) * [0.9, 0.9, 1.2] + [0, 0, 3.4]
     leaves = (middle[:, None] + rng.normal(size=(3000, 3, 3)) * 0.12).reshape(-1, 3)
-    return merge_meshes([Mesh(trunk, sides), Mesh(leaves, np.arange(9000).reshape(-1, 3))])[0]
+    return merge_meshes_with_sources([Mesh(trunk, sides), Mesh(leaves, np.arange(9000).reshape(-1, 3))])[0]
 
 
 def run(quick: bool) -> dict:

@@ -21,7 +21,7 @@ from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 from torchvision.ops import batched_nms, box_convert, box_iou, clip_boxes_to_image, generalized_box_iou_loss
 
 from hulldown.training.detectors.detector import Detections
-from hulldown.training.inputs.data import DrawnExamples, network_pictures
+from hulldown.training.inputs.data import DrawnExamples, pictures_at_network_size
 
 COCO_NAMES = tuple(COCO_CLASSES[label] for label in sorted(COCO_CLASSES))  # the 80 classes in the order of the weights
 INPUT_SIZE_PX = (320, 256)  # width and height of the input, pixels
@@ -115,7 +115,7 @@ class YoloxDetector:
     @torch.inference_mode()
     def detect(self, images: Sequence[np.ndarray]) -> list[Detections]:
         found = []
-        boxes, logits, _ = self._network(network_pictures(images, INPUT_SIZE_PX))
+        boxes, logits, _ = self._network(pictures_at_network_size(images, INPUT_SIZE_PX))
         for image, corners, scores in zip(images, boxes, log_scores(logits).exp(), strict=True):
             height, width = image.shape[:2]
             cell, label = (scores > MIN_SCORE).nonzero(as_tuple=True)

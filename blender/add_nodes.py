@@ -26,6 +26,6 @@ def feed_input(tree: Any, socket: Any, value: Any) -> None:
         socket.default_value = value
 
 
-def add_math(tree: Any, operation: str, *values: Any, clamp: bool = False) -> Any:
+def add_math_output(tree: Any, operation: str, *values: Any, clamp: bool = False) -> Any:
     """Add a math node; return its output."""
     return add_node(tree, "Math", dict(enumerate(values)), operation=operation, use_clamp=clamp).outputs[0]

@@ -15,7 +15,7 @@ def world_from_blender_camera(world_from_camera: Any) -> np.ndarray:
     return np.asarray(world_from_camera, dtype=np.float64) @ CAMERA_FROM_BLENDER_CAMERA
 
 
-def set_pose(obj: Any, world_from_object: Any) -> None:
+def set_object_pose(obj: Any, world_from_object: Any) -> None:
     """Give a Blender object the pose of a float64 affine matrix (4, 4).
 
     The matrix goes into the parent inverse, which Blender multiplies as it is; setting `matrix_world` would split it

@@ -14,17 +14,17 @@ from hulldown.blender.buffers import image_pixels
 PIXEL_FILTER_WIDTH_PX = 0.01  # the smallest that Blender takes
 
 
-def store_light(scene: Any) -> None:
+def set_linear_light_output(scene: Any) -> None:
     """Make a scene write scene-linear light."""
     settings = scene.render.image_settings
     settings.file_format, settings.color_mode = "OPEN_EXR", "RGB"
     settings.color_depth, settings.exr_codec = "32", "NONE"
 
 
-def see_pixel_centers(scene: Any) -> None:
+def set_light_at_pixel_centers(scene: Any) -> None:
     """Make a scene write scene-linear light, with all rays through the centers of pixels."""
     scene.cycles.pixel_filter_type, scene.cycles.filter_width = "BOX", PIXEL_FILTER_WIDTH_PX
-    store_light(scene)
+    set_linear_light_output(scene)
 
 
 def render_light(scene: Any) -> np.ndarray:

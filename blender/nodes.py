@@ -8,13 +8,13 @@ from typing import Any
 Stack = tuple[Any, ...]  # the group nodes that a socket is inside of, the outermost first
 
 
-def material_output(material: Any) -> Any:
+def material_output_node(material: Any) -> Any:
     """Return the output node that Cycles uses; None in a damaged tree."""
     tree = material.node_tree
     return tree.get_output_node("CYCLES") if tree is not None and tree.bl_idname == "ShaderNodeTree" else None
 
 
-def socket_source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
+def socket_source_and_stack(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
     """Return the output that a socket is linked to; None if it has its own value."""
     while True:
         if not socket.is_output:
@@ -28,7 +28,7 @@ def socket_source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
         elif node.bl_idname == "NodeReroute":
             inner = node.inputs[0]
         elif node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
-            output = group_output(node.node_tree)
+            output = group_output_node(node.node_tree)
             inner = output and _matching_socket(output.inputs, socket)
             stack = (*stack, node)
         elif node.bl_idname == "NodeGroupInput" and stack:
@@ -41,9 +41,9 @@ def socket_source(socket: Any, stack: Stack) -> tuple[Any, Stack] | None:
         socket = inner
 
 
-def upstream_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
+def upstream_nodes_and_outputs(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
     """Yield every node that a socket's value depends on, with the output that is used."""
-    found = socket_source(socket, stack)
+    found = socket_source_and_stack(socket, stack)
     seen = set()
     ring = [found] if found else []
     while ring:
@@ -53,10 +53,10 @@ def upstream_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Any]]:
             continue
         seen.add(key)
         yield at.node, at
-        ring += [found for below in at.node.inputs if below.enabled and (found := socket_source(below, around))]
+        ring += [found for below in at.node.inputs if below.enabled and (found := socket_source_and_stack(below, around))]
 
 
-def nested_trees(tree: Any) -> Iterator[Any]:
+def tree_and_nested_trees(tree: Any) -> Iterator[Any]:
     """Yield a node tree and the groups in it, each once."""
     ring, seen = [tree], set()
     while ring:
@@ -72,7 +72,7 @@ def linked_output(socket: Any) -> Any:
     return next((link.from_socket for link in socket.links if link.is_valid and not link.is_muted), None)
 
 
-def group_output(tree: Any) -> Any:
+def group_output_node(tree: Any) -> Any:
     """Return the output node of a group that counts; None if there is none."""
     outputs = [node for node in tree.nodes if node.bl_idname == "NodeGroupOutput"]
     return next((node for node in outputs if node.is_active_output), outputs[0] if outputs else None)

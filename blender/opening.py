@@ -30,7 +30,7 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
     @persistent
     def loaded(*_: object) -> None:
         try:
-            _name_what_cannot_be_read()
+            _rename_undecodable_data()
             left_out.extend(disarm_file())
             if then:
                 then()
@@ -45,12 +45,12 @@ def open_blend(path: str, *, then: Callable[[], None] | None = None) -> list[str
         handlers.remove(loaded)
     if errors:
         raise errors[0]
-    forget_settings()
-    _leave_modes()
+    reset_global_settings()
+    _leave_editing_modes()
     return left_out
 
 
-def _leave_modes() -> None:
+def _leave_editing_modes() -> None:
     """End edit mode and the like, in which a file was saved: such objects have no evaluated mesh."""
     objects = bpy.context.view_layer.objects
     for obj in [obj for obj in objects if obj.mode != "OBJECT"]:
@@ -59,7 +59,7 @@ def _leave_modes() -> None:
             bpy.ops.object.mode_set(mode="OBJECT")
 
 
-def forget_settings() -> None:
+def reset_global_settings() -> None:
     """Reset everything in `bpy.data` that applies to all of Blender and isn't the data itself."""
     # With it, Blender packs a picture when it is reloaded, and from then on shows that one, whatever its path.
     bpy.data.use_autopack = False
@@ -77,7 +77,7 @@ def disarm_file() -> list[str]:
     for obj in bpy.data.objects:
         for modifier in list(obj.modifiers):
             if modifier.type in SIMULATION_MODIFIERS or not all(
-                _disable_disk_cache(cache) for cache in _cache_settings(modifier)
+                _disable_disk_cache(cache) for cache in _modifier_point_caches(modifier)
             ):
                 kind = modifier.type.lower().replace("_", " ")
                 left_out.append(f"the {kind} of {obj.name!r} is left out, since its cache isn't in the file")
@@ -118,7 +118,7 @@ def _replace_unknown_nodes() -> list[str]:
     return left_out
 
 
-def _cache_settings(modifier: Any) -> Iterator[Any]:
+def _modifier_point_caches(modifier: Any) -> Iterator[Any]:
     if modifier.type == "PARTICLE_SYSTEM":
         yield modifier.particle_system.point_cache
     elif modifier.type in ("CLOTH", "SOFT_BODY"):
@@ -135,7 +135,7 @@ def _disable_disk_cache(cache: Any) -> bool:
     return cache.is_baked or not cache.use_disk_cache
 
 
-def _name_what_cannot_be_read() -> None:
+def _rename_undecodable_data() -> None:
     """Rename data whose names aren't UTF-8, which Python can't read, as in files before Blender 2.5."""
     for same in _named_collections():
         for number, block in enumerate(same):

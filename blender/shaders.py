@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from hulldown.blender.nodes import Stack, material_output, socket_source
+from hulldown.blender.nodes import Stack, material_output_node, socket_source_and_stack
 
 MIN_TRANSPARENT_TRANSMISSION = 0.5  # a surface that transmits less isn't transparent
 TRANSPARENT_SHADER = "BSDF_TRANSPARENT"
@@ -15,24 +15,24 @@ BASE_COLOR_INPUTS = {"BSDF_PRINCIPLED": "Base Color", "BSDF_DIFFUSE": "Color"}  
 MIXING_SHADERS = ("MIX_SHADER", "ADD_SHADER")
 
 
-def is_volume(material: Any) -> bool:
+def is_volume_only_material(material: Any) -> bool:
     """Return whether a material has a volume and no surface."""
-    output = material_output(material)
+    output = material_output_node(material)
     return bool(output and output.inputs["Volume"].is_linked and not output.inputs["Surface"].is_linked)
 
 
-def is_displaced(material: Any) -> bool:
+def is_displaced_material(material: Any) -> bool:
     """Return whether a material displaces its surface."""
-    output = material_output(material)
+    output = material_output_node(material)
     return bool(output and output.inputs["Displacement"].is_linked)
 
 
-def is_clear(material: Any) -> bool:
+def is_clear_material(material: Any) -> bool:
     """Return whether a material is transparent like water or glass; leaves cut out by a texture aren't."""
-    output = material_output(material)
+    output = material_output_node(material)
     if not output:
         return False
-    shaders = [shader for shader, _ in surface_shaders(material)]
+    shaders = [shader for shader, _ in surface_shaders_and_stacks(material)]
     if any(shader.type in REFRACTION_SHADERS or _transmits_light(shader) for shader in shaders):
         return True
     thin = all(shader.type in (TRANSPARENT_SHADER, *GLOSSY_SHADERS) for shader in shaders)
@@ -40,11 +40,11 @@ def is_clear(material: Any) -> bool:
     return thin and (clear or bool(output.inputs["Volume"].is_linked))
 
 
-def surface_shaders(material: Any) -> Iterator[tuple[Any, Stack]]:
+def surface_shaders_and_stacks(material: Any) -> Iterator[tuple[Any, Stack]]:
     """Yield the shader nodes of a material's surface, each with the group nodes that it is in."""
-    output = material_output(material)
+    output = material_output_node(material)
     if output:
-        yield from _shader_nodes(output.inputs["Surface"], ())
+        yield from _shaders_and_stacks(output.inputs["Surface"], ())
 
 
 def _transmits_light(shader: Any) -> bool:
@@ -52,8 +52,8 @@ def _transmits_light(shader: Any) -> bool:
     return bool(socket and (socket.is_linked or socket.default_value >= MIN_TRANSPARENT_TRANSMISSION))
 
 
-def _shader_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
-    found = socket_source(socket, stack)
+def _shaders_and_stacks(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
+    found = socket_source_and_stack(socket, stack)
     if found is None or not found[0].is_output:
         return
     node, stack = found[0].node, found[1]
@@ -62,4 +62,4 @@ def _shader_nodes(socket: Any, stack: Stack) -> Iterator[tuple[Any, Stack]]:
         return
     for behind in node.inputs:
         if behind.type == "SHADER":
-            yield from _shader_nodes(behind, stack)
+            yield from _shaders_and_stacks(behind, stack)

@@ -74,11 +74,11 @@ class Cameras:
 
     def take(self, rows: Int[np.ndarray, " k"] | slice) -> Cameras:
         """Return some rows of n cameras, possibly repeated."""
-        return _trusted(self.lenses.take(rows), self.world_from_camera[rows])
+        return _unchecked_cameras(self.lenses.take(rows), self.world_from_camera[rows])
 
-    def at_poses(self, world_from_camera: Float[np.ndarray, "*n 4 4"]) -> Cameras:
+    def with_poses(self, world_from_camera: Float[np.ndarray, "*n 4 4"]) -> Cameras:
         """Return the same lenses in other rigid poses, which aren't checked."""
-        return _trusted(self.lenses, world_from_camera)
+        return _unchecked_cameras(self.lenses, world_from_camera)
 
     def project(self, points_world: ArrayLike) -> Projected:
         """Return pixels and depths of world points.
@@ -113,7 +113,7 @@ class Cameras:
         return np.broadcast_to(self.position[..., None, :], along.shape), along
 
 
-def _trusted(lenses: Intrinsics, world_from_camera: Float[np.ndarray, "*n 4 4"]) -> Cameras:
+def _unchecked_cameras(lenses: Intrinsics, world_from_camera: Float[np.ndarray, "*n 4 4"]) -> Cameras:
     """Make cameras without checks."""
     cameras = object.__new__(Cameras)
     object.__setattr__(cameras, "lenses", lenses)

@@ -57,7 +57,7 @@ def distortion_jacobian(points: np.ndarray, distortion: Coefficients) -> tuple[n
     )
 
 
-def max_bend(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
+def max_second_derivative(length: np.ndarray, distortion: Coefficients) -> np.ndarray:
     """Return the greatest second derivative of `distort_points` along lines at unit speed, `length` off the axis."""
     k1, k2, p1, p2, k3 = map(abs, distortion)
     square = length * length
@@ -113,12 +113,12 @@ def seen_radius(distortion: Coefficients) -> float:
 
 
 @lru_cache(maxsize=256)
-def frame_bounds(
+def image_bounds_at_unit_depth(
     width: float, height: float, pinhole: tuple[float, float, float, float], distortion: Coefficients
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return corners of the smallest rectangle at unit depth around everything that an image shows."""
     fx, fy, cx, cy = pinhole
-    pixels = (along_sides(IMAGE_SIDE_SAMPLES) * [width, height] - [cx, cy]) / [fx, fy]
+    pixels = (unit_square_side_points(IMAGE_SIDE_SAMPLES) * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):
         return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
     unit = undistort_points(pixels, distortion, seen_radius(distortion))
@@ -132,7 +132,7 @@ def frame_bounds(
     return tuple((unit.min(axis=(0, 1)) - bulge).tolist()), tuple((unit.max(axis=(0, 1)) + bulge).tolist())
 
 
-def along_sides(parts: int) -> np.ndarray:
+def unit_square_side_points(parts: int) -> np.ndarray:
     """Return points (4, parts + 1, 2) that cut each side of the unit square into equal parts, ends included."""
     t = np.linspace(0.0, 1.0, parts + 1)
     zero, one = np.zeros_like(t), np.ones_like(t)

@@ -20,10 +20,10 @@ from hulldown.geometry.transforms import rotate_vectors, rotation_z, tilt_rotati
 MAX_FRAMING_ROUNDS = 20
 PLACE_TOLERANCE_PX = 1e-3
 MAX_LEVEL_FRAMING_ROUNDS = 12  # Broyden's method takes 3 to 8
-MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_FramingSearch.by_secants`
+MIN_BOX_CHANGE_SHARE = 0.1  # of the expected change of the box's place; see `_FramingSearch.cameras_by_secants`
 
 
-def pan_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:
+def pan_center_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> Cameras:
     """Return the cameras turned on the spot so that what was on their optical axes falls on `pixel`, and rolled.
 
     A level horizon stays level but for the roll, as on a tripod, where the view is flat enough for that:
@@ -34,10 +34,10 @@ def pan_to_pixel(cameras: Cameras, pixel: ArrayLike, roll: ArrayLike = 0.0) -> C
     """
     uv = checked_array(pixel, "pixel", ("...", 2))
     through = cameras.lenses.pixel_directions(uv[..., None, :])[..., 0, :]
-    return cameras.at_poses(_pan_cameras(cameras, through, roll))
+    return cameras.with_poses(_panned_poses(cameras, through, roll))
 
 
-def _pan_cameras(
+def _panned_poses(
     cameras: Cameras, through: Float[np.ndarray, "... 3"], roll: ArrayLike, *, keep_level: bool = True
 ) -> Float[np.ndarray, "... 4 4"]:
     pose = cameras.world_from_camera
@@ -103,7 +103,7 @@ def frame_target(
     keep it in the frame. Otherwise it is uniform over all places at which the frame's edges cut off just that share of
     its area, through one side or over a corner.
 
-    `roll`: or (n,) radians; see `pan_to_pixel`.
+    `roll`: or (n,) radians; see `pan_center_to_pixel`.
     `truncated`: least and largest share of the box's area to be cut off, within 0 to 1.
     """
     points = checked_array(points_world, "points_world", ("m", "k", 3))
@@ -115,13 +115,13 @@ def frame_target(
         raise ValueError(f"truncated: expected 0 <= low <= high <= 1, got {truncated}")
     n, size = len(cameras), cameras.lenses.size
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (n,))
-    first = pan_to_pixel(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
-    box = _projected_box(first, points)
+    first = pan_center_to_pixel(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
+    box = _projected_boxes(first, points)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
     uniform = rng.random((n, 5))
     share = 1.0 - (truncated[0] + uniform[:, 4] * (truncated[1] - truncated[0]))
-    cuts = _draw_cuts(extent, size, share, uniform)
+    cuts = _sample_frame_cuts(extent, size, share, uniform)
     place = 0.5 + spread * (uniform[:, 2:4] - 0.5)
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
@@ -130,7 +130,7 @@ def frame_target(
         return np.where(cuts.is_cut[rows], cut, place[rows] * (size - extent))
 
     search = _FramingSearch(cameras, points, rolls, corner)
-    return search.by_secants(first, box) if truncated[1] > 0.0 else search.by_iteration(first, box)
+    return search.cameras_by_secants(first, box) if truncated[1] > 0.0 else search.cameras_by_iteration(first, box)
 
 
 def turn_cameras_to_boxes(
@@ -155,7 +155,7 @@ def turn_cameras_to_boxes(
     points = checked_array(points_world, "points_world", ("n", "k", 3))
     size, least = cameras.lenses.size, np.broadcast_to(kept, (len(cameras), 2))
     rolls = np.broadcast_to(np.asarray(roll, dtype=np.float64), (len(cameras),))
-    first = pan_to_pixel(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
+    first = pan_center_to_pixel(cameras, cameras.lenses.center, rolls) if rolls.any() else cameras
     (low, high), (cut_low, cut_high) = (np.split(each, 2, axis=1) for each in (corners, cut))
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
@@ -167,7 +167,7 @@ def turn_cameras_to_boxes(
         return np.select(kinds, places, np.clip(middle, np.minimum(room, 0.0), np.maximum(room, 0.0)))
 
     search = _FramingSearch(cameras, points, rolls, corner)
-    return search.by_iteration(first, _projected_box(first, points))
+    return search.cameras_by_iteration(first, _projected_boxes(first, points))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -187,13 +187,13 @@ class _FramingSearch:
         through = cameras.lenses.pixel_directions(pixel[:, None])[:, 0]
         unseen = np.isnan(through[:, 0])  # beyond the fold of a distorted lens
         through[unseen] = 0.0, 0.0, 1.0
-        cameras = cameras.at_poses(_pan_cameras(cameras, through, self.rolls[rows], keep_level=keep_level))
-        box = _projected_box(cameras, self.points if len(self.points) == 1 else self.points[rows])
+        cameras = cameras.with_poses(_panned_poses(cameras, through, self.rolls[rows], keep_level=keep_level))
+        box = _projected_boxes(cameras, self.points if len(self.points) == 1 else self.points[rows])
         step = self.corner(rows, box[:, 1] - box[:, 0]) - box[:, 0]
         step[unseen] = math.nan
         return cameras.world_from_camera, step
 
-    def by_iteration(self, first: Cameras, box: Float[np.ndarray, "n 2 2"]) -> Cameras:
+    def cameras_by_iteration(self, first: Cameras, box: Float[np.ndarray, "n 2 2"]) -> Cameras:
         n = len(self.cameras)
         best, best_pixel = first.world_from_camera.copy(), np.tile(self.cameras.lenses.center, (n, 1))
         best_miss = np.full(n, np.inf)
@@ -212,9 +212,9 @@ class _FramingSearch:
             pixel = np.where(better[:, None], pixel + step, (pixel + best_pixel[todo]) / 2.0)
             on = best_miss[todo] > PLACE_TOLERANCE_PX
             todo, pixel = todo[on], pixel[on]
-        return self.cameras.at_poses(best)
+        return self.cameras.with_poses(best)
 
-    def by_secants(self, first: Cameras, box: Float[np.ndarray, "n 2 2"]) -> Cameras:
+    def cameras_by_secants(self, first: Cameras, box: Float[np.ndarray, "n 2 2"]) -> Cameras:
         """Turn cameras by Broyden's method, which gets there where the box changes as quickly as the camera turns.
 
         Out of the frame, the turn that keeps the horizon level may end before the box is there. By the smallest turn,
@@ -236,27 +236,27 @@ class _FramingSearch:
                 miss = np.abs(step).max(axis=1)
                 better = miss < best_miss[todo]
                 best[todo[better]], best_miss[todo[better]] = pose[better], miss[better]
-                moved, expected = pixel - last, _multiply_rows(turn, last_step - step)
+                moved, expected = pixel - last, _matrix_vector_products(turn, last_step - step)
                 along = (moved * expected).sum(axis=1)
                 # Updates that would make the next steps huge are left out.
                 sound = along > MIN_BOX_CHANGE_SHARE * (moved * moved).sum(axis=1)
-                change = (moved - expected)[:, :, None] * _multiply_rows(np.swapaxes(turn, 1, 2), moved)[:, None]
+                change = (moved - expected)[:, :, None] * _matrix_vector_products(np.swapaxes(turn, 1, 2), moved)[:, None]
                 turn[sound] += change[sound] / along[sound, None, None]
                 # A target that left the view is looked for halfway back.
                 seen = np.isfinite(step).all(axis=1)[:, None]
-                onward = np.where(seen, pixel + _multiply_rows(turn, step), (pixel + last) / 2.0)
+                onward = np.where(seen, pixel + _matrix_vector_products(turn, step), (pixel + last) / 2.0)
                 last, last_step = np.where(seen, pixel, last), np.where(seen, step, last_step)
                 on = best_miss[todo] > PLACE_TOLERANCE_PX
                 todo, turn = todo[on], turn[on]
                 pixel, last, last_step = onward[on], last[on], last_step[on]
-        return self.cameras.at_poses(best)
+        return self.cameras.with_poses(best)
 
 
-def _multiply_rows(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
+def _matrix_vector_products(matrix: Float[np.ndarray, "r 2 2"], vector: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
     return (matrix * vector[:, None]).sum(axis=2)
 
 
-def _projected_box(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "n 2 2"]:
+def _projected_boxes(cameras: Cameras, points: Float[np.ndarray, "m k 3"]) -> Float[np.ndarray, "n 2 2"]:
     """Return low and high corner of the projected points; nan if one of them isn't in front."""
     pixels = cameras.project(points).pixels
     return np.stack([pixels.min(axis=1), pixels.max(axis=1)], 1)
@@ -271,7 +271,7 @@ class _Cuts:
     inside: Float[np.ndarray, "n 2"]  # share of the box's width or height in the frame
 
 
-def _draw_cuts(
+def _sample_frame_cuts(
     extent: Float[np.ndarray, "n 2"],
     size: Float[np.ndarray, "2"],
     share: Float[np.ndarray, " n"],

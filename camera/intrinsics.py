@@ -16,7 +16,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from hulldown.base.portable import arctan2, hypot, tan
-from hulldown.camera.distortion import NO_DISTORTION, along_sides, distort_points, frame_bounds, seen_radius, undistort_points
+from hulldown.camera.distortion import (
+    NO_DISTORTION,
+    distort_points,
+    image_bounds_at_unit_depth,
+    seen_radius,
+    undistort_points,
+    unit_square_side_points,
+)
 
 WHOLE_NUMBER_TYPES = (int, np.integer)  # built once: building the union for each camera would take longer than the checks
 WINDOW_SIDE_PARTS = 8  # a window's image is measured at the ends of these parts of its sides
@@ -117,7 +124,7 @@ class Intrinsics:
         return cls(width, height, fov_x, (fx, fy, cx, cy), (k1, k2, p1, p2, k3))
 
     @classmethod
-    def of_fields(
+    def from_record_fields(
         cls,
         width: int,
         height: int,
@@ -221,7 +228,7 @@ class Intrinsics:
         focal, center = self.focal, self.center
         if not self.is_distorted:
             return -center / focal, (self.size - center) / focal
-        bounds = frame_bounds(self.width, self.height, (*focal.tolist(), *center.tolist()), self.distortion)
+        bounds = image_bounds_at_unit_depth(self.width, self.height, (*focal.tolist(), *center.tolist()), self.distortion)
         return np.array(bounds[0]), np.array(bounds[1])
 
     @property
@@ -232,7 +239,7 @@ class Intrinsics:
         fx, _, left, cy = self.pinhole
         right = self.width - left
         if self.is_distorted:
-            low, high = self.at_unit_depth(np.array([[0.0, cy], [self.width, cy]]))[:, 0].tolist()
+            low, high = self.unit_points_from_pixels(np.array([[0.0, cy], [self.width, cy]]))[:, 0].tolist()
             left, right = -low * fx, high * fx
         return np.asarray(np.degrees(arctan2(left, fx) + arctan2(right, fx)))
 
@@ -256,7 +263,7 @@ class Intrinsics:
         pixels += self.center
         return pixels
 
-    def at_unit_depth(self, pixels: np.ndarray) -> np.ndarray:
+    def unit_points_from_pixels(self, pixels: np.ndarray) -> np.ndarray:
         """Return points (..., n, 2) at unit depth that project to these pixels; nan where there are none."""
         unit = (pixels - self.center) / self.focal[..., None, :]
         return undistort_points(unit, self.distortion, self.radius) if self.is_distorted else unit
@@ -271,14 +278,14 @@ class Intrinsics:
 
     def pixel_directions(self, pixels: np.ndarray) -> np.ndarray:
         """Return directions (..., k, 3) in the camera's frame with z = 1: depth times them is the point."""
-        unit = self.at_unit_depth(pixels)
+        unit = self.unit_points_from_pixels(pixels)
         through = np.ones((*unit.shape[:-1], 3))
         through[..., :2] = unit
         return through
 
-    def window_image(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def window_pixel_bounds(self, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return corners (m, 2) in pixels of a box around each window's image, all of it if the lens sees less."""
-        sides = along_sides(WINDOW_SIDE_PARTS)
+        sides = unit_square_side_points(WINDOW_SIDE_PARTS)
         pixels = self.pixels(low[:, None] + (high - low)[:, None] * sides.reshape(-1, 2)).reshape(-1, *sides.shape)
         # Between two places a side bulges by about an eighth of the second difference.
         bulge = np.abs(np.diff(pixels, n=2, axis=2)).max(axis=(1, 2))
@@ -302,7 +309,7 @@ class Intrinsics:
         -------
         (...) meters along the optical axis; the leading axes broadcast, against those of the cameras too.
         """
-        from hulldown.base.arrays import positive_array  # needs more than numpy
+        from hulldown.base.arrays import checked_positive_array  # needs more than numpy
 
-        fraction = positive_array(target_fraction, "target_fraction")
-        return np.asarray(positive_array(size, "size") * self.focal[..., 1] / (self.height * fraction))
+        fraction = checked_positive_array(target_fraction, "target_fraction")
+        return np.asarray(checked_positive_array(size, "size") * self.focal[..., 1] / (self.height * fraction))

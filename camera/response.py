@@ -41,12 +41,12 @@ def display_levels(radiance: np.ndarray) -> np.ndarray:
     return 255.0 * srgb_from_linear(linear)
 
 
-def white_balance(offset_k: float) -> np.ndarray:
+def white_balance_matrix(offset_k: float) -> np.ndarray:
     """Matrix on linear Rec. 709 of a camera whose white balance is off by some kelvin.
 
     `offset_k`: offset of its setting from `NEUTRAL_LIGHT_K`; 0 changes nothing, and more makes pictures warmer.
 
-    >>> red, _, blue = white_balance(1000.0).sum(axis=1)
+    >>> red, _, blue = white_balance_matrix(1000.0).sum(axis=1)
     >>> bool(red > 1.0 > blue)
     True
     """
@@ -69,25 +69,25 @@ def _chromaticity_xyz(x: float, y: float) -> np.ndarray:
     return np.array([x / y, 1.0, (1.0 - x - y) / y])
 
 
-def off_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
+def distance_from_daylight(light: np.ndarray, *, warmest: float = 2000.0) -> float:
     """Return the distance of a light's color from sunsets and daylight in CIE 1976 u'v'; 0 for 2000 to 25000 K.
 
     `light`: linear Rec. 709; not black.
 
     >>> import numpy as np
-    >>> off_daylight(np.ones(3)) < 0.01 < off_daylight(np.array([0.1, 0.1, 1.0]))
+    >>> distance_from_daylight(np.ones(3)) < 0.01 < distance_from_daylight(np.array([0.1, 0.1, 1.0]))
     True
     """
     kelvins = (4000.0, 4500.0, 5000.0, 5500.0, 6500.0, 8000.0, 12000.0, 25000.0)
     daylight = [_daylight_xyz(kelvin) for kelvin in kelvins if kelvin >= warmest]
     sunsets = [_chromaticity_xyz(x, y) for x, y in _BLACK_BODY if warmest < 4000.0]
-    places = np.stack([_chromaticity_uv(color) for color in (*sunsets, *daylight)])
-    place, start, along = _chromaticity_uv(_XYZ_FROM_RGB @ light), places[:-1], np.diff(places, axis=0)
+    places = np.stack([_uv_from_xyz(color) for color in (*sunsets, *daylight)])
+    place, start, along = _uv_from_xyz(_XYZ_FROM_RGB @ light), places[:-1], np.diff(places, axis=0)
     share = np.clip(((place - start) * along).sum(axis=1) / (along**2).sum(axis=1), 0.0, 1.0)
     return float(np.linalg.norm(start + share[:, None] * along - place, axis=1).min())
 
 
-def _chromaticity_uv(xyz: np.ndarray) -> np.ndarray:
+def _uv_from_xyz(xyz: np.ndarray) -> np.ndarray:
     """CIE 1976 u'v' of XYZ."""
     x, y, z = xyz
     return np.array([4.0 * x, 9.0 * y]) / (x + 15.0 * y + 3.0 * z)
@@ -103,7 +103,7 @@ def metered_exposures_ev(radiance: np.ndarray) -> np.ndarray:
     return (low + high) / 2.0
 
 
-def card_radiance(irradiance: np.ndarray, strength: float | np.ndarray) -> np.ndarray:
+def gray_card_radiance(irradiance: np.ndarray, strength: float | np.ndarray) -> np.ndarray:
     """Return the radiance of a level gray card on open land under HDRIs of this irradiance (n, 3) and strength.
 
     In linear Rec. 709. It doesn't depend on the sky's rotation and the weather: in renders, fog doesn't dim the light

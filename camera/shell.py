@@ -32,11 +32,13 @@ def camera_pose(
     d = checked_array(distance, "distance", ("...",))
     if (d <= 0.0).any():
         raise ValueError(f"distance: expected positive meters, got {float(d.min())}")
-    outward, rotation = shell_axes(azimuth, elevation)
+    outward, rotation = outward_and_camera_axes(azimuth, elevation)
     return rigid_matrix(rotation, c + d[..., None] * outward)
 
 
-def shell_axes(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
+def outward_and_camera_axes(
+    azimuth: ArrayLike, elevation: ArrayLike
+) -> tuple[Float[np.ndarray, "... 3"], Float[np.ndarray, "... 3 3"]]:
     """Return unit direction from the center to the camera, and the camera's axes (right, down, forward) as columns."""
     a = checked_array(azimuth, "azimuth", ("...",))
     e = checked_array(elevation, "elevation", ("...",))
@@ -50,21 +52,21 @@ def shell_axes(azimuth: ArrayLike, elevation: ArrayLike) -> tuple[Float[np.ndarr
     return outward, np.stack([right, down, -outward], -1)
 
 
-def shell_place(
+def shell_coordinates(
     offset: Float[np.ndarray, "... 3"],
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
-    """Return distance, azimuth, and elevation of points about the center: `shell_axes` inverted; meters, radians."""
+    """Return distance, azimuth, and elevation of points about the center, in meters and radians."""
     x, y, z = np.moveaxis(offset, -1, 0)
     across = hypot(x, y)
     return hypot(across, z), arctan2(y, x), arctan2(z, across)
 
 
-def draw_azimuth(n: int, *, rng: UniformNumbers) -> Float[np.ndarray, " n"]:
+def sample_azimuths(n: int, *, rng: UniformNumbers) -> Float[np.ndarray, " n"]:
     """Sample `n` azimuths, uniform in 0 to 2 pi."""
     return rng.uniform(0.0, 2.0 * math.pi, n)
 
 
-def draw_elevation(
+def sample_elevations(
     n: int, bounds: tuple[float, float], *, rng: UniformNumbers, uniform_in: Literal["angle", "sphere"] = "angle"
 ) -> Float[np.ndarray, " n"]:
     """Sample `n` elevations within bounds.

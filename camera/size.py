@@ -63,7 +63,7 @@ def solve_distance(
     def size(at: Float[np.ndarray, " k"], rows: Int[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         seen = lenses.take(rows).project_points(points[rows] + (ray[rows] * at[:, None])[:, None]).pixels
         sides = seen.max(axis=1) - seen.min(axis=1)
-        return box_length(sides, measure)
+        return box_length_by_measure(sides, measure)
 
     return refine_distance(size, distance, target)
 
@@ -135,7 +135,7 @@ def _size_and_slope(
     high, low = at[row, last, axis], at[row, first, axis]
     sides = high - low
     slopes = -high * inverse[row, last] + low * inverse[row, first]
-    size = box_length(sides, measure)
+    size = box_length_by_measure(sides, measure)
     if measure == "height":
         return size, slopes[:, 1]
     if measure == "width":
@@ -146,7 +146,7 @@ def _size_and_slope(
         return size, (sides[:, ::-1] * slopes).sum(axis=1) / (2.0 * size)
 
 
-def box_length(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.ndarray, "..."]:
+def box_length_by_measure(sides: Float[np.ndarray, "... 2"], measure: Measure) -> Float[np.ndarray, "..."]:
     """Return width, height, or diagonal of boxes, or the root of their area, so that all four are lengths."""
     across, down = sides[..., 0], sides[..., 1]
     lengths = {"width": across, "height": down}

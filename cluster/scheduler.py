@@ -11,7 +11,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from hulldown.base.arguments import Count, make_check
+from hulldown.base.arguments import Count, make_option_check
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import print_message
 
@@ -41,7 +41,7 @@ class Scheduler:
 
     address: Annotated[
         str,
-        make_check("tcp://HOST:PORT or a .json file", lambda text: "://" in text or text.endswith(".json")),
+        make_option_check("tcp://HOST:PORT or a .json file", lambda text: "://" in text or text.endswith(".json")),
         Parameter(name="--scheduler"),
     ]
     tls_ca_file: str | None = None
@@ -56,7 +56,7 @@ class Scheduler:
 
 
 @contextmanager
-def needing_dask() -> Iterator[None]:
+def explain_missing_dask() -> Iterator[None]:
     """Turn a missing Dask into a one-line error."""
     try:
         yield
@@ -66,8 +66,8 @@ def needing_dask() -> Iterator[None]:
         raise HulldownError("needs Dask, which is not installed", remedy="pip install 'hulldown[cluster]'") from None
 
 
-def run_cluster(
-    *, workers: Count = 2, port: Annotated[int, make_check("a port from 0 to 65535", range(65536).__contains__)] = 8786
+def run_local_cluster(
+    *, workers: Count = 2, port: Annotated[int, make_option_check("a port from 0 to 65535", range(65536).__contains__)] = 8786
 ) -> None:
     """Start a Dask cluster on this machine.
 
@@ -81,16 +81,16 @@ def run_cluster(
         The scheduler's, on 127.0.0.1; 0 for any.
     """
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # so that the workers end too
-    with local_cluster(workers, port=port) as address:
+    with start_local_cluster(workers, port=port) as address:
         print_message(f"{workers} workers; render with: hulldown render PLAN -o DATASET --scheduler {address}")
         print_message("Ctrl-C ends them")
         threading.Event().wait()
 
 
 @contextmanager
-def local_cluster(workers: int, *, port: int) -> Iterator[str]:
+def start_local_cluster(workers: int, *, port: int) -> Iterator[str]:
     """Run a scheduler on `port` (0: any) and `workers` that restart if they die; yields the scheduler's address."""
-    with needing_dask():
+    with explain_missing_dask():
         import dask
         from distributed import LocalCluster
 

@@ -92,17 +92,19 @@ class Cluster:
                 if stopping():
                     raise Stopped
                 is_connected = self._update_workers()
-                while is_connected and waiting and self._has_room(waiting[0], len(running)):
+                while is_connected and waiting and self._has_room_for_task(waiting[0], len(running)):
                     task = waiting.popleft()
                     task.workers = self._fit - task.failed.keys() or self._fit
-                    future = self._submit_task(_do_task, call(task.job), workers=task.workers, retries=MAX_TASK_RETRIES)
+                    future = self._submit_task(
+                        _call_on_this_worker, call(task.job), workers=task.workers, retries=MAX_TASK_RETRIES
+                    )
                     running[future] = task
                     ended.add(future)
                 # Dask would wait for lost workers.
-                self._cancel_tasks(each for each, task in running.items() if task.workers.isdisjoint(self._checks))
+                self._cancel_futures(each for each, task in running.items() if task.workers.isdisjoint(self._checks))
                 for future, result in (batch := list(ended.next_batch(block=False))):
                     task = running.pop(future)
-                    if results := self._task_results(task, result, lost):
+                    if results := self._final_task_results(task, result, lost):
                         yield task.job, results
                     elif task.failed or task.losses == MAX_TASK_LOSSES:
                         waiting.append(task)
@@ -111,9 +113,9 @@ class Cluster:
                 if not batch:
                     time.sleep(POLL_S)
         finally:
-            self._cancel_tasks(running)
+            self._cancel_futures(running)
 
-    def _has_room(self, task: _Task[Job, Result], running: int) -> bool:
+    def _has_room_for_task(self, task: _Task[Job, Result], running: int) -> bool:
         return running < self._at_once * self.working and not (running and task.losses == MAX_TASK_LOSSES)
 
     def _submit_task(self, function: Callable[..., object], *given: object, workers: Iterable[str], retries: int = 0) -> Future:
@@ -121,7 +123,7 @@ class Cluster:
             function, *given, workers=list(workers), resources={self._resource: 1}, retries=retries, pure=False
         )
 
-    def _task_results(self, task: _Task[Job, Result], result: Any, lost: Result) -> list[Result]:
+    def _final_task_results(self, task: _Task[Job, Result], result: Any, lost: Result) -> list[Result]:
         """Return all results of a task that has ended; empty if it must be tried again."""
         error = result[1] if isinstance(result, tuple) else result  # of a failed task: type, error, and traceback
         if isinstance(error, CancelledError | KilledWorker):
@@ -157,7 +159,9 @@ class Cluster:
             with contextlib.suppress(OSError):
                 # Client.scheduler_info() is replaced every other second by an answer without workers.
                 workers = self.client.sync(self.client.scheduler.identity, n_workers=-1)["workers"]
-                self._check_workers({at for at, about in workers.items() if about["resources"].get(self._resource, 0) >= 1})
+                self._set_present_workers(
+                    {at for at, about in workers.items() if about["resources"].get(self._resource, 0) >= 1}
+                )
         for address, check in list(self._checks.items()):
             if check.done() and address not in self._fit | self._refused.keys():
                 self._judge_worker(address, check)
@@ -170,12 +174,12 @@ class Cluster:
             self._say({0: "waiting for workers", 1: "1 worker is in use"}.get(self._told, many))
         return True
 
-    def _check_workers(self, there: set[str]) -> None:
+    def _set_present_workers(self, there: set[str]) -> None:
         for address in self._fit - there:
             self._say(f"{address}: is gone; others do its tasks")
         self._fit &= there
         self._refused = {address: why for address, why in self._refused.items() if address in there}
-        self._cancel_tasks(check for address, check in self._checks.items() if address not in there)
+        self._cancel_futures(check for address, check in self._checks.items() if address not in there)
         self._checks = {
             address: self._checks.get(address) or self._submit_task(self._refusal, workers=[address]) for address in there
         }
@@ -196,7 +200,7 @@ class Cluster:
             self._refused[address] = why
             self._say(f"{address}: is not used: it {why}")
 
-    def _cancel_tasks(self, futures: Iterable[Future]) -> None:
+    def _cancel_futures(self, futures: Iterable[Future]) -> None:
         if (futures := list(futures)) and self.client.status == "running":
             self.client.cancel(futures, force=True)
 
@@ -207,7 +211,7 @@ class Cluster:
         self.client.close(timeout=5)
 
 
-def _do_task(call: Callable[[], TaskResult[Result] | str]) -> tuple[str, TaskResult[Result] | str]:
+def _call_on_this_worker(call: Callable[[], TaskResult[Result] | str]) -> tuple[str, TaskResult[Result] | str]:
     """Do a task on a worker; return its address, and the answer or the reason why it can't do tasks."""
     address = str(get_worker().address)
     try:
@@ -216,7 +220,7 @@ def _do_task(call: Callable[[], TaskResult[Result] | str]) -> tuple[str, TaskRes
         return address, f"fails: {error}"
 
 
-def task_is_wanted() -> Callable[[], bool]:
+def make_task_wanted_check() -> Callable[[], bool]:
     """Return a function that tells, in any thread, whether the client still wants the current task."""
     worker, key = get_worker(), thread_state.key
 

@@ -14,7 +14,7 @@ from msgspec import UNSET, Struct, UnsetType
 from hulldown.annotate.labels.box_3d import BoxInCamera
 from hulldown.annotate.record_fields import LabelRecord, Pose, RenderedImageRecord, declared_fields
 from hulldown.annotate.records import Image, Label
-from hulldown.camera.shell import shell_place
+from hulldown.camera.shell import shell_coordinates
 
 SEEN_SIDES = ("front", "side", "rear")
 
@@ -30,16 +30,16 @@ class Scale:
     bins: tuple[str, ...] = ()
 
 
-def _bin_scale(name: str, title: str, unit: str, *edges: float) -> Scale:
+def _scale_from_edges(name: str, title: str, unit: str, *edges: float) -> Scale:
     """Return a scale with a bin from 0 to the first edge, between any two edges, and from the last one on."""
     inner = [f"{low:g} to {high:g} {unit}" for low, high in itertools.pairwise(edges)]
     names = (f"under {edges[0]:g} {unit}", *inner, f"{edges[-1]:g} {unit} and more")
     return Scale(name, title, unit, (0.0, *edges), names)
 
 
-BOX_SIZE_SCALE = _bin_scale("box_size", "box size (root of its area)", "px", 16.0, 32.0, 64.0, 96.0, 192.0, 384.0)
+BOX_SIZE_SCALE = _scale_from_edges("box_size", "box size (root of its area)", "px", 16.0, 32.0, 64.0, 96.0, 192.0, 384.0)
 SCALES = (
-    _bin_scale("distance", "distance", "m", 25.0, 50.0, 100.0, 200.0, 400.0, 800.0),
+    _scale_from_edges("distance", "distance", "m", 25.0, 50.0, 100.0, 200.0, 400.0, 800.0),
     Scale(
         "visible_fraction", "visible fraction", "", (-math.inf, 0.25, 0.5, 0.75, 0.9, 1.0),
         ("under 25 %", "25 to 50 %", "50 to 75 %", "75 to 90 %", "90 to 100 %", "100 %"),
@@ -51,7 +51,7 @@ SCALES = (
 )  # fmt: skip
 
 
-def label_numbers(
+def label_attribute_values(
     labels: Sequence[Label], images: Sequence[Image], image: Int[np.ndarray, " g"]
 ) -> dict[str, Float[np.ndarray, " g"]]:
     """Return the numbers of `SCALES` and ``azimuth`` for labels; nan if unknown."""
@@ -64,7 +64,7 @@ def label_numbers(
     in_camera = np.array([each.bbox_3d.center for each in placed if each.bbox_3d], dtype=np.float64).reshape(-1, 3)
     centers = vehicles[:, :3, 3].copy()
     centers[boxed] = (cameras[boxed, :3, :3] @ in_camera[..., None])[..., 0] + cameras[boxed, :3, 3]
-    distance, elevation, azimuth = viewing_angles(centers, vehicles, cameras)
+    distance, elevation, azimuth = viewing_distance_and_angles(centers, vehicles, cameras)
     with np.errstate(invalid="ignore", divide="ignore"):
         upright = vehicles[:, 2, 2] / np.linalg.norm(vehicles[:, :3, 2], axis=1)
     stored = {
@@ -81,25 +81,25 @@ def label_numbers(
     }
 
 
-def viewing_angles(
+def viewing_distance_and_angles(
     centers: Float[np.ndarray, "n 3"],
     world_from_vehicle: Float[np.ndarray, "n 4 4"],
     world_from_camera: Float[np.ndarray, "n 4 4"],
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Return distances in meters of cameras from targets' centers, elevation and azimuth (+: left) in degrees."""
     toward = world_from_camera[:, :3, 3] - centers
-    distance, _, elevation = shell_place(toward)
+    distance, _, elevation = shell_coordinates(toward)
     forward, left = (np.einsum("ni,ni->n", toward, world_from_vehicle[:, :3, axis]) for axis in (0, 1))
     return distance, np.degrees(elevation), np.degrees(np.arctan2(left, forward))
 
 
-def seen_sides(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
+def seen_side_indices(azimuth: Float[np.ndarray, " n"]) -> Int[np.ndarray, " n"]:
     """Return which of `SEEN_SIDES`, 90 degrees each, is seen from azimuths in degrees; -1 for nan."""
     turned = np.abs(azimuth)
     return np.select([turned <= 45.0, turned < 135.0, turned <= 180.0], [0, 1, 2], -1)
 
 
-def value_bins(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
+def value_bin_indices(values: Float[np.ndarray, " n"], scale: Scale) -> Int[np.ndarray, " n"]:
     """Return the bin of each value, lower edges included; -1 for nan and values below all."""
     return np.where(np.isnan(values), -1, np.searchsorted(np.array(scale.edges), values, side="right") - 1)
 
@@ -120,7 +120,7 @@ class Conditions(RenderedImageRecord):
     weather: _Weather | str | UnsetType | None = UNSET
 
     @property
-    def weather_name(self) -> str:
+    def weather_bin_name(self) -> str:
         """Name of the weather's bin: "clear" for null, and empty if unknown."""
         if isinstance(self.weather, UnsetType):
             return ""

@@ -17,7 +17,15 @@ import msgspec
 from hulldown.base.errors import DatasetError
 from hulldown.base.outputs import OutputFolder
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, JOURNAL_NAME, Document, read_document
-from hulldown.dataset.store.entries import Record, check_annotation, check_image, free_id, new_category, normal_name, plain_json
+from hulldown.dataset.store.entries import (
+    Record,
+    finite_json,
+    new_category,
+    normal_file_name,
+    requested_or_next_id,
+    require_valid_annotation,
+    require_valid_image_record,
+)
 from hulldown.dataset.store.journal import MERGED_LINE, Journal
 from hulldown.dataset.store.reservations import Reservation
 
@@ -90,13 +98,13 @@ class CocoDataset:
 
     def finished(self, file_name: str) -> bool:
         """Return whether the dataset has an image of that name."""
-        return normal_name(file_name) in self._document.file_names
+        return normal_file_name(file_name) in self._document.file_names
 
     def images(self) -> Iterator[tuple[int, str]]:
         """Return id and file name of each image."""
         return ((record["id"], str(record.get("file_name"))) for record in self._document.images)
 
-    def check_free(self, file_name: str, image_id: int, annotation_ids: range) -> None:
+    def refuse_taken_ids(self, file_name: str, image_id: int, annotation_ids: range) -> None:
         """Refuse ids reserved for an image to be appended if other records have them after a manual edit."""
         document = self._document
         if image_id in document.images.ids:
@@ -116,7 +124,7 @@ class CocoDataset:
         """Return the number of images reserved for a plan and not in the dataset."""
         ids = self._document.images.ids
         reservations = self._document.reservations.values()
-        return sum(each.images - sum(map(each.has_image, ids)) for each in reservations)
+        return sum(each.images - sum(map(each.has_image_id, ids)) for each in reservations)
 
     def add_categories(self, records: Iterable[Record], *, keypoints: bool = False) -> None:
         """Give an id to each category with a new name, in order; existing ones must have the given `keypoints`."""
@@ -131,8 +139,8 @@ class CocoDataset:
                     path=self.folder / ANNOTATIONS_NAME,
                     remedy="add them there, or write to another folder",
                 )
-        if categories := self._document.new_categories(records):
-            self._write_line({"categories": categories})
+        if categories := self._document.numbered_new_categories(records):
+            self._write_and_apply_line({"categories": categories})
             self._document.pending += 1
 
     def reserve(self, key: str, *, images: int, annotations: int) -> Reservation:
@@ -151,7 +159,7 @@ class CocoDataset:
             images=images,
             annotations=annotations,
         )
-        self._write_line({"run": msgspec.structs.asdict(reservation)})
+        self._write_and_apply_line({"run": msgspec.structs.asdict(reservation)})
         return reservation
 
     def append(self, image: Record, annotations: Sequence[Record]) -> int:
@@ -179,7 +187,7 @@ class CocoDataset:
             If it can't be written.
         """
         line = self._journal_line(image, annotations)
-        self._write_line(line)
+        self._write_and_apply_line(line)
         if time.monotonic() - self._merged_at > max(MERGE_EVERY_S, self._merge_took / MAX_MERGE_TIME_SHARE):
             self.merge()
         return int(line["image"]["id"])
@@ -190,22 +198,22 @@ class CocoDataset:
 
     def _journal_line(self, image: Record, annotations: Sequence[Record]) -> Record:
         document = self._document
-        record = plain_json(image, "image")
-        check_image(record)
+        record = finite_json(image, "image")
+        require_valid_image_record(record)
         if self.finished(record["file_name"]):
             raise ValueError(f"image: file_name: {record['file_name']!r} is in the dataset already")
-        image_id = free_id(record, "image", document.images.highest + 1, document.images.ids)
+        image_id = requested_or_next_id(record, "image", document.images.highest + 1, document.images.ids)
         labels: dict[int, dict[str, Any]] = {}
         next_id = document.annotations.highest + 1
         for i, annotation in enumerate(annotations):
             name = f"annotations[{i}]"
-            label = plain_json(annotation, name)
-            check_annotation(label, name)
-            label_id = free_id(label, name, next_id, document.annotations.ids, labels)
+            label = finite_json(annotation, name)
+            require_valid_annotation(label, name)
+            label_id = requested_or_next_id(label, name, next_id, document.annotations.ids, labels)
             labels[label_id] = label
             next_id = max(next_id, label_id + 1)
-        categories = document.new_categories(new_category(label["category"]) for label in labels.values())
-        category_ids = document.category_ids | {category["name"]: category["id"] for category in categories}
+        categories = document.numbered_new_categories(new_category(label["category"]) for label in labels.values())
+        category_ids = document.category_ids_by_name | {category["name"]: category["id"] for category in categories}
         records = [{"id": image_id, **record} | {"id": image_id}]
         for label_id, label in labels.items():
             ids = {"id": label_id, "image_id": image_id, "category_id": category_ids[label.pop("category")]}
@@ -253,6 +261,6 @@ class CocoDataset:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _write_line(self, line: Record) -> None:
+    def _write_and_apply_line(self, line: Record) -> None:
         self._journal.append(line)
         self._document.apply_line(line)

@@ -20,7 +20,7 @@ from msgspec import Meta, Struct
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import MAX_TEXT_BYTES, parse_value, parse_xml, parse_yaml, read_file, read_json, read_text
+from hulldown.base.outside import MAX_TEXT_BYTES, convert_parsed_value, parse_xml, parse_yaml, read_file, read_json, read_text
 
 PICTURE_SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff", ".webp")
 YAML_NAMES = ("data.yaml", "dataset.yaml", "data.yml")
@@ -53,7 +53,7 @@ def foreign_reader(folder: Path) -> Callable[[], Coco] | None:
         return partial(_read_voc, folder, folder, folder)
     homes, names = (folder, *folder.parents[:2]), (*YAML_NAMES, *LIST_NAMES)
     described = [path for home in homes for name in names if (path := home / name).is_file()]
-    for pictures, labels in _yolo_folders(folder) if described else ():
+    for pictures, labels in _candidate_yolo_folders(folder) if described else ():
         return partial(_read_yolo, folder, pictures, labels, described[0])
     if described and described[0].parent == folder:
         remedy = "name one of its splits, such as images/train or train"
@@ -72,7 +72,7 @@ def refuse_known_folder(folder: Path) -> None:
     if (folder / "samples.json").is_file():
         remedy = "export it from FiftyOne as COCODetectionDataset"
         raise DatasetError("is a dataset in FiftyOne's own format", path=folder, remedy=remedy)
-    for _, labels in _yolo_folders(folder):
+    for _, labels in _candidate_yolo_folders(folder):
         raise DatasetError(
             f"has labels as YOLO has them in {labels}, but no {YAML_NAMES[0]} that names their classes",
             path=folder,
@@ -80,7 +80,7 @@ def refuse_known_folder(folder: Path) -> None:
         )
 
 
-def _yolo_folders(folder: Path) -> Iterator[tuple[Path, Path]]:
+def _candidate_yolo_folders(folder: Path) -> Iterator[tuple[Path, Path]]:
     """Yield each folder of pictures with that of its labels, which may be the same."""
     labels = Path(*("labels" if part == "images" else part for part in folder.parts))
     beside = folder / "obj_train_data"  # CVAT's YOLO 1.1 has this folder
@@ -99,11 +99,11 @@ def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> C
     try:
         content = read_text(described, refuse)
         listed = described.name in LIST_NAMES
-        found = content.rstrip().splitlines() if listed else parse_value(parse_yaml(content), _Described).names
+        found = content.rstrip().splitlines() if listed else convert_parsed_value(parse_yaml(content), _Described).names
         names = {int(key): name for key, name in (enumerate(found) if isinstance(found, list) else found.items())}
     except ValueError as error:
         raise refuse(f"names no classes ({error})") from None
-    coco = _empty_coco(str(name) for _, name in sorted(names.items()))
+    coco = _coco_with_categories(str(name) for _, name in sorted(names.items()))
     ids = {float(key): i for i, key in enumerate(sorted(names), 1)}
     files = _picture_files(pictures)
     bare = [path.name for path in files if not (labels / f"{path.stem}.txt").exists()]
@@ -117,14 +117,14 @@ def _read_yolo(folder: Path, pictures: Path, labels: Path, described: Path) -> C
             if line.strip():
                 try:
                     key, *values = map(float, line.replace("_", "?").split())  # Python reads 0.1_5
-                    _yolo_label(coco, image, ids[key], parse_value(values, list[_Share]))
+                    _add_yolo_label(coco, image, ids[key], convert_parsed_value(values, list[_Share]))
                 except (ValueError, KeyError):
                     problem = f"line {number}: {line[:60]!r} is no class and box or polygon, as shares of the picture"
                     raise refuse(problem) from None
     return coco
 
 
-def _yolo_label(coco: Coco, image: Record, category: int, values: list[float]) -> None:
+def _add_yolo_label(coco: Coco, image: Record, category: int, values: list[float]) -> None:
     """Add the label in a line: a box (and a confidence), or a polygon, in shares of the picture."""
     width, height = image["width"], image["height"]
     if len(values) in (4, 5):
@@ -149,7 +149,7 @@ def _read_voc(folder: Path, texts: Path, pictures: Path) -> Coco:
         if not all(element.findtext("name", "").strip() for element in trees[path].iter("object")):
             raise refuse("an object has no name")
     names = sorted({element.findtext("name", "") for tree in trees.values() for element in tree.iter("object")})
-    coco = _empty_coco(names)
+    coco = _coco_with_categories(names)
     for path, tree in trees.items():
         named = pictures / Path(tree.findtext("filename", "")).name
         fitting = [named] if os.path.isfile(named) else [p for p in _picture_files(pictures) if p.stem == path.stem]
@@ -159,7 +159,7 @@ def _read_voc(folder: Path, texts: Path, pictures: Path) -> Coco:
         for element in tree.iter("object"):
             try:
                 sides = [element.findtext(f"bndbox/{side}", "") for side in ("xmin", "ymin", "xmax", "ymax")]
-                left, top, right, bottom = parse_value([side.strip() for side in sides], list[_Pixel], strict=False)
+                left, top, right, bottom = convert_parsed_value([side.strip() for side in sides], list[_Pixel], strict=False)
             except ValueError:
                 name = element.findtext("name", "")
                 raise DatasetError(f"object {name!r} has no box", path=path, remedy="correct it") from None
@@ -177,7 +177,7 @@ def _read_labelme(folder: Path) -> Coco:
         known = text.is_file()
         files[picture] = read_json(text, _LabelmeFile, refuse, what="a file of labelme").shapes if known else []
     names = sorted({str(shape.label) for shapes in files.values() for shape in shapes})
-    coco = _empty_coco(names)
+    coco = _coco_with_categories(names)
     for picture, shapes in files.items():
         image = _add_image(coco, folder, picture)
         for shape in shapes:
@@ -188,7 +188,7 @@ def _read_labelme(folder: Path) -> Coco:
     return coco
 
 
-def _empty_coco(names: Iterable[str]) -> Coco:
+def _coco_with_categories(names: Iterable[str]) -> Coco:
     return {"images": [], "annotations": [], "categories": [{"id": i, "name": name} for i, name in enumerate(names, 1)]}
 
 

@@ -21,7 +21,7 @@ class LabeledImages:
     head: Record  # the other keys of the COCO dictionary
 
     @classmethod
-    def from_coco(cls, coco: Coco) -> LabeledImages:
+    def from_coco_dict(cls, coco: Coco) -> LabeledImages:
         """Return the images of a COCO dictionary with usable records, see `dataset.record_checks.check_usable`."""
         categories = tuple(map(Category.of, coco["categories"]))
         names = {category.id: category.name for category in categories}
@@ -44,7 +44,7 @@ class LabeledImages:
         >>> found = [{"id": 0, "name": "army", "supercategory": "none"}]
         >>> found += [{"id": 1, "name": "tank", "supercategory": "army"}]
         >>> coco = {"categories": found, "images": [], "annotations": []}
-        >>> [category.name for category in LabeledImages.from_coco(coco).classes]
+        >>> [category.name for category in LabeledImages.from_coco_dict(coco).classes]
         ['tank']
         """
         ordered = sorted(self.categories, key=lambda category: category.id)
@@ -61,7 +61,7 @@ class _Position(Struct):
     position: object = None
 
 
-def position_group(image: Image) -> str:
+def position_group_key(image: Image) -> str:
     """Return the group of images that stay together: by the first vehicle's place to the millimeter, or one image."""
     shot = declared_fields(image.record, _Position)
     for label in image.labels:
@@ -73,9 +73,9 @@ def position_group(image: Image) -> str:
     return f"image {image.id}"
 
 
-def group_positions(images: Iterable[Image]) -> dict[str, list[Image]]:
-    """Return images by `position_group`, in order."""
+def group_images_by_position(images: Iterable[Image]) -> dict[str, list[Image]]:
+    """Return images by `position_group_key`, in order."""
     groups: dict[str, list[Image]] = {}
     for image in images:
-        groups.setdefault(position_group(image), []).append(image)
+        groups.setdefault(position_group_key(image), []).append(image)
     return groups

@@ -14,10 +14,17 @@ from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.coco import CocoDataset
-from hulldown.dataset.provenance import Failure, Provenance, add_provenance, read_failures, read_provenance, write_failures
-from hulldown.dataset.record_checks import refuse_unusable
-from hulldown.dataset.store.document import Document, check_is_dataset, read_document
-from hulldown.dataset.store.placed_pictures import path_inside, place_picture, resolve_own_picture
+from hulldown.dataset.provenance import (
+    Failure,
+    Provenance,
+    add_provenance,
+    read_failures,
+    read_provenance_by_plan,
+    write_failures,
+)
+from hulldown.dataset.record_checks import refuse_unusable_records
+from hulldown.dataset.store.document import Document, read_document, require_hulldown_dataset
+from hulldown.dataset.store.placed_pictures import link_or_copy_picture, require_path_inside, resolve_own_picture
 from hulldown.dataset.store.reservations import Reservation
 
 
@@ -115,18 +122,18 @@ def join_datasets(
         new = {move.name: move for move in reversed(moves) if not target.finished(move.name)}
         left = [move for move in moves if new.get(move.name) is move]
         for parent in sorted({str(PurePosixPath(move.name).parent) for move in left}):
-            path_inside(folder, parent)
-        _refuse_other_images(moves, target)
-        _check_moves(left, target)
-        failures = _failed_images(read, target)
-        read_provenance(folder)  # damage is found before anything is added
+            require_path_inside(folder, parent)
+        _refuse_conflicting_images(moves, target)
+        _refuse_unappendable_moves(left, target)
+        failures = _latest_failures_by_name(read, target)
+        read_provenance_by_plan(folder)  # damage is found before anything is added
     except BaseException:
         target.abandon()
         raise
     with target, progress_bar("joining", progress) as advance:
         for done, move in enumerate(left, start=1):
-            place_picture(resolve_own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
-            target.append(*_moved_records(move))
+            link_or_copy_picture(resolve_own_picture(move.part.folder, move.old_name, allowed), folder, move.name)
+            target.append(*_moved_image_and_labels(move))
             advance(done, len(left))
         for part in read:
             plans = [now for _, now in part.reservations(target) if now.key in part.provenance]
@@ -139,7 +146,7 @@ def join_datasets(
 
 def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
     """Read a part for the dataset in `target`; refuse it if records would be lost."""
-    check_is_dataset(folder)
+    require_hulldown_dataset(folder)
     if target.exists() and folder.samefile(target):
         raise DatasetError("is a part of itself", path=folder, remedy="name the other parts only")
     document = read_document(folder)
@@ -149,7 +156,7 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
                 f"has {key!r}, which joining would lose", path=folder, remedy="join the other parts into this one"
             )
     images, annotations = document.images, document.annotations
-    refuse_unusable(folder, document.categories, images, annotations)
+    refuse_unusable_records(folder, document.categories, images, annotations)
     if len(document.file_names) < len(images):
         raise DatasetError("file names aren't unique", path=folder, remedy="check it with `hulldown verify`")
     boxes: dict[int, list[int]] = {}
@@ -157,10 +164,10 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
         boxes.setdefault(record["image_id"], []).append(i)
     for name in sorted(document.file_names):
         resolve_own_picture(folder, name, allowed)
-    return _Part(folder, document, boxes, read_provenance(folder), read_failures(folder))
+    return _Part(folder, document, boxes, read_provenance_by_plan(folder), read_failures(folder))
 
 
-def _failed_images(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]:
+def _latest_failures_by_name(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]:
     latest = {failure.file_name: failure for failure in read_failures(target.folder)}
     for part in parts:
         reservations = part.reservations(target)
@@ -187,7 +194,7 @@ def _part_moves(part: _Part, target: CocoDataset) -> Iterator[_Move]:
             yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, own)
 
 
-def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
+def _refuse_conflicting_images(moves: Sequence[_Move], target: CocoDataset) -> None:
     """Refuse different images with the same id (planned ones) or name (others), of which one would be lost."""
     names, ids = {move.name for move in moves}, {move.image_id for move in moves} - {None}
     by_name: dict[str, tuple[int | None, Path]] = {}
@@ -217,10 +224,10 @@ def _refuse_other_images(moves: Sequence[_Move], target: CocoDataset) -> None:
             raise DatasetError(f"is another picture than {first_picture}", path=picture, remedy=remedy)
 
 
-def _check_moves(moves: Sequence[_Move], target: CocoDataset) -> None:
+def _refuse_unappendable_moves(moves: Sequence[_Move], target: CocoDataset) -> None:
     claimed: set[int] = set()
     for move in moves:
-        image, boxes = _moved_records(move)
+        image, boxes = _moved_image_and_labels(move)
         try:
             target.check(image, boxes)
         except ValueError as error:
@@ -233,7 +240,7 @@ def _check_moves(moves: Sequence[_Move], target: CocoDataset) -> None:
         claimed |= ids
 
 
-def _moved_records(move: _Move) -> tuple[Record, Sequence[Record]]:
+def _moved_image_and_labels(move: _Move) -> tuple[Record, Sequence[Record]]:
     document = move.part.document
     names = {category["id"]: category["name"] for category in document.categories}
     image = document.images[move.index]
@@ -242,7 +249,7 @@ def _moved_records(move: _Move) -> tuple[Record, Sequence[Record]]:
         label = document.annotations[i]
         new = {key: value for key, value in label.items() if key not in ("id", "image_id", "category_id")}
         new["category"] = names[label["category_id"]]
-        if move.reservations is not None and move.reservations[0].has_annotation(label["id"]):
+        if move.reservations is not None and move.reservations[0].has_annotation_id(label["id"]):
             new["id"] = label["id"] + move.reservations[1].annotation_offset - move.reservations[0].annotation_offset
         labels.append(new)
     ids = {} if move.image_id is None else {"id": move.image_id}

@@ -14,9 +14,9 @@ from jaxtyping import Bool, Float, Int
 from hulldown.annotate.box_table import BoxTable
 from hulldown.assets.picture_files import read_picture
 from hulldown.base.outside import file_sha256
-from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.record_checks import read_usable_dataset
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME
-from hulldown.dataset.usable_labels import clip_labels
+from hulldown.dataset.usable_labels import images_with_clipped_labels
 
 EDGE_DISTANCE_SHARE = 0.003  # of the picture's width or height: a side cuts off a box that is this near to it
 
@@ -58,8 +58,8 @@ class Photographs(BoxTable):
 def read_photographs(path: Path) -> Photographs:
     """Read the boxes of a COCO file or folder, or a YOLO or VOC folder, but crowds and boxes outside the frame."""
     path = next((file for name in (ANNOTATIONS_NAME, COCO_NAME) if (file := path / name).is_file()), path)
-    found = read_usable(path, takes_file=True)
-    images = clip_labels(found.images, folder=path, clip=False)
+    found = read_usable_dataset(path, takes_file=True)
+    images = images_with_clipped_labels(found.images, folder=path, clip=False)
     for each in images:
         if os.path.isfile(picture := (path if path.is_dir() else path.parent) / each.file_name):
             read_picture(picture, each.size, largest=0)

@@ -11,8 +11,8 @@ from msgspec import Struct, to_builtins
 from msgspec.structs import replace
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import parse_value, read_json
-from hulldown.dataset.store.journal import read_journal, replace_journal
+from hulldown.base.outside import convert_parsed_value, read_json
+from hulldown.dataset.store.journal import open_replacement_file, read_journal
 
 FAILURES_NAME = "failures.jsonl"
 PROVENANCE_NAME = "provenance.json"
@@ -44,7 +44,7 @@ class _File(Struct):
     plans: dict[str, Provenance]
 
 
-def read_provenance(folder: Path) -> dict[str, Provenance]:
+def read_provenance_by_plan(folder: Path) -> dict[str, Provenance]:
     """Return the provenance of each plan's images by its key; empty without a file."""
     path = folder / PROVENANCE_NAME
     refuse = partial(DatasetError, path=path, remedy="move it away")
@@ -55,12 +55,12 @@ def add_provenance(folder: Path, plans: Mapping[str, Provenance]) -> None:
     """Add or update plans in the file, in one step."""
     if not plans:
         return
-    known = read_provenance(folder)
+    known = read_provenance_by_plan(folder)
     for key, new in plans.items():
         before = known.get(key, new)
         grown = {name: sorted({*getattr(before, name), *getattr(new, name)}) for name in GROWING_LISTS}
         known[key] = replace(new, **grown)
-    with replace_journal(folder / PROVENANCE_NAME) as file:
+    with open_replacement_file(folder / PROVENANCE_NAME) as file:
         file.write(orjson.dumps({"plans": to_builtins(known)}, option=orjson.OPT_INDENT_2))
 
 
@@ -68,7 +68,7 @@ def read_failures(folder: Path) -> list[Failure]:
     """Return one failure per image; empty without a file."""
     refuse = partial(DatasetError, path=folder / FAILURES_NAME, remedy="delete it; the images are tried again")
     try:
-        return parse_value(list(read_journal(folder / FAILURES_NAME)), list[Failure])
+        return convert_parsed_value(list(read_journal(folder / FAILURES_NAME)), list[Failure])
     except ValueError as error:
         raise refuse(f"isn't a list of failed images ({error})") from None
 
@@ -79,5 +79,5 @@ def write_failures(folder: Path, failures: Sequence[Failure]) -> None:
     if not failures:
         path.unlink(missing_ok=True)
         return
-    with replace_journal(path) as file:
+    with open_replacement_file(path) as file:
         file.writelines(orjson.dumps(to_builtins(line), option=orjson.OPT_APPEND_NEWLINE) for line in failures)

@@ -15,9 +15,9 @@ import numpy as np
 from msgspec import Struct, defstruct
 
 from hulldown.annotate.coco_types import Coco, Record
-from hulldown.annotate.label_list import label_misfits, label_problems
+from hulldown.annotate.label_list import invalid_label_field_sentences, label_problems
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import area_and_box
+from hulldown.annotate.masks import mask_area_and_box
 from hulldown.annotate.record_fields import (
     PICTURE_HASH_KEY,
     TEXT_ROUNDING_PX,
@@ -26,19 +26,19 @@ from hulldown.annotate.record_fields import (
     LabelRecord,
     RenderedImageRecord,
     declared_fields,
-    invalid_fields,
+    invalid_field_sentences,
 )
-from hulldown.annotate.records import Category, Image, Label, overhang_px
+from hulldown.annotate.records import Category, Image, Label, box_overhang_px
 from hulldown.base.errors import DatasetError, shorten_text
-from hulldown.base.files import stays_inside
-from hulldown.base.outside import parse_value
+from hulldown.base.files import is_safe_relative_path
+from hulldown.base.outside import convert_parsed_value
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.entries import normal_name
+from hulldown.dataset.store.entries import normal_file_name
 from hulldown.dataset.store.journal import read_journal
-from hulldown.dataset.store.placed_pictures import refuse_links
-from hulldown.dataset.store.reservations import read_reservations
+from hulldown.dataset.store.placed_pictures import refuse_outside_links
+from hulldown.dataset.store.reservations import coco_reservations
 from hulldown.plan.row import PlannedVehicle, Row, row_fields
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 
@@ -85,31 +85,31 @@ def read_folder(folder: Path) -> Coco:
     return coco
 
 
-def read_usable(folder: Path, allowed: Sequence[Path] = (), *, takes_file: bool = False) -> LabeledImages:
+def read_usable_dataset(folder: Path, allowed: Sequence[Path] = (), *, takes_file: bool = False) -> LabeledImages:
     """Read the dataset in `folder`, whose records must be complete, and links lead into it or the `allowed` folders."""
     coco = read_coco(folder) if takes_file else read_folder(folder)
-    refuse_unusable(folder, coco["categories"], coco["images"], coco["annotations"])
+    refuse_unusable_records(folder, coco["categories"], coco["images"], coco["annotations"])
     names = [image["file_name"] for image in coco["images"]]
-    refuse_links(folder if folder.is_dir() else folder.parent, names, allowed)
-    return LabeledImages.from_coco(coco)
+    refuse_outside_links(folder if folder.is_dir() else folder.parent, names, allowed)
+    return LabeledImages.from_coco_dict(coco)
 
 
-def refuse_unusable(
+def refuse_unusable_records(
     folder: Path, categories: Iterable[Record], images: Iterable[Record], annotations: Iterable[Record]
 ) -> None:
     """Refuse records that can't be drawn, exported, or appended to another dataset."""
-    if found := next(unusable_records(categories, images, annotations), None):
+    if found := next(find_record_problems(categories, images, annotations), None):
         raise DatasetError(f"{found.where}: {found.problem}", path=folder, remedy="check it with `hulldown verify`")
 
 
-def unusable_records(
+def find_record_problems(
     categories: Iterable[Record], images: Iterable[Record], annotations: Iterable[Record]
 ) -> Iterator[Finding]:
     """Find fields of a wrong type, repeated ids, and references to missing records."""
     known: set[object] = set()
     for category in categories:
         where = f"category {category['id']}"
-        yield from (Finding("error", where, problem) for problem in invalid_fields(category, CategoryRecord))
+        yield from (Finding("error", where, problem) for problem in invalid_field_sentences(category, CategoryRecord))
         if category["id"] in known:
             yield Finding("error", where, "its id is given twice")
         known.add(category["id"])
@@ -118,10 +118,10 @@ def unusable_records(
         name = _image_name(image)
         if image["id"] in first:
             yield Finding("error", name, f"has the id {image['id']}, as has {first[image['id']]}")
-        if not stays_inside(image.get("file_name")):
+        if not is_safe_relative_path(image.get("file_name")):
             problem = f"file_name {image.get('file_name')!r:.120} is no path inside the dataset"
             yield Finding("error", f"image {image['id']}", problem)
-        yield from (Finding("error", name, problem) for problem in invalid_fields(image, ImageRecord))
+        yield from (Finding("error", name, problem) for problem in invalid_field_sentences(image, ImageRecord))
         first.setdefault(image["id"], name)
     labels: set[object] = set()
     for annotation in annotations:
@@ -136,14 +136,14 @@ def unusable_records(
             yield Finding("error", where, f"image {image_id!r} does not exist")
         if not isinstance(category_id, int) or category_id not in known:
             yield Finding("error", where, f"category {category_id!r} does not exist")
-        yield from (Finding("error", where, problem) for problem in label_misfits(annotation))
+        yield from (Finding("error", where, problem) for problem in invalid_label_field_sentences(annotation))
 
 
-def check_names(coco: Coco) -> Iterator[Finding]:
+def find_name_problems(coco: Coco) -> Iterator[Finding]:
     """Find repeated names of classes and images, and names that differ only in case."""
     for kind, names in (
         ("category ", [str(category.get("name")) for category in coco["categories"]]),
-        ("", [normal_name(str(image.get("file_name"))) for image in coco["images"]]),
+        ("", [normal_file_name(str(image.get("file_name"))) for image in coco["images"]]),
     ):
         spelled: dict[str, str] = {}
         for name, times in Counter(names).items():
@@ -153,46 +153,46 @@ def check_names(coco: Coco) -> Iterator[Finding]:
                 yield Finding("warning", f"{kind}{name}", f"differs from {other} in capitals only")
 
 
-def _recorded_fields(kind: type[Struct], *declared: type[Struct]) -> type[Struct]:
+def _recorded_fields_type(kind: type[Struct], *declared: type[Struct]) -> type[Struct]:
     """Return a type with the fields of a plan's row or vehicle that records have, but for declared ones."""
     hints, known = get_type_hints(kind, include_extras=True), set().union(*map(get_type_hints, declared))
     keys = [key for key, field in row_fields(kind).items() if field.recorded and key not in known]
     return defstruct(kind.__name__, [(key, hints[key], None) for key in keys])
 
 
-ROW_FIELDS = _recorded_fields(Row, RenderedImageRecord, ImageRecord)
-VEHICLE_FIELDS = _recorded_fields(PlannedVehicle, LabelRecord)
+ROW_FIELDS = _recorded_fields_type(Row, RenderedImageRecord, ImageRecord)
+VEHICLE_FIELDS = _recorded_fields_type(PlannedVehicle, LabelRecord)
 
 
-def check_cameras(images: Iterable[Record]) -> Iterator[Finding]:
+def find_camera_problems(images: Iterable[Record]) -> Iterator[Finding]:
     """Find invalid fields of a render's view; in other datasets such fields may mean something else."""
     for image in images:
-        row_fields = invalid_fields(image, ROW_FIELDS) if PICTURE_HASH_KEY in image else ()
-        problems = [*invalid_fields(image, RenderedImageRecord), *row_fields]
+        row_fields = invalid_field_sentences(image, ROW_FIELDS) if PICTURE_HASH_KEY in image else ()
+        problems = [*invalid_field_sentences(image, RenderedImageRecord), *row_fields]
         if (
-            not (problems or any(invalid_fields(image, ImageRecord)))
+            not (problems or any(invalid_field_sentences(image, ImageRecord)))
             and (view := declared_fields(image, RenderedImageRecord)).K is not None
         ):
             try:
-                Intrinsics.of_fields(image["width"], image["height"], K=view.K, dist=view.dist)
+                Intrinsics.from_record_fields(image["width"], image["height"], K=view.K, dist=view.dist)
             except ValueError as error:
                 problems = [f"K and dist are no camera: {error}"]
         kind: Literal["error", "warning"] = "error" if PICTURE_HASH_KEY in image else "warning"
         yield from (Finding(kind, _image_name(image), problem) for problem in problems)
 
 
-def sound_images(coco: Coco) -> dict[int, Image]:
+def sound_images_by_id(coco: Coco) -> dict[int, Image]:
     """Return images whose records are valid, by id, with those of their labels that are valid."""
     names = {category["id"]: str(category.get("name")) for category in coco["categories"]}
     of_image: dict[object, list[Label]] = {image["id"]: [] for image in coco["images"]}
     for annotation in coco["annotations"]:
         with contextlib.suppress(ValueError, TypeError, KeyError):
             of_image[annotation["image_id"]].append(Label.of(annotation, names))
-    sound = (image for image in coco["images"] if not any(invalid_fields(image, ImageRecord)))
+    sound = (image for image in coco["images"] if not any(invalid_field_sentences(image, ImageRecord)))
     return {image["id"]: Image.of(image, of_image[image["id"]]) for image in sound}
 
 
-def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Iterator[Finding]:
+def find_label_problems(categories: Iterable[Record], images: Iterable[Image]) -> Iterator[Finding]:
     """Find labels that contradict themselves, their image, or each other."""
     classes = {record["id"]: Category.of(record) for record in categories}
     for image in images:
@@ -211,15 +211,15 @@ def check_labels(categories: Iterable[Record], images: Iterable[Image]) -> Itera
             boxes.add(box)
             problems = [*label_problems(label, image, classes.get(label.category_id))]
             if PICTURE_HASH_KEY in image.record:
-                problems += invalid_fields(label.record, VEHICLE_FIELDS)
+                problems += invalid_field_sentences(label.record, VEHICLE_FIELDS)
             yield from (Finding("error", where, problem) for problem in problems)
-            yield from _label_hints(where, label, image)
+            yield from _label_warnings(where, label, image)
 
 
-def _label_hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
-    if (by := overhang_px(label.bbox, *image.size)) > TEXT_ROUNDING_PX:
+def _label_warnings(where: str, label: Label, image: Image) -> Iterator[Finding]:
+    if (by := box_overhang_px(label.bbox, *image.size)) > TEXT_ROUNDING_PX:
         yield Finding("warning", where, f"its bbox leaves its image by {by:.4g} px, and is clipped when it's used", by)
-    if (gap := _box_gap(label, image)) > 0.0:
+    if (gap := _box_beyond_mask_px(label, image)) > 0.0:
         problem = f"its bbox is {gap:.4g} px larger than its mask, more than a quarter, though nothing hides it"
         yield Finding("warning", where, problem, gap)
     left = label.read(LabelRecord).air_contrast
@@ -228,12 +228,12 @@ def _label_hints(where: str, label: Label, image: Image) -> Iterator[Finding]:
         yield Finding("warning", where, problem, left)
 
 
-def _box_gap(label: Label, image: Image) -> float:
+def _box_beyond_mask_px(label: Label, image: Image) -> float:
     """Return the pixels by which a box exceeds the mask of a target in full view; 0 for gaps small as an antenna."""
     if label.visible_fraction != 1.0 or not (mask := label.read(VisibleMask).segmentation):
         return 0.0
     with contextlib.suppress(ValueError):  # another check finds it
-        box = area_and_box(mask, *image.size)[1]
+        box = mask_area_and_box(mask, *image.size)[1]
         if box is not None:
             x, y, w, h = label.bbox
             gaps = np.array([box[0] - x, box[1] - y, x + w - box[0] - box[2], y + h - box[1] - box[3]])
@@ -250,32 +250,36 @@ class _Line(Struct):
     categories: list[dict[str, object]] = []
 
 
-def check_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
+def find_journal_changes(coco: Coco, journal: Path) -> Iterator[Finding]:
     """Find records that differ from their journal line; images without a line come from elsewhere."""
     lines: dict[str, _Line] = {}
     classes: dict[object, Record] = {}
     for number, each in enumerate(read_journal(journal), start=1):
         try:
-            written = parse_value(each, _Line)
+            written = convert_parsed_value(each, _Line)
             classes |= {category.get("id"): category for category in written.categories}
             if written.image is not None:
-                lines[normal_name(str(written.image.get("file_name")))] = written
+                lines[normal_file_name(str(written.image.get("file_name")))] = written
         except ValueError as error:
             yield Finding("error", journal.name, f"line {number} does not fit ({error})")
     labels: dict[str, dict[str, Record]] = {}
     for label in coco["annotations"]:
         labels.setdefault(str(label.get("image_id")), {})[f"annotation {label['id']}"] = label
     for image in coco["images"]:
-        if (line := lines.get(normal_name(_image_name(image)))) is None:
+        if (line := lines.get(normal_file_name(_image_name(image)))) is None:
             continue
         found: dict[str, Record] = {"its record": image, **labels.get(str(image["id"]), {})}
         wanted = {"its record": line.image or {}} | {f"annotation {one.get('id')}": one for one in line.annotations}
-        yield from _changes(_image_name(image), found, wanted, journal)
+        yield from _record_change_findings(_image_name(image), found, wanted, journal)
     kept = {f"category {each['id']}": each for each in coco["categories"] if each["id"] in classes}
-    yield from _changes("categories", kept, {f"category {number}": each for number, each in classes.items()}, journal)
+    yield from _record_change_findings(
+        "categories", kept, {f"category {number}": each for number, each in classes.items()}, journal
+    )
 
 
-def _changes(where: str, found: Mapping[str, Record], wanted: Mapping[str, Record], journal: Path) -> Iterator[Finding]:
+def _record_change_findings(
+    where: str, found: Mapping[str, Record], wanted: Mapping[str, Record], journal: Path
+) -> Iterator[Finding]:
     for what in dict.fromkeys([*wanted, *found]):
         if found.get(what) != wanted.get(what):
             how = "added" if what not in wanted else "deleted" if what not in found else "changed"
@@ -283,9 +287,9 @@ def _changes(where: str, found: Mapping[str, Record], wanted: Mapping[str, Recor
             yield Finding("error", where, problem)
 
 
-def check_reservations(coco: Coco) -> Iterator[Finding]:
+def find_reservation_problems(coco: Coco) -> Iterator[Finding]:
     """Find plans that reserve the same ids."""
-    reservations = read_reservations(coco)
+    reservations = coco_reservations(coco)
     for kind in ("image", "annotation"):
         ranges = sorted((getattr(each, f"{kind}_offset"), getattr(each, f"{kind}s"), each.key) for each in reservations)
         for (start, length, first), (following, _, second) in pairwise(ranges):

@@ -12,14 +12,21 @@ from jaxtyping import Shaped
 from PIL import Image as Pictures
 
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.drawing import Overlay, draw_boxes
+from hulldown.annotate.drawing import Overlay, picture_with_labels
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.indices import even_sample
-from hulldown.dataset.attributes import BOX_SIZE_SCALE, SCALES, SEEN_SIDES, image_conditions, label_numbers, seen_sides
+from hulldown.dataset.attributes import (
+    BOX_SIZE_SCALE,
+    SCALES,
+    SEEN_SIDES,
+    image_conditions,
+    label_attribute_values,
+    seen_side_indices,
+)
 from hulldown.dataset.images import LabeledImages
-from hulldown.dataset.record_checks import read_usable
-from hulldown.dataset.row_records import image_record, label_records
+from hulldown.dataset.record_checks import read_usable_dataset
+from hulldown.dataset.row_records import label_records, row_image_fields
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.plan_file import Plan
@@ -71,7 +78,7 @@ class Dataset(ShownInNotebooks):
             If there is none, or a record is unusable.
         """
         folder = Path(folder)
-        found = read_usable(folder)
+        found = read_usable_dataset(folder)
         paths = [folder / image.file_name for image in found.images]
         return cls(str(folder), found, lambda i: Pictures.fromarray(read_pixels(paths[i], found.images[i].size)))
 
@@ -88,12 +95,12 @@ class Dataset(ShownInNotebooks):
         images: list[Record] = []
         labels: list[Record] = []
         for row in plan:
-            images.append({"id": row.image_id, "file_name": row.file_name, **image_record(row)})
+            images.append({"id": row.image_id, "file_name": row.file_name, **row_image_fields(row)})
             for k, label in enumerate(label_records(row)):
                 of_image = {"id": k, "image_id": row.image_id, "category_id": ids[label["category"]]}
                 labels.append({**label, **of_image})
         categories: list[Record] = [{"id": number, "name": name} for name, number in ids.items()]
-        found = LabeledImages.from_coco({"categories": categories, "images": images, "annotations": labels})
+        found = LabeledImages.from_coco_dict({"categories": categories, "images": images, "annotations": labels})
         return cls(str(plan.path), found, picture)
 
     def picture(self, i: int, *, labels: bool = True, masks: bool = True) -> Pictures.Image:
@@ -112,7 +119,7 @@ class Dataset(ShownInNotebooks):
             for label in self.images[i].labels
         ]
         try:
-            return draw_boxes(image, boxes, tint=masks)
+            return picture_with_labels(image, boxes, tint=masks)
         except ValueError as error:
             problem = f"{self.images[i].file_name}: {error}"
             raise DatasetError(problem, remedy="check the dataset with `hulldown verify`") from error
@@ -157,7 +164,7 @@ class Dataset(ShownInNotebooks):
         rows = [(i, label) for i, image in enumerate(self.images) for label in image.labels]
         index = np.array([i for i, _ in rows], dtype=np.int64)
         boxes = np.array([label.bbox for _, label in rows], dtype=np.float64).reshape(-1, 4)
-        numbers = label_numbers([label for _, label in rows], self.images, index)
+        numbers = label_attribute_values([label for _, label in rows], self.images, index)
         return {
             "image": index,
             "id": np.array([label.id for _, label in rows], dtype=np.int64),
@@ -167,7 +174,7 @@ class Dataset(ShownInNotebooks):
             "crowd": np.array([label.crowd for _, label in rows], dtype=bool),
             **{scale.name: numbers[scale.name] for scale in SCALES},
             "azimuth": numbers["azimuth"],
-            "side": np.array([*SEEN_SIDES, ""])[seen_sides(numbers["azimuth"])],
+            "side": np.array([*SEEN_SIDES, ""])[seen_side_indices(numbers["azimuth"])],
             "vehicle": np.array([label.vehicle or "" for _, label in rows], dtype=str),
             **{key: self.of_images[key][index] for key in CONDITION_TITLES},
         }
@@ -185,5 +192,5 @@ class Dataset(ShownInNotebooks):
             "strength": np.array([each.strength for each in conditions], dtype=np.float64),
             "scenery": np.array([each.scenery or "" for each in conditions], dtype=str),
             "hdri": np.array([each.hdri or "" for each in conditions], dtype=str),
-            "weather": np.array([each.weather_name for each in conditions], dtype=str),
+            "weather": np.array([each.weather_bin_name for each in conditions], dtype=str),
         }

@@ -13,7 +13,7 @@ from msgspec import Struct
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import run_lengths
 from hulldown.annotate.record_fields import MAX_BOX_OVERHANG_PX, TEXT_ROUNDING_PX
-from hulldown.annotate.records import Image, Label, overhang_px
+from hulldown.annotate.records import Image, Label, box_overhang_px
 from hulldown.base.arguments import AtLeastZero, Share
 from hulldown.base.errors import DatasetError
 
@@ -46,7 +46,7 @@ def _is_turned(label: Label) -> bool:
     return attributes is not None and attributes.rotation % 180.0 != 0.0
 
 
-def clip_labels(images: Sequence[Image], *, folder: Path, clip: bool) -> list[Image]:
+def images_with_clipped_labels(images: Sequence[Image], *, folder: Path, clip: bool) -> list[Image]:
     """Return images whose boxes lie inside; without `clip`, only overhangs of `MAX_BOX_OVERHANG_PX` are cut."""
     for problem, remedy in misread_boxes(images):
         raise DatasetError(problem, path=folder, remedy=remedy)
@@ -63,7 +63,7 @@ def clip_labels(images: Sequence[Image], *, folder: Path, clip: bool) -> list[Im
                     run_lengths(mask, *image.size)
                 except ValueError as error:
                     wrong_masks.append(f"{where}: {error}")
-            by = overhang_px(label.bbox, *image.size)
+            by = box_overhang_px(label.bbox, *image.size)
             if w <= 0 or h <= 0:
                 wrong.append(f"{where} has no area")
             elif by <= TEXT_ROUNDING_PX:
@@ -81,12 +81,12 @@ def clip_labels(images: Sequence[Image], *, folder: Path, clip: bool) -> list[Im
         found.append(image.labeled(kept))
     corrected = "write width and height, not right and bottom, or clip them with `hulldown export --clip`"
     remedy = corrected if further else "correct or delete them"
-    refuse_all(wrong, "box", folder, remedy=remedy)
-    refuse_all(wrong_masks, "mask", folder)
+    refuse_listed_problems(wrong, "box", folder, remedy=remedy)
+    refuse_listed_problems(wrong_masks, "mask", folder)
     return found
 
 
-def refuse_all(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
+def refuse_listed_problems(wrong: Sequence[str], what: str, folder: Path, *, remedy: str = "correct or delete them") -> None:
     """Raise one error that lists all problems, at most `MAX_LISTED_BOXES`, if there are any."""
     if wrong:
         more = (

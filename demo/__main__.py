@@ -13,22 +13,22 @@ from hulldown.demo import hills, skies, steppe, vehicles
 from hulldown.demo.catalog import CIVILIAN_NAMES, DISTRACTORS, SCENERY_NAMES, SKY_NAMES, STUDIO_HDRIS, VEHICLE_CLASSES
 from hulldown.demo.make_assets import BUILT_LINE_PREFIX
 
-SCENERY_BUILDERS = {"temperate_hills": hills.temperate_hills, "dry_steppe": steppe.dry_steppe}
+SCENERY_BUILDERS = {"temperate_hills": hills.write_temperate_hills, "dry_steppe": steppe.write_dry_steppe}
 
 
-def _asset_jobs(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
+def _named_asset_builders(folder: Path, seed: int) -> Iterator[tuple[str, Callable[[], Path]]]:
     """Yield each asset's name and maker; each has random numbers of its own, so that none depends on its neighbors."""
     for k, name in enumerate(VEHICLE_CLASSES):
         yield (name, partial(vehicles.build_vehicle_file, name, folder / "vehicles", rng=np.random.default_rng([seed, 1, k])))
     for name in dict.fromkeys((*DISTRACTORS, *CIVILIAN_NAMES)):
-        yield name, partial(vehicles.write_distractor, name, folder / "distractors")
+        yield name, partial(vehicles.build_distractor_file, name, folder / "distractors")
     for k, name in enumerate(SCENERY_NAMES):
         path = folder / "sceneries" / f"{name}.blend"
         yield name, partial(SCENERY_BUILDERS[name], path, rng=np.random.default_rng([seed, 2, k]))
     for name in STUDIO_HDRIS:
         yield name, partial(skies.copy_studio_hdri, name, folder / "hdris")
     for name in SKY_NAMES:
-        yield name, partial(skies.write_sky, name, folder / "hdris")
+        yield name, partial(skies.render_sky_hdri, name, folder / "hdris")
 
 
 def main() -> None:
@@ -38,7 +38,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--only", nargs="*", metavar="NAME", help="of vehicles, distractors, sceneries, HDRIs; default: all")
     arguments = parser.parse_args()
-    for name, build in _asset_jobs(arguments.folder, arguments.seed):
+    for name, build in _named_asset_builders(arguments.folder, arguments.seed):
         if not arguments.only or name in arguments.only:
             print(f"{BUILT_LINE_PREFIX}{build()}", flush=True)
 

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hulldown.demo.cars import car_wheels, cut_wheel_arches, door_seams, number_plates, window_pillar
+from hulldown.demo.cars import add_car_wheels, door_seams, number_plates, profile_with_wheel_arches, window_pillar
 from hulldown.demo.chassis import Paints
 from hulldown.demo.model import BlendModel
-from hulldown.demo.shapes import join_shapes, make_block, make_box, make_slab, stack_outlines
+from hulldown.demo.shapes import extrude_about_middle, join_shapes, make_corner_box, make_standing_box, stack_outlines
 
 
 class CivilianProportions(NamedTuple):
@@ -48,7 +48,7 @@ CIVILIAN_PROPORTIONS = {
 }
 
 
-def add_civilian(m: BlendModel, p: Paints, name: str) -> None:
+def build_civilian_vehicle(m: BlendModel, p: Paints, name: str) -> None:
     """Build a vehicle of these proportions."""
     s = CIVILIAN_PROPORTIONS[name]
     front, half, height = (np.array(s.size) * (0.5, 0.5, 1.0)).tolist()
@@ -59,11 +59,13 @@ def add_civilian(m: BlendModel, p: Paints, name: str) -> None:
     if s.load:
         outline[7:8] = [(s.glass[1], s.tail), (rear + 0.1, s.tail)]
         x0, x1, z0, z1 = s.load
-        m.add("Load", make_block((x1, -half, z0), (x0, half, z1)), p.canvas if z1 > height else p.body, bevel=0.03)
-        ribs = join_shapes(make_box((0.06, 2 * half + 0.06, z1 - z0), (x, 0, z0)) for x in np.linspace(x1, x0, 7)[1:-1])
+        m.add("Load", make_corner_box((x1, -half, z0), (x0, half, z1)), p.canvas if z1 > height else p.body, bevel=0.03)
+        ribs = join_shapes(
+            make_standing_box((0.06, 2 * half + 0.06, z1 - z0), (x, 0, z0)) for x in np.linspace(x1, x0, 7)[1:-1]
+        )
         m.add("Load_Ribs", ribs, p.steel, bevel=0)
-    profile = cut_wheel_arches(outline, s.axles, center=s.radius, radius=s.radius * 1.2, sill=sill)
-    m.add("Body", make_slab(profile, half), p.body, bevel=0.05, smooth=40)
+    profile = profile_with_wheel_arches(outline, s.axles, center=s.radius, radius=s.radius * 1.2, sill=sill)
+    m.add("Body", extrude_about_middle(profile, half), p.body, bevel=0.05, smooth=40)
     waist, crown = half - 0.08, (half - 0.08) * s.narrowing
     low, high = ([(b, -w), (a, -w), (a, w), (b, w)] for (a, b), w in ((s.glass, waist), (s.roof, crown)))
     m.add("Windows", stack_outlines([(s.waist - 0.02, low), (roof, high)]), p.glass, bevel=0.02)
@@ -80,18 +82,18 @@ def add_civilian(m: BlendModel, p: Paints, name: str) -> None:
     door_feet = feet[:-1] if s.pillars < 9 else feet[[0, 1, 4, 5]]
     seams = door_seams([[(x, sill + 0.1), (x, s.waist)] for x in door_feet], half + 0.002)
     m.add("Door_Seams", seams, p.dark, mirror=True, bevel=0)
-    handles = [make_box((0.2, 0.03, 0.03), (x + 0.2, half, s.waist - 0.14)) for x in door_feet[1:]]
-    mirror = make_box((0.13, 0.22, 0.16), (feet[0] - 0.25, half + 0.08, s.waist))
+    handles = [make_standing_box((0.2, 0.03, 0.03), (x + 0.2, half, s.waist - 0.14)) for x in door_feet[1:]]
+    mirror = make_standing_box((0.13, 0.22, 0.16), (feet[0] - 0.25, half + 0.08, s.waist))
     m.add("Handles", join_shapes([*handles, mirror]), p.dark, mirror=True)
-    bumper = make_block((front - 0.2, -half * 0.97, sill + 0.02), (front + 0.06, half * 0.97, sill + 0.22))
+    bumper = make_corner_box((front - 0.2, -half * 0.97, sill + 0.02), (front + 0.06, half * 0.97, sill + 0.22))
     m.add("Front_Bumper", bumper, p.dark, bevel=0.05)
     m.add("Rear_Bumper", bumper.scaled(-1, 1, 1).moved(-0.03), p.dark, bevel=0.05)
-    grille = make_block((front - 0.2, -half * 0.5, sill + 0.26), (front + 0.01, half * 0.5, s.hood - 0.22))
+    grille = make_corner_box((front - 0.2, -half * 0.5, sill + 0.26), (front + 0.01, half * 0.5, s.hood - 0.22))
     m.add("Grille", grille, p.dark, bevel=0.02)
-    lamp = make_block((front - 0.25, half * 0.6, s.hood - 0.34), (front + 0.01, half * 0.94, s.hood - 0.18))
+    lamp = make_corner_box((front - 0.25, half * 0.6, s.hood - 0.34), (front + 0.01, half * 0.94, s.hood - 0.18))
     m.add("Head_Lamps", lamp, p.lamp, mirror=True, bevel=0.03)
-    tail = make_block((rear - 0.03, half * 0.76, s.tail - 0.36), (rear + 0.2, half * 0.98, s.tail - 0.12))
+    tail = make_corner_box((rear - 0.03, half * 0.76, s.tail - 0.36), (rear + 0.2, half * 0.98, s.tail - 0.12))
     m.add("Tail_Lamps", tail, p.red, mirror=True, bevel=0.02)
     m.add("Number_Plates", number_plates(front + 0.06, rear - 0.09, (sill + 0.06, sill + 0.08)), p.canvas, bevel=0)
-    m.add("Floor_Pan", make_block((rear + 0.2, 0.2 - half, sill - 0.08), (front - 0.2, half - 0.2, sill + 0.1)), p.dark)
-    car_wheels(m, p, s.axles, y=half - 0.12, radius=s.radius, width=0.22 if s.radius < 0.42 else 0.3)
+    m.add("Floor_Pan", make_corner_box((rear + 0.2, 0.2 - half, sill - 0.08), (front - 0.2, half - 0.2, sill + 0.1)), p.dark)
+    add_car_wheels(m, p, s.axles, y=half - 0.12, radius=s.radius, width=0.22 if s.radius < 0.42 else 0.3)

@@ -26,7 +26,7 @@ def ground_material(name: str, soil: Soil, *, far: bool = False) -> Any:
     """Ground with patches of every size, bare on slopes, rock where steep; far ground fades into the haze."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
-    up = g.upward_normal()
+    up = g.normal_z_socket()
     vast = g.noise(where, 0.006, detail=2.0)
     wide = g.noise(where, 0.03, detail=3.0, rough=0.6, warp=0.8)
     middle = g.noise(where, 0.35, detail=4.0, rough=0.65)
@@ -100,7 +100,7 @@ def stone_material(name: str, tones: tuple[Color, Color], growth: Color) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     coarse = g.noise(where, 1.2, detail=6.0, rough=0.65)
     fine = g.noise(where, 9.0, detail=5.0, rough=0.7)
-    up = g.upward_normal()
+    up = g.normal_z_socket()
     color = g.shade(g.mix(g.ramp(coarse, 0.35, 0.65), *tones), fine, 0.3)
     color = g.mix(g.maths("MULTIPLY", g.ramp(g.maths("ADD", up, coarse), 1.1, 1.5), 0.8), color, growth)
     return g.surface(

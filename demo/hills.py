@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.demo import earth, vegetation
-from hulldown.demo.land import Land, highest_surface, level_road, make_mound, make_patch
+from hulldown.demo.land import Land, patch_vertices_and_quads, surface_leveled_along_road, surface_with_mound, upper_envelope
 from hulldown.demo.planting import Planting
-from hulldown.demo.relief import Course, Noise, make_sheet, smoothstep
+from hulldown.demo.relief import Course, Noise, grid_vertices_and_quads, smoothstep
 
 MEADOW_SOIL = earth.Soil(
     cover=("#37471d", "#545f2b", "#857c4a"),
@@ -24,7 +24,7 @@ MEADOW_SOIL = earth.Soil(
 ROAD_COURSE = [(-249, -110), (-170, -60), (-90, -95), (-10, -30), (60, 40), (150, 30), (190, 110), (249, 135)]
 
 
-def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
+def write_temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     """Meadows, a wooded hill with a steep flank, a crest to hide behind, a dirt road, 500 m square."""
     land, noise = Land(250.0), Noise(rng)
     course = Course(ROAD_COURSE)
@@ -33,16 +33,16 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
         return 5.5 * noise(x, y, 170.0, octaves=2) + 0.7 * noise(x + 90, y, 28.0, octaves=2) + 0.1 * noise(x, y, 7.0)
 
     level = course.profile(rolling)
-    meadow = level_road(rolling, course, level, reach=(4.5, 14.0))
-    hill = make_mound((-90.0, 110.0), (115.0, 85.0), 20.0, 27.0, meadow, steep=1.9)
-    knoll = make_mound((120.0, -110.0), (70.0, 55.0), -35.0, 15.0, meadow, steep=1.7)
-    crest = make_mound((40.0, 150.0), (105.0, 24.0), -12.0, 4.6, meadow, steep=1.3)
+    meadow = surface_leveled_along_road(rolling, course, level, reach=(4.5, 14.0))
+    hill = surface_with_mound((-90.0, 110.0), (115.0, 85.0), 20.0, 27.0, meadow, steep=1.9)
+    knoll = surface_with_mound((120.0, -110.0), (70.0, 55.0), -35.0, 15.0, meadow, steep=1.7)
+    crest = surface_with_mound((40.0, 150.0), (105.0, 24.0), -12.0, 4.6, meadow, steep=1.3)
     grass, hillside = (earth.ground_material("Meadow_Ground", MEADOW_SOIL), earth.ground_material("Hill_Ground", MEADOW_SOIL))
     field = np.linspace(-land.half, land.half, 201)
-    land.add("Ground_Meadow", make_sheet(field, field, meadow), grass, home="Terrain")
-    wooded = land.add("Ground_Hill", make_patch((-90, 110), 125, hill), hillside, home="Terrain")
-    land.add("Ground_Knoll", make_patch((120, -110), 78, knoll), hillside, home="Terrain")
-    land.add("Ground_Crest", make_patch((40, 150), 108, crest), grass, home="Terrain")
+    land.add("Ground_Meadow", grid_vertices_and_quads(field, field, meadow), grass, home="Terrain")
+    wooded = land.add("Ground_Hill", patch_vertices_and_quads((-90, 110), 125, hill), hillside, home="Terrain")
+    land.add("Ground_Knoll", patch_vertices_and_quads((120, -110), 78, knoll), hillside, home="Terrain")
+    land.add("Ground_Crest", patch_vertices_and_quads((40, 150), 108, crest), grass, home="Terrain")
     dirt = earth.road_material("Dirt_Road", ("#7a6446", "#94805c"), "#666330", half=2.6)
     land.road("Road_Dirt", course, level, dirt, half=2.6)
 
@@ -50,26 +50,26 @@ def temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
         return 70 + 110 * noise(x, y, 900.0, octaves=4, rough=0.45)
 
     land.surroundings(meadow, mountains, earth.ground_material("Far_Ground", MEADOW_SOIL, far=True), rise=(250.0, 2600.0))
-    planting = Planting(land, highest_surface(meadow, hill, knoll, crest), rng)
-    _add_plants(planting, noise, course, wooded)
+    planting = Planting(land, upper_envelope(meadow, hill, knoll, crest), rng)
+    _add_hill_plants_and_rocks(planting, noise, course, wooded)
     land.camera((-20.0, -150.0, 14.0), 5.0)
     return land.save(path)
 
 
-def _add_plants(planting: Planting, noise: Noise, course: Course, wooded: object) -> None:
+def _add_hill_plants_and_rocks(planting: Planting, noise: Noise, course: Course, wooded: object) -> None:
     rng = planting.rng
     trunk, dark = earth.bark_material("Bark", "#5a4a3a"), earth.bark_material("Dark_Bark", "#41352b")
     foliage = earth.leaf_material("Leaves", ("#2f4016", "#65772c"))
     needles = earth.leaf_material("Needles", ("#1c2e18", "#3c5128"))
     broad = [
-        vegetation.make_broadleaf(f"Tree_Broadleaf_{k}", [trunk, foliage], height=h, spread=w, rng=rng)
+        vegetation.make_broadleaf_mesh(f"Tree_Broadleaf_{k}", [trunk, foliage], height=h, spread=w, rng=rng)
         for k, (h, w) in enumerate([(13.0, 4.6), (10.0, 4.0), (15.0, 4.8)])
     ]
     spruce = [
-        vegetation.make_conifer(f"Tree_Conifer_{k}", [dark, needles], height=h, spread=w, rng=rng)
+        vegetation.make_conifer_mesh(f"Tree_Conifer_{k}", [dark, needles], height=h, spread=w, rng=rng)
         for k, (h, w) in enumerate([(16.0, 3.0), (11.0, 2.4)])
     ]
-    bushes = [vegetation.make_bush(f"Bush_{k}", [trunk, foliage], height=h, rng=rng) for k, h in enumerate((1.2, 1.9))]
+    bushes = [vegetation.make_bush_mesh(f"Bush_{k}", [trunk, foliage], height=h, rng=rng) for k, h in enumerate((1.2, 1.9))]
 
     def wild(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return noise(x + 500, y, 90.0, octaves=3)

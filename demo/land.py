@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from hulldown.demo.relief import Course, Height, grid_quads, make_ribbon, make_sheet, smoothstep
+from hulldown.demo.relief import Course, Height, grid_quads, grid_vertices_and_quads, ribbon_vertices_and_quads, smoothstep
 
 LAND_REACH_M = 4500.0  # the surroundings end here, below the horizon's haze
 HIDDEN_EDGE_M = 4.0  # surroundings reach this far below the ground, so that no gap shows between them
@@ -46,7 +46,7 @@ class Land:
         """Add a strip with ruts in its shape and (across, along) in meters as UV map; its edges dip into the ground."""
         across = np.array([-half, -half + 0.6, -1.4, -0.95, -0.5, 0.5, 0.95, 1.4, half - 0.6, half])
         rise = np.array([-0.25, 0.0, 0.03, -0.03, 0.03, 0.03, -0.03, 0.03, 0.0, -0.25])
-        thing = self.add(name, make_ribbon(course, z, across, rise), material, home="Terrain")
+        thing = self.add(name, ribbon_vertices_and_quads(course, z, across, rise), material, home="Terrain")
         uv = np.stack(np.broadcast_arrays(across[None], course.at[:, None]), axis=-1).reshape(-1, 2)
         corners = grid_quads(len(course.xy), len(across)).ravel()
         thing.data.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv[corners].astype(np.float32).ravel())
@@ -67,7 +67,7 @@ class Land:
         for east, xs in spans.items():
             for north, ys in {"South": -out[::-1], "": inner, "North": out}.items():
                 if east or north:
-                    self.add(f"Horizon_{north}{east}", make_sheet(xs, ys, outland), material, home="Surroundings")
+                    self.add(f"Horizon_{north}{east}", grid_vertices_and_quads(xs, ys, outland), material, home="Surroundings")
 
     def camera(self, at: tuple[float, float, float], turn_deg: float) -> None:
         """Add the camera that the file is delivered with."""
@@ -86,7 +86,7 @@ class Land:
         return path
 
 
-def level_road(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
+def surface_leveled_along_road(surface: Height, course: Course, level: np.ndarray, *, reach: tuple[float, float]) -> Height:
     """Bring a surface to the `level` of a road along its course: wholly and not at all within `reach` meters."""
 
     def height(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -97,12 +97,12 @@ def level_road(surface: Height, course: Course, level: np.ndarray, *, reach: tup
     return height
 
 
-def highest_surface(*surfaces: Height) -> Height:
+def upper_envelope(*surfaces: Height) -> Height:
     """Return the top of several surfaces."""
     return lambda x, y: np.max([surface(x, y) for surface in surfaces], axis=0)
 
 
-def make_mound(
+def surface_with_mound(
     center: tuple[float, float], half: tuple[float, float], turn_deg: float, top: float, base: Height, *, steep: float
 ) -> Height:
     """Return a hill over `base` that dips below it at its rim; its far side is `steep` times as steep."""
@@ -117,7 +117,7 @@ def make_mound(
     return height
 
 
-def make_patch(center: tuple[float, float], reach: float, height: Height) -> tuple[np.ndarray, np.ndarray]:
+def patch_vertices_and_quads(center: tuple[float, float], reach: float, height: Height) -> tuple[np.ndarray, np.ndarray]:
     """Return a square sheet about a center, of lines 2 m apart."""
     line = np.linspace(-reach, reach, int(reach) + 1)
-    return make_sheet(center[0] + line, center[1] + line, height)
+    return grid_vertices_and_quads(center[0] + line, center[1] + line, height)

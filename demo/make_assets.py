@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hulldown.base.errors import AssetError
 from hulldown.demo.catalog import DISTRACTOR_FILES, HDRI_FILES, SCENERY_FILES, VEHICLE_FILES
-from hulldown.reading.libraries import library_remedy
+from hulldown.reading.libraries import remedy_for_blender_output
 
 ASSET_FILES = (*VEHICLE_FILES, *DISTRACTOR_FILES, *SCENERY_FILES, *HDRI_FILES)
 MAX_ATTEMPTS = 3  # Blender crashes now and then; what it had built stays
@@ -25,20 +25,20 @@ def build_demo_assets(
     folder.mkdir(parents=True, exist_ok=True)
     left, attempts = [file for file in files if not os.path.lexists(folder / file)], MAX_ATTEMPTS
     while left:
-        code, output = _run_blender(
+        code, output = _build_files_in_child(
             folder.resolve(), seed, left, lambda: progress and progress(len(files) - len(left), len(files))
         )
         attempts -= 1
         if not left or (code < 0 and attempts):
             continue  # an error is explained by its output; only a crash is worth another attempt
-        if remedy := library_remedy("".join(output)):
+        if remedy := remedy_for_blender_output("".join(output)):
             raise AssetError("building demo assets needs Blender", remedy=remedy)
         last = output[-1].strip() if output else f"exit status {code}"
         raise AssetError(f"Blender could not build the demo assets: {last}", path=folder)
     return tuple(folder / file for file in files)
 
 
-def _run_blender(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
+def _build_files_in_child(folder: Path, seed: int, left: list[str], step: Callable[[], object]) -> tuple[int, list[str]]:
     """Build the files in `left`, and remove each from it when it's done; return exit status and last lines."""
     # -P: a folder `demo` where the user happens to be must not come first.
     command = [sys.executable, "-P", "-m", "hulldown.demo", str(folder), "--seed", str(seed), "--only"]

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from PIL import Image
 
-from hulldown.base.color import linear_color
+from hulldown.base.color import linear_rgb_from_hex
 from hulldown.base.files import atomic_writer
 from hulldown.blender.add_nodes import add_node
 
@@ -18,9 +18,9 @@ Color = str  # "#rrggbb" as a color picker shows it
 PAINT_TILE_M = 3.0  # a paint's image repeats at this width where there is no UV map
 
 
-def srgb_to_linear(color: Color) -> tuple[float, float, float, float]:
+def linear_rgba(color: Color) -> tuple[float, float, float, float]:
     """Return the color in the linear light that Cycles computes with."""
-    return *linear_color(color), 1.0
+    return *linear_rgb_from_hex(color), 1.0
 
 
 class Graph:
@@ -45,7 +45,7 @@ class Graph:
         node = self.add("TexVoronoi", {"Vector": where, "Scale": scale}, voronoi_dimensions="2D")
         return node.outputs["Distance"], self.add("SeparateXYZ", {0: node.outputs["Color"]}).outputs[0]
 
-    def upward_normal(self) -> Any:
+    def normal_z_socket(self) -> Any:
         """Return the upward part of the surface's normal, 1 where it's level."""
         return self.add("SeparateXYZ", {0: self.add("NewGeometry").outputs["Normal"]}).outputs[2]
 
@@ -59,13 +59,13 @@ class Graph:
 
     def mix(self, factor: Any, a: Any, b: Any) -> Any:
         """Return a color that turns from a into b as the factor goes from 0 to 1."""
-        a, b = (srgb_to_linear(c) if isinstance(c, str) else c for c in (a, b))
+        a, b = (linear_rgba(c) if isinstance(c, str) else c for c in (a, b))
         node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA")
         return node.outputs[2]
 
     def shade(self, color: Any, value: Any, amount: float) -> Any:
         """Return the color made darker and brighter by up to `amount` as a noise value goes about 0.5."""
-        color = srgb_to_linear(color) if isinstance(color, str) else color
+        color = linear_rgba(color) if isinstance(color, str) else color
         factor = self.add("MapRange", {0: value, 1: 0.25, 2: 0.75, 3: 1 - amount, 4: 1 + amount}).outputs[0]
         vector = color[:3] if isinstance(color, tuple) else color
         scale = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
@@ -100,42 +100,42 @@ def plain_material(name: str, color: Color, *, rough: float = 0.6, metal: float 
     )
 
 
-def dark_glass() -> Any:
+def dark_glass_material() -> Any:
     """Dark window glass that mirrors the sky; opaque, as windows look from outside."""
     g = Graph("Glass")
-    return g.surface({"Base Color": srgb_to_linear("#10181c"), "Roughness": 0.06, "Specular IOR Level": 0.9})
+    return g.surface({"Base Color": linear_rgba("#10181c"), "Roughness": 0.06, "Specular IOR Level": 0.9})
 
 
-def camouflage_paint(name: str, colors: Sequence[Color], *, dust: Color, unit: float = 1.0, size: float = 1.0) -> Any:
+def camouflage_material(name: str, colors: Sequence[Color], *, dust: Color, unit: float = 1.0, size: float = 1.0) -> Any:
     """Paint in two or three colors in soft-edged patches meters wide, with wear, and dust on the lower hull."""
     g = Graph(name)
-    where = _position_in_units(g, unit)
+    where = _object_position_in_meters(g, unit)
     first = g.noise(where, 0.55 / size, detail=1.5, warp=0.6)
-    color: Any = srgb_to_linear(colors[0])
+    color: Any = linear_rgba(colors[0])
     edges = [(0.53, 0.555), (0.585, 0.61)]
     for k, paint in enumerate(colors[1:]):
         offset = g.add("VectorMath", {0: where, 1: (37.0 * k, 11.0 * k, 5.0)}).outputs[0]
         patch = g.ramp(first if k == 0 else g.noise(offset, 0.6 / size, detail=1.5, warp=0.6), *edges[k])
         color = g.mix(patch, color, paint)
-    return _add_wear(g, color, where, dust)
+    return _worn_paint_material(g, color, where, dust)
 
 
-def image_paint(name: str, image: bpy.types.Image, *, dust: Color, by_uv: bool) -> Any:
-    """Paint from an image texture, by UV map or box projection, with the wear and dust of `camouflage_paint`."""
+def image_paint_material(name: str, image: bpy.types.Image, *, dust: Color, by_uv: bool) -> Any:
+    """Paint from an image texture, by UV map or box projection, with the wear and dust of `camouflage_material`."""
     g = Graph(name)
-    where = _position_in_units(g, 1.0)
+    where = _object_position_in_meters(g, 1.0)
     if by_uv:
         texture = g.add("TexImage", {"Vector": g.add("TexCoord").outputs["UV"]}, image=image)
     else:
         scaled = g.add("VectorMath", {0: where, "Scale": 1 / PAINT_TILE_M}, operation="SCALE").outputs[0]
         texture = g.add("TexImage", {"Vector": scaled}, image=image, projection="BOX", projection_blend=0.1)
-    return _add_wear(g, texture.outputs["Color"], where, dust)
+    return _worn_paint_material(g, texture.outputs["Color"], where, dust)
 
 
-def gloss_paint(color: Color, *, dust: Color) -> Any:
+def gloss_paint_material(color: Color, *, dust: Color) -> Any:
     """Clean car paint with a film of dust toward the ground."""
     g = Graph("Paint")
-    where = _position_in_units(g, 1.0)
+    where = _object_position_in_meters(g, 1.0)
     worn = g.noise(where, 1.6, detail=4.0)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
     film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.05, 0.3), 0.5)
@@ -148,10 +148,10 @@ def gloss_paint(color: Color, *, dust: Color) -> Any:
     )
 
 
-def rusted_paint(name: str, color: Color, *, rust: Color, share: float) -> Any:
+def rusted_paint_material(name: str, color: Color, *, rust: Color, share: float) -> Any:
     """Old paint through which rust breaks in blisters and runs down in streaks; `share` of it is rust."""
     g = Graph(name)
-    where = _position_in_units(g, 1.0)
+    where = _object_position_in_meters(g, 1.0)
     fine, blister = g.noise(where, 14.0, detail=4.0), g.noise(where, 1.7, detail=6.0, rough=0.7)
     tall = g.add("VectorMath", {0: where, 1: (6.0, 6.0, 0.35)}, operation="MULTIPLY").outputs[0]
     runs = g.noise(tall, 1.0, detail=3.0, rough=0.6)
@@ -165,12 +165,12 @@ def rusted_paint(name: str, color: Color, *, rust: Color, share: float) -> Any:
     return g.surface({"Base Color": color_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
 
 
-def _position_in_units(g: Graph, unit: float) -> Any:
+def _object_position_in_meters(g: Graph, unit: float) -> Any:
     where = g.add("TexCoord").outputs["Object"]
     return where if unit == 1.0 else g.add("VectorMath", {0: where, "Scale": 1 / unit}, operation="SCALE").outputs[0]
 
 
-def _add_wear(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Material:
+def _worn_paint_material(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Material:
     worn = g.noise(where, 2.2, detail=5.0, rough=0.65)
     fine = g.noise(where, 18.0, detail=3.0)
     tall = g.add("VectorMath", {0: where, 1: (5.0, 5.0, 0.5)}, operation="MULTIPLY").outputs[0]
@@ -179,7 +179,7 @@ def _add_wear(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Materi
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
     low = g.maths("MULTIPLY", g.ramp(height, 1.55, 0.25), g.ramp(worn, 0.15, 0.65))
     mud = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, worn), 1.45, 0.85), g.ramp(worn, 0.38, 0.52))
-    up = g.upward_normal()
+    up = g.normal_z_socket()
     settled = g.maths("MULTIPLY", g.ramp(up, 0.6, 1.0), g.ramp(worn, 0.40, 0.75))
     film = g.maths("MULTIPLY", g.maths("MAXIMUM", low, g.maths("MULTIPLY", settled, 0.55)), 0.8)
     color = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, color, dust), g.shade(dust, fine, 0.35))
@@ -194,8 +194,8 @@ def _add_wear(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Materi
     )
 
 
-def block_pattern(path: Path, colors: Sequence[Color], *, rng: np.random.Generator) -> None:
-    """Write a tileable image of camouflage in square blocks, the paint that `image_paint` uses, if it isn't there."""
+def write_block_camouflage(path: Path, colors: Sequence[Color], *, rng: np.random.Generator) -> None:
+    """Write a tileable image of camouflage in square blocks, the paint that `image_paint_material` uses, if it isn't there."""
     cells = 96
     height = np.zeros((cells, cells))
     for octave, weight in ((6, 1.0), (12, 0.6), (32, 0.35)):

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from hulldown.demo.shapes import Point, Shape, make_box
+from hulldown.demo.shapes import Point, Shape, make_standing_box
 
 
 class BlendModel:
@@ -31,19 +31,19 @@ class BlendModel:
         """Add a part that turns about the origin of an empty, its objects being the empty's children."""
         empty = bpy.data.objects.new(name or part.capitalize(), None)
         empty.empty_display_size = 0.5 * self.unit
-        self._hang(empty, part, at, on)
+        self._set_part_root(empty, part, at, on)
 
-    def pivot_object(self, part: str, at: Point, shape: Shape, material: Any, *, bevel: float, name: str) -> None:
+    def add_part_on_mesh(self, part: str, at: Point, shape: Shape, material: Any, *, bevel: float, name: str) -> None:
         """Add a part that turns about the origin of its first mesh object, the others being that object's children."""
         center = np.asarray(at, float)
-        mesh_object = self._mesh(name, Shape(shape.vertices - center, shape.faces), material, bevel)
-        self._hang(mesh_object, part, at, "hull")
+        mesh_object = self._make_mesh_object(name, Shape(shape.vertices - center, shape.faces), material, bevel)
+        self._set_part_root(mesh_object, part, at, "hull")
 
-    def pivot_collection(self, part: str, at: Point, *, name: str, on: str = "hull") -> None:
+    def add_part_in_collection(self, part: str, at: Point, *, name: str, on: str = "hull") -> None:
         """Add a part that is a collection of its own, in that of `on`, with an empty in it that marks the pivot."""
         self.home[part] = bpy.data.collections.new(name)
         self.home[on].children.link(self.home[part])
-        self._hang(bpy.data.objects.new(f"{name}_Pivot", None), part, at, on)
+        self._set_part_root(bpy.data.objects.new(f"{name}_Pivot", None), part, at, on)
 
     def add(
         self,
@@ -58,25 +58,25 @@ class BlendModel:
         copies: tuple[int, float] | None = None,
     ) -> Any:
         """Add a mesh object in vehicle coordinates; `mirror` across y and `copies` (count, step in x) are modifiers."""
-        thing = self._mesh(name, shape, material, bevel, smooth=smooth)
+        thing = self._make_mesh_object(name, shape, material, bevel, smooth=smooth)
         if copies is not None:
             array = thing.modifiers.new("Array", "ARRAY")
             array.count, array.use_relative_offset, array.use_constant_offset = copies[0], False, True
             array.constant_offset_displace = (copies[1] * self.unit, 0, 0)
         if mirror:
             thing.modifiers.new("Mirror", "MIRROR").use_axis = (False, True, False)
-        self._parent_at_rest(thing, part)
+        self._link_to_part(thing, part)
         return thing
 
     def crate(self, name: str, size: Point, at: Point, material: Any, *, turn_deg: float = 0.0) -> None:
         """Add a box as artists leave it: a unit cube with its scale and rotation not applied."""
-        thing = self._mesh(name, make_box((1.0, 1.0, 1.0), (0.0, 0.0, -0.5)), material, 0.02)
+        thing = self._make_mesh_object(name, make_standing_box((1.0, 1.0, 1.0), (0.0, 0.0, -0.5)), material, 0.02)
         x, y, z = at
         place = Matrix.Translation(np.array([x, y, z + size[2] / 2]) * self.unit)
         thing.matrix_world = place @ Matrix.Rotation(np.radians(turn_deg), 4, "Z") @ Matrix.Diagonal((*size, 1.0))
         self.collection.objects.link(thing)
 
-    def under_scaled_root(self, scale: float) -> None:
+    def parent_all_to_scaled_root(self, scale: float) -> None:
         """Hang everything on an empty with this scale, and undo it in the children: what an importer leaves behind."""
         root = bpy.data.objects.new("Import_Root", None)
         self.collection.objects.link(root)
@@ -90,7 +90,9 @@ class BlendModel:
     def save(self, path: Path) -> None:
         """Add what such files usually have too (floor, grid, camera, lamps), and write the file."""
         u = self.unit
-        floor = bpy.data.objects.new("Floor", _mesh_data("Floor", make_box((24 * u, 24 * u, 0.1 * u), (0, 0, -0.1 * u)), 1))
+        floor = bpy.data.objects.new(
+            "Floor", _make_blender_mesh("Floor", make_standing_box((24 * u, 24 * u, 0.1 * u), (0, 0, -0.1 * u)), 1)
+        )
         grid_lines = [((-12, y, 0), (12, y, 0)) for y in range(-12, 13)] + [((x, -12, 0), (x, 12, 0)) for x in range(-12, 13)]
         grid_mesh = bpy.data.meshes.new("Grid")
         ends = [np.array(p, float) * u for line in grid_lines for p in line]
@@ -109,8 +111,8 @@ class BlendModel:
         path.parent.mkdir(parents=True, exist_ok=True)
         bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=True, relative_remap=True)
 
-    def _mesh(self, name: str, shape: Shape, material: Any, bevel: float, *, smooth: float = 35.0) -> Any:
-        thing = bpy.data.objects.new(name, _mesh_data(name, shape, self.unit, smooth))
+    def _make_mesh_object(self, name: str, shape: Shape, material: Any, bevel: float, *, smooth: float = 35.0) -> Any:
+        thing = bpy.data.objects.new(name, _make_blender_mesh(name, shape, self.unit, smooth))
         thing.data.materials.append(material)
         if bevel:
             rounding = thing.modifiers.new("Bevel", "BEVEL")
@@ -119,7 +121,7 @@ class BlendModel:
             rounding.harden_normals = True
         return thing
 
-    def _hang(self, thing: Any, part: str, at: Point, on: str) -> None:
+    def _set_part_root(self, thing: Any, part: str, at: Point, on: str) -> None:
         self.home.setdefault(part, self.home[on])
         self.home[part].objects.link(thing)
         self.origin[part] = np.asarray(at, float)
@@ -127,7 +129,7 @@ class BlendModel:
         thing.location = (self.origin[part] - self.origin[on]) * self.unit
         self.parent[part] = thing
 
-    def _parent_at_rest(self, thing: Any, part: str) -> None:
+    def _link_to_part(self, thing: Any, part: str) -> None:
         """Set a parent so that object and vehicle coordinates agree at rest: patterns stay whole across parts."""
         self.home[part].objects.link(thing)
         if (parent := self.parent[part]) is not None:
@@ -135,16 +137,16 @@ class BlendModel:
             thing.matrix_parent_inverse = Matrix.Translation(-self.origin[part] * self.unit)
 
 
-def _mesh_data(name: str, shape: Shape, unit: float, smooth: float = 35.0) -> Any:
+def _make_blender_mesh(name: str, shape: Shape, unit: float, smooth: float = 35.0) -> Any:
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(shape.vertices * unit, [], shape.faces)
     mesh.shade_smooth()
     mesh.set_sharp_from_angle(angle=np.radians(smooth))
-    _box_uv(mesh, shape, tile=3.0)
+    _add_box_uv(mesh, shape, tile=3.0)
     return mesh
 
 
-def _box_uv(mesh: Any, shape: Shape, *, tile: float) -> None:
+def _add_box_uv(mesh: Any, shape: Shape, *, tile: float) -> None:
     """Add a UV map that projects each face along its dominant axis, `tile` meters to the unit square."""
     normals = np.empty(3 * len(mesh.polygons))
     mesh.polygons.foreach_get("normal", normals)

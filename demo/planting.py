@@ -41,14 +41,16 @@ class Planting:
         lying: bool = False,
     ) -> None:
         """Add up to n copies of these meshes or curves to the collection `home`, at least `gap` meters apart."""
-        self._copies(home, kinds, self._spots(self.land.half, n, share, gap=gap), scale, sink, tilt=tilt, lying=lying)
+        self._add_copies(
+            home, kinds, self._random_spots(self.land.half, n, share, gap=gap), scale, sink, tilt=tilt, lying=lying
+        )
 
     def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: PlantDensity) -> list[Any]:
         """Add up to n stones of these shapes, and ten boulders that are larger; return their meshes."""
-        kinds = [vegetation.make_boulder(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)]
+        kinds = [vegetation.make_boulder_mesh(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)]
         self.strew("Rocks", kinds, n, share, gap=4.0, scale=(0.2, 1.35), sink=0.1, tilt=0.3)
-        few = self._spots(0.8 * self.land.half, 10, share, gap=30.0)
-        for boulder in self._copies("Rocks", kinds, few, (1.5, 2.5), 0.4, tilt=0.2):
+        few = self._random_spots(0.8 * self.land.half, 10, share, gap=30.0)
+        for boulder in self._add_copies("Rocks", kinds, few, (1.5, 2.5), 0.4, tilt=0.2):
             finer = boulder.modifiers.new("Subdivision", "SUBSURF")
             finer.levels, finer.render_levels = 1, 2
         return kinds
@@ -59,7 +61,7 @@ class Planting:
         """Add patches of grass some meters wide that lie on the ground, `clumps` in each."""
         blades = earth.leaf_material(f"{name}_Blades", tones)
         patches = [
-            vegetation.make_tussock(
+            vegetation.make_tussock_curves(
                 f"{name}_{k}", blades, height=height, blades=22 * clumps, clumps=clumps, radius=4.5, rng=self.rng
             )
             for k, height in enumerate(heights)
@@ -68,7 +70,7 @@ class Planting:
 
     def outskirts(self, name: str, plants: Sequence[Any], n: int, share: PlantDensity, *, reach: float, group: int) -> None:
         """Plant groups on the surroundings, `reach` meters from the middle and farther than the ground's edge."""
-        spots = self._spots(reach, n, share, gap=12.0, inside=self.land.half + 10)
+        spots = self._random_spots(reach, n, share, gap=12.0, inside=self.land.half + 10)
         members = bpy.data.collections.new(name)
         angles = np.arange(group) * 2.4
         away = 7.5 * np.sqrt((np.arange(group) + 0.5) / group)
@@ -97,9 +99,9 @@ class Planting:
         """Let geometry nodes put copies of one mesh on one ground mesh where it is level."""
         plant = bpy.data.objects.new(name, data)
         plant.scale = (size, size, size)
-        _by_nodes(ground, plant, density=density, seed=int(self.rng.integers(1000)), scale=scale)
+        _scatter_by_geometry_nodes(ground, plant, density=density, seed=int(self.rng.integers(1000)), scale=scale)
 
-    def _spots(self, half: float, n: int, share: PlantDensity, *, gap: float, inside: float = 0.0) -> np.ndarray:
+    def _random_spots(self, half: float, n: int, share: PlantDensity, *, gap: float, inside: float = 0.0) -> np.ndarray:
         """Return up to n places (k, 2) in the square of side 2 * half, outside that of `inside`, `gap` apart."""
         xy = self.rng.uniform(-half, half, (6 * n, 2))
         xy = xy[(np.abs(xy).max(axis=1) >= inside) & (self.rng.random(len(xy)) < share(xy[:, 0], xy[:, 1]))]
@@ -115,7 +117,7 @@ class Planting:
                     break
         return np.array(chosen).reshape(-1, 2)
 
-    def _copies(
+    def _add_copies(
         self,
         home: str,
         kinds: Sequence[Any],
@@ -146,7 +148,7 @@ class Planting:
         return things
 
 
-def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tuple[float, float]) -> None:
+def _scatter_by_geometry_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tuple[float, float]) -> None:
     tree = bpy.data.node_groups.new(f"Scatter_{ground.name}", "GeometryNodeTree")
     tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
@@ -173,8 +175,8 @@ def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tupl
     thin = node("ShaderNodeMapRange", Value=noise, From_Min=0.45, From_Max=0.7, To_Min=0.0, To_Max=density).outputs[0]
     points = node("GeometryNodeDistributePointsOnFaces", Mesh=source, Selection=flat.outputs[0], Density=thin, Seed=seed)
     pool = node("GeometryNodeCollectionInfo", Collection=made, Separate_Children=True, Reset_Children=True).outputs[0]
-    turn = _random_value(tree, "FLOAT_VECTOR", (0, 0, 0), (0, 0, 6.28))
-    size = _random_value(tree, "FLOAT", *scale)
+    turn = _add_random_value_node(tree, "FLOAT_VECTOR", (0, 0, 0), (0, 0, 6.28))
+    size = _add_random_value_node(tree, "FLOAT", *scale)
     euler = node("FunctionNodeEulerToRotation", Euler=turn).outputs[0]
     placed = node(
         "GeometryNodeInstanceOnPoints", Points=points.outputs[0], Instance=pool, Pick_Instance=True, Rotation=euler, Scale=size
@@ -186,7 +188,7 @@ def _by_nodes(ground: Any, plant: Any, *, density: float, seed: int, scale: tupl
     ground.modifiers.new("Scatter", "NODES").node_group = tree
 
 
-def _random_value(tree: bpy.types.NodeTree, kind: str, low: object, high: object) -> bpy.types.NodeSocket:
+def _add_random_value_node(tree: bpy.types.NodeTree, kind: str, low: object, high: object) -> bpy.types.NodeSocket:
     """Add random values in a range; Blender 5.0 gives the node sockets of every kind and enables those of its own."""
     new = tree.nodes.new("FunctionNodeRandomValue")
     new.data_type = kind

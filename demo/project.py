@@ -14,9 +14,9 @@ from cyclopts import Parameter
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import AssetError, ConfigError, HulldownError
 from hulldown.base.files import atomic_writer
-from hulldown.base.outputs import claim_file
+from hulldown.base.outputs import require_replaceable_file
 from hulldown.base.terminal import progress_bar
-from hulldown.dataset.store.document import is_own
+from hulldown.dataset.store.document import is_hulldown_dataset
 from hulldown.demo.catalog import (
     CAMOUFLAGE_MATERIALS,
     DISTRACTORS,
@@ -29,9 +29,15 @@ from hulldown.demo.catalog import (
 )
 from hulldown.demo.make_assets import build_demo_assets
 from hulldown.plan.config.asset_sections import CACHE_NAME
-from hulldown.plan.config.config_keys import bare_text, config_text
-from hulldown.planning.inputs.camera_file import read_camera
-from hulldown.planning.inputs.found_assets import asset_files, found_config, keep_doubts, missing_kinds, read_found
+from hulldown.plan.config.config_keys import config_text, example_config_text
+from hulldown.planning.inputs.camera_file import read_calibration_as_config
+from hulldown.planning.inputs.found_assets import (
+    found_config_text,
+    missing_asset_kinds,
+    read_found_files,
+    relative_asset_files,
+    store_stated_doubts,
+)
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 CONFIG_NAME = "hulldown.toml"
@@ -83,18 +89,18 @@ AERIAL_KEYS = {
 }
 
 
-def write_config(folder: Path, text: str) -> Path:
+def write_config_text(folder: Path, text: str) -> Path:
     """Write a config into `folder`, and return its path."""
     config = folder / CONFIG_NAME
-    refuse_config(config)
+    refuse_existing_config(config)
     with atomic_writer(config) as file:
         file.write(text.encode())
     return config
 
 
-def refuse_config(config: Path) -> None:
+def refuse_existing_config(config: Path) -> None:
     """Raise ConfigError if there is a config, which is the user's, or a dataset."""
-    if is_own(config.parent):
+    if is_hulldown_dataset(config.parent):
         raise ConfigError("is a dataset", path=config.parent, remedy="name another folder")
     if config.exists():
         raise ConfigError("is there already", path=config, remedy="delete it or name another folder")
@@ -141,40 +147,40 @@ def create_project(
     folder = Path(folder)
     if bare + small + (source is not None) > 1:
         raise HulldownError("--bare, --small, and --from exclude each other", remedy="give one of them")
-    values = {**(AERIAL_KEYS if aerial else {}), **(read_camera(Path(camera)) if camera else {})}
+    values = {**(AERIAL_KEYS if aerial else {}), **(read_calibration_as_config(Path(camera)) if camera else {})}
     if source is not None:
-        return _write_project(Path(source), folder, values, limits)
-    refuse_config(folder / CONFIG_NAME)
-    claim_file(folder / CONFIG_NAME, "a config")
+        return _create_project_from_files(Path(source), folder, values, limits)
+    refuse_existing_config(folder / CONFIG_NAME)
+    require_replaceable_file(folder / CONFIG_NAME, "a config")
     if bare:
-        return write_config(folder, bare_text(values))
+        return write_config_text(folder, example_config_text(values))
     with progress_bar("building demo assets") as advance:
         build_demo_assets(folder, seed=seed, progress=advance)
-    return write_config(folder, project_text(small=small, values=values))
+    return write_config_text(folder, demo_config_text(small=small, values=values))
 
 
-def _write_project(source: Path, folder: Path, values: Mapping[str, object], limits: ReadLimits) -> Path:
-    refuse_config(folder / CONFIG_NAME)
-    files = asset_files(source)
+def _create_project_from_files(source: Path, folder: Path, values: Mapping[str, object], limits: ReadLimits) -> Path:
+    refuse_existing_config(folder / CONFIG_NAME)
+    files = relative_asset_files(source)
     cache, new = folder / CACHE_NAME, not folder.exists()
     try:
-        found = read_found(source, files, cache, limits=limits)
+        found = read_found_files(source, files, cache, limits=limits)
     except AssetError:
         if new and cache.is_dir():
             shutil.rmtree(cache)
             folder.rmdir()
         raise
-    claim_file(folder / CONFIG_NAME, "a config")
-    config = write_config(folder, found_config(source, found, folder, values))
-    keep_doubts(found, source, config, cache)
-    for word in missing_kinds(found):
+    require_replaceable_file(folder / CONFIG_NAME, "a config")
+    config = write_config_text(folder, found_config_text(source, found, folder, values))
+    store_stated_doubts(found, source, config, cache)
+    for word in missing_asset_kinds(found):
         warnings.warn(f"no {word} was found in {source}; name one in {config}", stacklevel=2)
     if unused := len(files) - len({file.path for file in found if file.kind}):
         warnings.warn(f"{unused} of {len(files)} files aren't used, see the reasons in {config}", stacklevel=2)
     return config
 
 
-def project_text(*, small: bool = False, values: Mapping[str, object] = NO_KEYS) -> str:
+def demo_config_text(*, small: bool = False, values: Mapping[str, object] = NO_KEYS) -> str:
     """Return the config that `create_project` writes."""
     return config_text(
         vehicles=[

@@ -75,7 +75,7 @@ class Course:
         return np.convolve(padded, np.ones(n) / n, mode="valid")
 
 
-def make_sheet(xs: Field, ys: Field, height: Height) -> tuple[np.ndarray, np.ndarray]:
+def grid_vertices_and_quads(xs: Field, ys: Field, height: Height) -> tuple[np.ndarray, np.ndarray]:
     """Return vertices (v, 3) and quads (f, 4) of the terrain over a grid of lines x and y."""
     x, y = np.meshgrid(xs, ys, indexing="ij")
     vertices = np.stack([x, y, height(x, y)], axis=-1).reshape(-1, 3)
@@ -88,7 +88,7 @@ def grid_quads(rows: int, columns: int) -> np.ndarray:
     return np.stack([first, first + columns, first + columns + 1, first + 1], axis=-1)
 
 
-def make_ribbon(course: Course, z: Field, across: Field, rise: Field) -> tuple[np.ndarray, np.ndarray]:
+def ribbon_vertices_and_quads(course: Course, z: Field, across: Field, rise: Field) -> tuple[np.ndarray, np.ndarray]:
     """Return a strip along a course: at each offset to the left a rise above the course's profile z."""
     xy = course.xy[:, None] + course.left[:, None] * across[None, :, None]
     height = z[:, None] + rise[None]

@@ -65,19 +65,19 @@ def loft_rings(rings: ArrayLike, *, hollow: bool = False) -> Shape:
         for i in range(m):
             j, above = (i + 1) % m, (k + 1) % n
             faces.append((k * m + i, k * m + j, above * m + j, above * m + i))
-    return _orient_outward(Shape(corners.reshape(-1, 3), tuple(faces)))
+    return _with_faces_outward(Shape(corners.reshape(-1, 3), tuple(faces)))
 
 
-def make_block(low: Point, high: Point) -> Shape:
+def make_corner_box(low: Point, high: Point) -> Shape:
     """Return a box between two corners."""
     (x0, y0, z0), (x1, y1, z1) = low, high
     return stack_outlines([(z0, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)]), (z1, [(x0, y0), (x1, y0), (x1, y1), (x0, y1)])])
 
 
-def make_box(size: Point, at: Point) -> Shape:
+def make_standing_box(size: Point, at: Point) -> Shape:
     """Return a box of a size standing on the point `at`, the middle of its underside."""
     (sx, sy, sz), (x, y, z) = size, at
-    return make_block((x - sx / 2, y - sy / 2, z), (x + sx / 2, y + sy / 2, z + sz))
+    return make_corner_box((x - sx / 2, y - sy / 2, z), (x + sx / 2, y + sy / 2, z + sz))
 
 
 def stack_outlines(levels: Sequence[tuple[Number, Outline]]) -> Shape:
@@ -85,23 +85,23 @@ def stack_outlines(levels: Sequence[tuple[Number, Outline]]) -> Shape:
     return loft_rings([[(x, y, z) for x, y in outline] for z, outline in levels])
 
 
-def make_prism(outline: Outline, y0: Number, y1: Number) -> Shape:
+def extrude_along_y(outline: Outline, y0: Number, y1: Number) -> Shape:
     """Return a side profile (x, z) drawn out from y0 to y1."""
     return loft_rings([[(x, y, z) for x, z in outline] for y in (y0, y1)])
 
 
-def make_slab(outline: Outline, half_width: float) -> Shape:
+def extrude_about_middle(outline: Outline, half_width: float) -> Shape:
     """Return a side profile (x, z) drawn out to both sides of the middle."""
-    return make_prism(outline, -half_width, half_width)
+    return extrude_along_y(outline, -half_width, half_width)
 
 
-def turn_profile(profile: Outline, *, sides: int = 20, hollow: bool = False) -> Shape:
+def revolve_about_y(profile: Outline, *, sides: int = 20, hollow: bool = False) -> Shape:
     """Turn a profile (radius, y) about the y axis: solid between its ends, or a ring round its closed outline."""
     angles = np.arange(sides) * 2 * np.pi / sides
     return loft_rings([[(r * np.cos(a), y, r * np.sin(a)) for a in angles] for r, y in profile], hollow=hollow)
 
 
-def make_tube(start: Point, end: Point, radius: float, end_radius: float | None = None, *, sides: int = 12) -> Shape:
+def make_cylinder(start: Point, end: Point, radius: float, end_radius: float | None = None, *, sides: int = 12) -> Shape:
     """Return a cylinder, or a cone where the end radius differs, between two points."""
     a, b = np.asarray(start, float), np.asarray(end, float)
     along = (b - a) / np.linalg.norm(b - a)
@@ -112,23 +112,23 @@ def make_tube(start: Point, end: Point, radius: float, end_radius: float | None 
     return loft_rings([a + radius * circle, b + (radius if end_radius is None else end_radius) * circle])
 
 
-def profile_tube(stations: Sequence[tuple[float, float]], *, sides: int = 14, z: float = 0.0) -> Shape:
+def revolve_about_x(stations: Sequence[tuple[float, float]], *, sides: int = 14, z: float = 0.0) -> Shape:
     """Return a round body along +x through stations (x, radius): a barrel, a missile."""
-    return turn_profile([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(z=z)
+    return revolve_about_y([(r, x) for x, r in stations], sides=sides).turned("z", -90).moved(z=z)
 
 
-def path_tube(points: Sequence[Point], radius: float, *, sides: int = 6) -> Shape:
+def make_bent_bar(points: Sequence[Point], radius: float, *, sides: int = 6) -> Shape:
     """Return a bent bar through points: a rail, a hoop, a handle."""
-    return join_shapes(make_tube(a, b, radius, sides=sides) for a, b in pairwise(points))
+    return join_shapes(make_cylinder(a, b, radius, sides=sides) for a, b in pairwise(points))
 
 
-def tarpaulin_hoop(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
+def tarpaulin_hoop_points(x: float, half: float, z0: float, z1: float) -> list[tuple[float, float, float]]:
     """Return a tarpaulin hoop's points across the vehicle at x: upright sides, a rounded roof."""
     bow = [(half, z0), (half, z1 - 0.42), (half * 0.93, z1 - 0.2), (half * 0.72, z1 - 0.06), (half * 0.35, z1)]
     return [(x, y, z) for y, z in bow] + [(x, -y, z) for y, z in reversed(bow)]
 
 
-def make_shell(rows: ArrayLike, *, thickness: float) -> Shape:
+def thicken_surface(rows: ArrayLike, *, thickness: float) -> Shape:
     """Return a sheet through rows of points, as a thin solid: each strip is drawn inward (down) by the thickness."""
     outer = np.array(rows, float)
     center = outer.mean(axis=(0, 1))
@@ -141,7 +141,7 @@ def make_shell(rows: ArrayLike, *, thickness: float) -> Shape:
         for i in range(m - 1):
             a, b, c, d = k * m + i, k * m + i + 1, (k + 1) * m + i + 1, (k + 1) * m + i
             faces += [(a, b, c, d), (d + n * m, c + n * m, b + n * m, a + n * m)]
-    return _orient_outward(Shape(points, tuple(faces)))
+    return _with_faces_outward(Shape(points, tuple(faces)))
 
 
 def make_ellipsoid(size: Point, at: Point, *, sides: int = 16, rings: int = 8, floor: float = -1.0) -> Shape:
@@ -171,12 +171,12 @@ def make_track(circles: Sequence[tuple[float, float, float]], y: float, width: f
     for i in range(links):
         j = (i + 1) % links
         lean = np.degrees(np.arctan2(z[j] - z[i], x[j] - x[i]))
-        link = make_prism([(-half, 0), (half, 0), (half * 0.8, -thick), (-half * 0.8, -thick)], -width / 2, width / 2)
+        link = extrude_along_y([(-half, 0), (half, 0), (half * 0.8, -thick), (-half * 0.8, -thick)], -width / 2, width / 2)
         shapes.append(link.turned("y", -lean).moved((x[i] + x[j]) / 2, y, (z[i] + z[j]) / 2))
     return join_shapes(shapes)
 
 
-def _orient_outward(shape: Shape) -> Shape:
+def _with_faces_outward(shape: Shape) -> Shape:
     points = shape.vertices - shape.vertices.mean(axis=0)
     volume = 0.0
     for face in shape.faces:

@@ -47,14 +47,14 @@ def copy_studio_hdri(name: str, folder: Path) -> Path:
     return path
 
 
-def write_sky(name: str, folder: Path) -> Path:
+def render_sky_hdri(name: str, folder: Path) -> Path:
     """Compute one of `SKY_RECIPES` and save it as folder/<name>.exr, equirectangular, in scene-linear radiance."""
     sky = SKY_RECIPES[name]
     bpy.ops.wm.read_factory_settings(use_empty=True)
     scene = bpy.context.scene
     world = scene.world = bpy.data.worlds.new(name)
     world.cycles.sampling_method = "NONE"  # it lights nothing here
-    _build_sky(world.node_tree, sky)
+    _build_sky_nodes(world.node_tree, sky)
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     camera.data.type = "PANO"
     camera.data.panorama_type = "EQUIRECTANGULAR"
@@ -76,12 +76,12 @@ def write_sky(name: str, folder: Path) -> Path:
     raw, path = folder / f".{name}.raw.exr", folder / f"{name}.exr"
     scene.render.filepath = str(raw)
     bpy.ops.render.render(write_still=True)
-    _finish_sky(raw, path, scene, sky)
+    _add_sun_and_save_sky(raw, path, scene, sky)
     raw.unlink()
     return path
 
 
-def _build_sky(tree: Any, sky: Sky) -> None:
+def _build_sky_nodes(tree: Any, sky: Sky) -> None:
     tree.nodes.clear()
 
     def node(kind: str, *inputs: Any, **settings: Any) -> Any:
@@ -122,7 +122,7 @@ def _build_sky(tree: Any, sky: Sky) -> None:
     node("OutputWorld", background)
 
 
-def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
+def _add_sun_and_save_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     """Add earth and sun; scale so that a white sheet under this sky has its `light`; store in half floats."""
     image = bpy.data.images.load(str(raw))
     width, height = image.size
@@ -138,7 +138,9 @@ def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
     rows[..., :3] += (earth - rows[..., :3]) * depth
     rise = np.radians(sky.sun_elevation_deg)
     radiance = sky.sun_share * sky.light / np.sin(rise) / (SUN_DIAMETER_RADIANS / 2) ** 2
-    rows[..., :3] += radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun_disc(width, height, rise)[..., None]
+    rows[..., :3] += (
+        radiance * np.array(sky.sun_color) / np.mean(sky.sun_color) * _sun_pixel_coverage(width, height, rise)[..., None]
+    )
     image.pixels.foreach_set(np.minimum(rows, 60000.0).ravel())
     settings = scene.render.image_settings
     settings.color_depth, settings.exr_codec = "16", "DWAA"
@@ -146,7 +148,7 @@ def _finish_sky(raw: Path, path: Path, scene: Any, sky: Sky) -> None:
         image.save_render(file.name, scene=scene)
 
 
-def _sun_disc(width: int, height: int, rise: float) -> np.ndarray:
+def _sun_pixel_coverage(width: int, height: int, rise: float) -> np.ndarray:
     """Return the (h, w) share of each pixel that the sun's disc covers, at half the width and the elevation `rise`."""
     fine = (np.arange(8) + 0.5) / 8
     elevation = ((np.arange(height)[:, None] + fine) / height).ravel() * np.pi - np.pi / 2

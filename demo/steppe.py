@@ -8,9 +8,9 @@ import bpy
 import numpy as np
 
 from hulldown.demo import earth, vegetation
-from hulldown.demo.land import Land, highest_surface, level_road, make_mound, make_patch
+from hulldown.demo.land import Land, patch_vertices_and_quads, surface_leveled_along_road, surface_with_mound, upper_envelope
 from hulldown.demo.planting import Planting
-from hulldown.demo.relief import Course, Height, Noise, make_sheet, smoothstep
+from hulldown.demo.relief import Course, Height, Noise, grid_vertices_and_quads, smoothstep
 
 STEPPE_SOIL = earth.Soil(
     cover=("#836a45", "#b29a70", "#725c3d"),
@@ -36,7 +36,7 @@ WADI_COURSE = [(-330, 60), (-220, 90), (-130, 20), (-40, 60), (40, 10), (120, 60
 TRACK_COURSE = [(-299, -155), (-180, -110), (-60, -150), (50, -90), (160, -130), (299, -75)]
 
 
-def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
+def write_dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     """Return a plain with dunes, a wadi with steep banks, rocks and shrubs, a gravel track, 600 m square."""
     land, noise = Land(300.0), Noise(rng)
     wadi, course = Course(WADI_COURSE), Course(TRACK_COURSE)
@@ -50,7 +50,7 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
         return plain(x, y) - 4.2 * smoothstep(bed, width + 5.5, width) + 0.25 * noise(x, y, 9.0, octaves=2)
 
     level = course.profile(plain)
-    ground = level_road(carved, course, level, reach=(4.5, 12.0))
+    ground = surface_leveled_along_road(carved, course, level, reach=(4.5, 12.0))
 
     def dune(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         # Wind from the west: long slopes rise to sharp crests, slip faces fall at 33 degrees behind them.
@@ -60,13 +60,13 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
         cover = smoothstep(np.hypot((x - 120) / 150, (y - 185) / 90), 1.0, 0.45)
         return ground(x, y) - 0.8 + cover * (1.2 + 7.5 * ridge)
 
-    mesa = make_mound((-190.0, 200.0), (75.0, 60.0), 10.0, 24.0, ground, steep=1.6)
+    mesa = surface_with_mound((-190.0, 200.0), (75.0, 60.0), 10.0, 24.0, ground, steep=1.6)
     field = np.linspace(-land.half, land.half, 241)
     earthy, sand = earth.ground_material("Steppe_Ground", STEPPE_SOIL), earth.ground_material("Dune_Sand", SAND_SOIL)
-    plain_mesh = land.add("Ground_Plain", make_sheet(field, field, ground), earthy, home="Terrain")
-    dunes = make_sheet(np.linspace(-40, 280, 161), np.linspace(90, 280, 96), dune)
+    plain_mesh = land.add("Ground_Plain", grid_vertices_and_quads(field, field, ground), earthy, home="Terrain")
+    dunes = grid_vertices_and_quads(np.linspace(-40, 280, 161), np.linspace(90, 280, 96), dune)
     land.add("Sand_Dunes", dunes, sand, home="Terrain")
-    land.add("Terrain_Mesa", make_patch((-190, 200), 82, mesa), earthy, home="Terrain")
+    land.add("Terrain_Mesa", patch_vertices_and_quads((-190, 200), 82, mesa), earthy, home="Terrain")
     gravel = earth.road_material("Gravel", ("#a8926c", "#bda985"), "#a98f66", half=2.4)
     land.road("Track_Gravel", course, level, gravel, half=2.4)
 
@@ -79,7 +79,7 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
         clear = course.clear(x, y, 5.0) * (dune(x, y) < ground(x, y))
         return (0.2 + smoothstep(noise(x + 300, y, 60.0, octaves=3), -0.1, 0.5)) * clear
 
-    _add_plants(Planting(land, highest_surface(ground, dune, mesa), rng), dry, wadi, plain_mesh)
+    _add_steppe_plants_and_rocks(Planting(land, upper_envelope(ground, dune, mesa), rng), dry, wadi, plain_mesh)
     lamp = bpy.data.objects.new("Sun_Weak", bpy.data.lights.new("Sun_Weak", "SUN"))
     lamp.data.energy, lamp.data.angle = 0.15, 0.02
     lamp.rotation_euler = (0.8, 0.1, 2.0)
@@ -88,15 +88,15 @@ def dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     return land.save(path)
 
 
-def _add_plants(planting: Planting, dry: Height, wadi: Course, plain_mesh: object) -> None:
+def _add_steppe_plants_and_rocks(planting: Planting, dry: Height, wadi: Course, plain_mesh: object) -> None:
     rng = planting.rng
     wood = earth.bark_material("Dry_Bark", "#6e5a44")
     scrub = earth.leaf_material("Scrub_Leaves", ("#5b5a34", "#8b8152"))
     shrubs = [
-        vegetation.make_bush(f"Shrub_{k}", [wood, scrub], height=h, rng=rng, leaf=0.07, clumps=c)
+        vegetation.make_bush_mesh(f"Shrub_{k}", [wood, scrub], height=h, rng=rng, leaf=0.07, clumps=c)
         for k, (h, c) in enumerate([(0.7, 6), (1.1, 8), (1.6, 9)])
     ]
-    thorn = [vegetation.make_broadleaf("Tree_Thorn", [wood, scrub], height=5.0, spread=2.8, rng=rng)]
+    thorn = [vegetation.make_broadleaf_mesh("Tree_Thorn", [wood, scrub], height=5.0, spread=2.8, rng=rng)]
 
     def shape_along_course(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return (np.abs(wadi.nearest(x, y)[0] - 22.0) < 7.0).astype(float)

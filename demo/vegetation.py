@@ -74,7 +74,7 @@ def _add_foliage(plant: Plant, center: np.ndarray, size: np.ndarray, n: int, lea
     plant.sprays(at, along, across)
 
 
-def make_broadleaf(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
+def make_broadleaf_mesh(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
     """Return a tree with a forked trunk and a crown of clumps."""
     plant = Plant()
     fork = height * 0.32
@@ -102,7 +102,7 @@ def make_broadleaf(name: str, materials: list[Any], *, height: float, spread: fl
     return plant.mesh(name, materials)
 
 
-def make_conifer(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
+def make_conifer_mesh(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
     """Return a spruce: whorls of drooping fronds that get shorter to the top."""
     plant = Plant()
     t = np.linspace(-0.03, 1, 5)
@@ -128,7 +128,7 @@ def make_conifer(name: str, materials: list[Any], *, height: float, spread: floa
     return plant.mesh(name, materials)
 
 
-def make_bush(
+def make_bush_mesh(
     name: str, materials: list[Any], *, height: float, rng: np.random.Generator, leaf: float = 0.11, clumps: int = 7
 ) -> Any:
     """Return a bush of leafy clumps on a few stems."""
@@ -143,7 +143,7 @@ def make_bush(
     return plant.mesh(name, materials)
 
 
-def make_tussock(
+def make_tussock_curves(
     name: str, material: Any, *, height: float, blades: int, clumps: int, radius: float, rng: np.random.Generator
 ) -> Any:
     """Return clumps of grass as hair curves: seen by the camera, but nothing a vehicle could not stand on."""
@@ -167,7 +167,7 @@ def make_tussock(
     return curves
 
 
-def make_boulder(name: str, material: Any, *, flat: float, rng: np.random.Generator) -> Any:
+def make_boulder_mesh(name: str, material: Any, *, flat: float, rng: np.random.Generator) -> Any:
     """Return a weathered block about a meter in radius, sunk a little."""
     noise = Noise(rng)
     lat, lon = np.linspace(-np.pi / 2, np.pi / 2, 15), np.linspace(0, 2 * np.pi, 25)

@@ -24,16 +24,16 @@ SPRING_PAINT = ("#55633a", "#8d8257", "#30352a")
 DUST_COLORS = {"earth": "#7d6b50", "sand": "#b59b74"}
 
 VEHICLE_LOOKS = {  # paint colors, dust, size of the patches, file units in a meter
-    "mbt_wedge": (tanks_plated.mbt_wedge, NATO_PAINT, "earth", 1.0, 1.0),
-    "mbt_dome": (tanks_cast.mbt_dome, OLIVE_PAINT, "earth", 1.2, 1.0),
-    "mbt_slab": (tanks_plated.mbt_slab, SAND_PAINT, "sand", 1.0, 1.0),
-    "mbt_classic": (tanks_cast.mbt_classic, STEPPE_PAINT, "earth", 1.1, 1.0),
-    "truck_canvas": (trucks.truck_canvas, OLIVE_PAINT, "earth", 1.3, 1.0),
-    "truck_cargo": (trucks.truck_cargo, NATO_PAINT, "earth", 1.0, 1.0),
-    "truck_tanker": (trucks.truck_tanker, SAND_PAINT, "sand", 1.3, 100.0),
-    "sam_canister": (launchers.sam_canister, SPRING_PAINT, "earth", 1.2, 1.0),
-    "sam_rails": (launchers.sam_rails, ("#59603f", "#3f4630"), "earth", 1.2, 1.0),
-    "sam_turret": (launchers.sam_turret, OLIVE_PAINT, "earth", 1.0, 1.0),
+    "mbt_wedge": (tanks_plated.build_wedge_tank, NATO_PAINT, "earth", 1.0, 1.0),
+    "mbt_dome": (tanks_cast.build_dome_tank, OLIVE_PAINT, "earth", 1.2, 1.0),
+    "mbt_slab": (tanks_plated.build_slab_tank, SAND_PAINT, "sand", 1.0, 1.0),
+    "mbt_classic": (tanks_cast.build_classic_tank, STEPPE_PAINT, "earth", 1.1, 1.0),
+    "truck_canvas": (trucks.build_canvas_truck, OLIVE_PAINT, "earth", 1.3, 1.0),
+    "truck_cargo": (trucks.build_cargo_truck, NATO_PAINT, "earth", 1.0, 1.0),
+    "truck_tanker": (trucks.build_tanker_truck, SAND_PAINT, "sand", 1.3, 100.0),
+    "sam_canister": (launchers.build_canister_launcher, SPRING_PAINT, "earth", 1.2, 1.0),
+    "sam_rails": (launchers.build_rail_launcher, ("#59603f", "#3f4630"), "earth", 1.2, 1.0),
+    "sam_turret": (launchers.build_turret_launcher, OLIVE_PAINT, "earth", 1.0, 1.0),
 }
 
 
@@ -45,15 +45,21 @@ VEHICLE_TEXTURES = {
 
 
 DISTRACTORS: dict[str, tuple[Callable[..., None], Callable[[], Any]]] = {  # what builds it, and the material of its body
-    "civilian_car": (cars.civilian_car, lambda: materials.gloss_paint("#7d1f1c", dust=DUST_COLORS["earth"])),
-    "panel_van": (cars.panel_van, lambda: materials.gloss_paint("#d9dad6", dust=DUST_COLORS["earth"])),
-    "container": (container.add_container, lambda: materials.rusted_paint("Paint", "#2f5f7d", rust="#6b3a22", share=0.35)),
+    "civilian_car": (cars.build_civilian_car, lambda: materials.gloss_paint_material("#7d1f1c", dust=DUST_COLORS["earth"])),
+    "panel_van": (cars.build_panel_van, lambda: materials.gloss_paint_material("#d9dad6", dust=DUST_COLORS["earth"])),
+    "container": (
+        container.build_container,
+        lambda: materials.rusted_paint_material("Paint", "#2f5f7d", rust="#6b3a22", share=0.35),
+    ),
     **{
-        name: (partial(civilian.add_civilian, name=name), lambda: materials.gloss_paint("#8d9194", dust=DUST_COLORS["earth"]))
+        name: (
+            partial(civilian.build_civilian_vehicle, name=name),
+            lambda: materials.gloss_paint_material("#8d9194", dust=DUST_COLORS["earth"]),
+        )
         for name in CIVILIAN_NAMES
     },
 }
-# Where one differs from `_vehicle_paints`: a part's name there, and the material in its place.
+# Where one differs from `_paints_with_body`: a part's name there, and the material in its place.
 OTHER_BUILDERS = {
     **{
         name: {"canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03)}
@@ -64,11 +70,11 @@ OTHER_BUILDERS = {
 }
 
 
-def write_distractor(name: str, folder: Path) -> Path:
+def build_distractor_file(name: str, folder: Path) -> Path:
     """Model one thing that is no target and save it as folder/<name>.blend."""
     build, body = DISTRACTORS[name]
     model = BlendModel(name)
-    build(model, replace(_vehicle_paints(body()), **{part: make() for part, make in OTHER_BUILDERS.get(name, {}).items()}))
+    build(model, replace(_paints_with_body(body()), **{part: make() for part, make in OTHER_BUILDERS.get(name, {}).items()}))
     return _save_model(model, name, folder)
 
 
@@ -76,24 +82,24 @@ def build_vehicle_file(name: str, folder: Path, *, rng: np.random.Generator) -> 
     """Model one vehicle and save it as folder/<name>.blend, and its texture, if it has one, in folder/textures."""
     if name in VEHICLE_TEXTURES:
         file, blocks = VEHICLE_TEXTURES[name]
-        materials.block_pattern(folder / "textures" / file, blocks, rng=rng)
+        materials.write_block_camouflage(folder / "textures" / file, blocks, rng=rng)
     build, colors, dust, size, unit = VEHICLE_LOOKS[name]
     model = BlendModel(name, unit=unit)
     build(
         model,
-        _vehicle_paints(materials.camouflage_paint("Camouflage", colors, dust=DUST_COLORS[dust], unit=unit, size=size)),
+        _paints_with_body(materials.camouflage_material("Camouflage", colors, dust=DUST_COLORS[dust], unit=unit, size=size)),
         folder,
     )
     return _save_model(model, name, folder)
 
 
-def _vehicle_paints(body: Any) -> Paints:
+def _paints_with_body(body: Any) -> Paints:
     return Paints(
         body=body,
         rubber=materials.plain_material("Rubber", "#2b2a28", rough=0.85, mottle=0.3),
         steel=materials.plain_material("Steel", "#5e5c57", rough=0.5, metal=0.6),
         dark=materials.plain_material("Dark_Steel", "#35332f", rough=0.7, metal=0.3, mottle=0.3),
-        glass=materials.dark_glass(),
+        glass=materials.dark_glass_material(),
         canvas=materials.plain_material("Canvas", "#5b5840", rough=0.95, mottle=0.25),
         wood=materials.plain_material("Wood", "#7a6444", rough=0.8, mottle=0.3),
         lamp=materials.plain_material("Lamp", "#d8d6c8", rough=0.1, mottle=0.02),

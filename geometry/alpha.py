@@ -80,14 +80,14 @@ class AlphaMap:
             return np.clip(values, np.float32(0.0), np.float32(1.0))
         return np.interp(values, TEXEL_GRADES, self.curve).astype(np.float32)
 
-    def graded_texels(self) -> Float32[np.ndarray, "h w"]:
+    def texel_opacity(self) -> Float32[np.ndarray, "h w"]:
         """Opacity at the middle of every texel."""
         return self.apply_curve(_unit_values(self.texels))
 
 
-def fewer_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
+def shrink_alpha_texels(alpha: AlphaMap, longest: int) -> UInt8[np.ndarray, "h w"]:
     """Return the texels of a smaller map, `longest` at most: curve before mean, to keep as much surface opaque."""
-    opacity = alpha.graded_texels().astype(np.float64)
+    opacity = alpha.texel_opacity().astype(np.float64)
     height, width = opacity.shape
     for axis in (0, 1):
         wanted = max(1, round(opacity.shape[axis] * longest / max(height, width)))
@@ -114,7 +114,7 @@ class TexelCounts:
     """
 
     def __init__(self, alpha: AlphaMap, marks: Callable[[np.ndarray], Bool[np.ndarray, "..."]]) -> None:
-        self._alpha, marked = alpha, marks(alpha.graded_texels())
+        self._alpha, marked = alpha, marks(alpha.texel_opacity())
         self._outside = marks(alpha.apply_curve(np.zeros(1, dtype=np.float32)))[0]
         height, width = marked.shape
         self._sums = np.zeros((height + 1, width + 1), dtype=np.int64)
@@ -131,19 +131,28 @@ class TexelCounts:
         end = np.floor(high * size + room) + 1
         total = (end - first).prod(axis=1)
         if self._alpha.extension == Extension.REPEAT:
-            return self._count_window(first, end), total
+            return self._count_marked_in_window(first, end), total
         kept_first, kept_end = np.clip(first, 0, size), np.clip(end, 0, size)
         if self._alpha.extension == Extension.EXTEND:
             kept_first, kept_end = np.minimum(kept_first, size - 1), np.maximum(kept_end, 1)
-            return self._count_window(kept_first, kept_end), (kept_end - kept_first).prod(axis=1)
+            return self._count_marked_in_window(kept_first, kept_end), (kept_end - kept_first).prod(axis=1)
         beyond = total - (kept_end - kept_first).prod(axis=1)
-        return self._count_window(kept_first, kept_end) + beyond * self._outside, total
+        return self._count_marked_in_window(kept_first, kept_end) + beyond * self._outside, total
 
-    def _count_window(self, first: Float[np.ndarray, "m 2"], end: Float[np.ndarray, "m 2"]) -> Float[np.ndarray, " m"]:
+    def _count_marked_in_window(
+        self, first: Float[np.ndarray, "m 2"], end: Float[np.ndarray, "m 2"]
+    ) -> Float[np.ndarray, " m"]:
         a, b, c, d = first[:, 0], first[:, 1], end[:, 0], end[:, 1]
-        return self._count_corner(c, d) - self._count_corner(a, d) - self._count_corner(c, b) + self._count_corner(a, b)
+        return (
+            self._count_marked_below_corner(c, d)
+            - self._count_marked_below_corner(a, d)
+            - self._count_marked_below_corner(c, b)
+            + self._count_marked_below_corner(a, b)
+        )
 
-    def _count_corner(self, column: Float[np.ndarray, " m"], row: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
+    def _count_marked_below_corner(
+        self, column: Float[np.ndarray, " m"], row: Float[np.ndarray, " m"]
+    ) -> Float[np.ndarray, " m"]:
         """Return marked texels left of a column and below a row of the plane that the image repeats over."""
         height, width = self._alpha.texels.shape
         times_x, left_x = np.divmod(column, width)

@@ -42,11 +42,11 @@ class BoxTree:
                 break
             boxes = np.concatenate([grouped[..., :d].min(axis=1), grouped[..., d:].max(axis=1)], axis=1)
 
-    def crossed_boxes(
+    def ray_box_crossings(
         self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"], max_distance: Float[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Float[np.ndarray, " p"]]:
         """Return all boxes that each ray crosses, or nearly, within its distance in lengths of the direction."""
-        first = self._ray_packets(origins, directions)
+        first = self._packet_starts(origins, directions)
         count = np.diff(first, append=len(origins))
         # A packet's origins and directions lie between these, and every box that one of its rays crosses meets what
         # lies between them. Rounding is monotone, so this holds in float64, too.
@@ -83,12 +83,12 @@ class BoxTree:
             pair, number = group_and_rank(count[some])
             ray, places = first[some][pair] + number, place[i : i + NODE_PAIRS_PER_BLOCK][pair]
             bounds = self._levels[-1][places // TREE_FANOUT, :, places % TREE_FANOUT] if self._levels else np.zeros((0, 6))
-            crossed, entry = _entry_distances(bounds, origins[ray], directions[ray], max_distance[ray])
+            crossed, entry = _crossed_rows_and_entries(bounds, origins[ray], directions[ray], max_distance[ray])
             blocks.append((ray[crossed], self._order[places[crossed]], entry))
         rays, boxes, entry = (np.concatenate(part) for part in zip(*blocks, strict=True))
         return rays, boxes, entry
 
-    def _ray_packets(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " p"]:
+    def _packet_starts(self, origins: Float[np.ndarray, "n 3"], directions: Float[np.ndarray, "n 3"]) -> Int[np.ndarray, " p"]:
         """Return the first ray of each packet: rays side by side that go much the same way, or one ray alone."""
         block = np.arange(0, len(origins), PACKET_RAYS)
         alone = np.ones(len(block), dtype=bool)
@@ -137,7 +137,7 @@ class BoxTree:
         return query, place
 
 
-def _entry_distances(
+def _crossed_rows_and_entries(
     bounds: Float[np.ndarray, "p 6"],
     start: Float[np.ndarray, "p 3"],
     along: Float[np.ndarray, "p 3"],

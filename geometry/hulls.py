@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull, QhullError
 COLLINEAR_TOLERANCE = 1e-12  # for points whose coordinates are about 1
 
 
-def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:
+def extreme_point_indices(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> Int[np.ndarray, " k"]:
     """Return ascending indices of points that include the maximum of every linear function over all points.
 
     `points`: in any frame, at any distance from its origin.
@@ -34,7 +34,7 @@ def extreme_points(points: Float[np.ndarray, "n 3"], *, near: float = 0.0) -> In
     return np.union1d(hull.vertices, point[close])
 
 
-def inner_point(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
+def wanted_point_or_centroid(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]) -> Float[np.ndarray, "2"]:
     """Return `wanted` if it's inside the hull by a thousandth of its size, or there is no hull; else the centroid."""
     if len(points) < 3:
         return wanted
@@ -51,7 +51,7 @@ def inner_point(points: Float[np.ndarray, "n 2"], wanted: Float[np.ndarray, "2"]
     return wanted + ((ring + following) * area[:, None]).sum(axis=0) / (3.0 * area.sum())
 
 
-def hulls_of_groups(
+def hull_corners_and_groups(
     points: Float[np.ndarray, "n 2"], group: Int[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
     """Return the corners of each group's convex hull, counterclockwise, and their groups, ascending.
@@ -63,8 +63,8 @@ def hulls_of_groups(
     order = np.lexsort((points[:, 1], points[:, 0], group))
     points, group = points[order], group[order]
     column = np.append(True, (np.diff(points[:, 0]) != 0.0) | (np.diff(group) != 0))[: len(points)]
-    below = _hull_chain(points, group, np.flatnonzero(column), 1.0)
-    above = _hull_chain(points, group, np.flatnonzero(np.append(column[1:], True)[: len(points)]), -1.0)[::-1]
+    below = _hull_side_indices(points, group, np.flatnonzero(column), 1.0)
+    above = _hull_side_indices(points, group, np.flatnonzero(np.append(column[1:], True)[: len(points)]), -1.0)[::-1]
     ring = np.concatenate([below, above])
     ring = ring[np.argsort(group[ring], kind="stable")]
     # The chains share their ends, unless the leftmost or rightmost side is upright.
@@ -79,7 +79,7 @@ def hulls_of_groups(
     return points[ring[kept]], group[ring[kept]]
 
 
-def _hull_chain(
+def _hull_side_indices(
     points: Float[np.ndarray, "n 2"], group: Int[np.ndarray, " n"], chain: Int[np.ndarray, " c"], side: float
 ) -> Int[np.ndarray, " k"]:
     """Return which points of each group, by ascending x, are corners of its hull's lower (1.0) or upper (-1.0) side."""

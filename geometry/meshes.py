@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from hulldown.base.arrays import checked_array
 from hulldown.base.errors import AssetError
 from hulldown.geometry.alpha import Cutouts, merged_cutouts
-from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.hulls import extreme_point_indices
 
 MESH_SUFFIXES = (".ply", ".stl", ".obj", ".gltf", ".glb")
 
@@ -33,7 +33,7 @@ class Mesh:
     cutouts
         Which faces textures cut out; None: none. Only `scene.cutouts` looks at them.
     extreme
-        (k,) the vertices that `extreme_vertices` finds, where they were stored with the mesh; None: not known.
+        (k,) the vertices that `extreme_vertex_indices` finds, where they were stored with the mesh; None: not known.
 
     Raises
     ------
@@ -90,16 +90,16 @@ class Mesh:
         return used
 
     @property
-    def used_vertices(self) -> Int[np.ndarray, " u"]:
+    def used_vertex_indices(self) -> Int[np.ndarray, " u"]:
         """Vertices that a face uses, ascending."""
         return np.flatnonzero(self._used_mask())
 
-    def extreme_vertices(self) -> Int[np.ndarray, " k"]:
+    def extreme_vertex_indices(self) -> Int[np.ndarray, " k"]:
         """Ascending vertices that include the maximum of every linear function over all used ones."""
         if self.extreme is not None:
             return self.extreme
-        used = self.used_vertices
-        return used[extreme_points(self.vertices[used])]
+        used = self.used_vertex_indices
+        return used[extreme_point_indices(self.vertices[used])]
 
     @property
     def triangles(self) -> Float[np.ndarray, "f 3 3"]:
@@ -120,7 +120,7 @@ class Mesh:
             apart = np.linalg.norm(trimesh.triangles.closest_point(triangles, there) - there, axis=1)
         return int(np.nanargmin(apart))
 
-    def of_faces(self, face: Int[np.ndarray, " k"]) -> Mesh:
+    def take_mesh_faces(self, face: Int[np.ndarray, " k"]) -> Mesh:
         """Return a mesh of these ascending faces and the vertices that they use."""
         used, faces = np.unique(self.faces[face], return_inverse=True)
         cutouts = self.cutouts and self.cutouts.take_faces(face)
@@ -149,7 +149,7 @@ class Mesh:
             If the file is missing, of another format, damaged or without triangles.
         """
         path = Path(path)
-        _refuse_format(path)
+        _refuse_unknown_suffix(path)
         if not path.is_file():
             raise AssetError("isn't a file", path=path, remedy="check the path")
         import trimesh  # here, since it takes longer to import than all the rest of the geometry
@@ -168,7 +168,7 @@ class Mesh:
             raise AssetError(str(error), path=path, remedy="export it anew") from None
 
 
-def _refuse_format(path: Path) -> None:
+def _refuse_unknown_suffix(path: Path) -> None:
     if path.suffix.lower() not in MESH_SUFFIXES:
         raise AssetError(f"has the ending {path.suffix!r}", path=path, remedy=f"use a mesh file: {', '.join(MESH_SUFFIXES)}")
 
@@ -181,7 +181,7 @@ def unit_normals(triangles: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 
     return normal / np.where(length > 0.0, length, np.nan)[:, None]
 
 
-def first_equal(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
+def first_equal_indices(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
     """Return for every point the number of the first point at exactly the same place."""
     order = np.lexsort(points.T)  # stable: of equal points the lowest number comes first
     new = np.ones(len(order), dtype=bool)
@@ -191,7 +191,7 @@ def first_equal(points: Float[np.ndarray, "n d"]) -> Int[np.ndarray, " n"]:
     return first
 
 
-def merge_meshes(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np.ndarray, " f"]]:
+def merge_meshes_with_sources(meshes: Sequence[Mesh], *, name: str = "merged") -> tuple[Mesh, Int[np.ndarray, " f"]]:
     """Return all meshes as one, and for every face the index of the mesh it came from."""
     if not meshes:
         raise ValueError("meshes: expected at least one mesh, got none")

@@ -54,11 +54,11 @@ def orientation_sign(
     sign = np.where(certain, np.sign(area), left_sign - right_sign).clip(-1, 1).astype(np.int8)
     open_ = np.flatnonzero(~certain & (left_sign == right_sign) & (left_sign != 0))
     if len(open_):
-        sign[open_] = _orient_closely(*(v[open_] for v in (ax, ay, bx, by, px, py)))
+        sign[open_] = _exact_orientation_sign(*(v[open_] for v in (ax, ay, bx, by, px, py)))
     return sign
 
 
-def _orient_closely(
+def _exact_orientation_sign(
     ax: Float[np.ndarray, " n"],
     ay: Float[np.ndarray, " n"],
     bx: Float[np.ndarray, " n"],
@@ -67,22 +67,22 @@ def _orient_closely(
     py: Float[np.ndarray, " n"],
 ) -> Int8[np.ndarray, " n"]:
     factors = [ax - px, by - py, ay - py, bx - px]
-    left, left_tail = _two_product(factors[0], factors[1])
-    right, right_tail = _two_product(factors[2], factors[3])
+    left, left_tail = _product_and_tail(factors[0], factors[1])
+    right, right_tail = _product_and_tail(factors[2], factors[3])
     # Rounding is monotone: unequal rounded products are ordered as the exact ones; equal ones, as their tails.
     sign = np.where(left != right, np.sign(left - right), np.sign(left_tail - right_tail)).astype(np.int8)
     exact = (np.abs(left) > MIN_EXACT_PRODUCT) & (np.abs(right) > MIN_EXACT_PRODUCT)
     for a, b, difference in ((ax, px, factors[0]), (by, py, factors[1]), (ay, py, factors[2]), (bx, px, factors[3])):
-        exact &= _difference_is_exact(a, b, difference)
+        exact &= _exact_difference_mask(a, b, difference)
     open_ = np.flatnonzero(~exact)
     if len(open_):
-        (a_x, a_y, b_x, b_y, p_x, p_y), _ = exact_integers(*(v[open_] for v in (ax, ay, bx, by, px, py)))
+        (a_x, a_y, b_x, b_y, p_x, p_y), _ = exact_integers_and_exponent(*(v[open_] for v in (ax, ay, bx, by, px, py)))
         area = (a_x - p_x) * (b_y - p_y) - (a_y - p_y) * (b_x - p_x)
         sign[open_] = (area > 0).astype(np.int8) - (area < 0).astype(np.int8)
     return sign
 
 
-def _difference_is_exact(
+def _exact_difference_mask(
     a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"], difference: Float[np.ndarray, " n"]
 ) -> Bool[np.ndarray, " n"]:
     # Knuth's TWO-DIFF (Shewchuk, theorem 7 and section 2.3): the rounding error of a - b, itself without error.
@@ -91,7 +91,7 @@ def _difference_is_exact(
     return ((a - a_virtual) + (b_virtual - b)) == 0.0
 
 
-def _two_product(
+def _product_and_tail(
     a: Float[np.ndarray, " n"], b: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     # Dekker's product with Veltkamp's split (Shewchuk, theorems 17 and 18): a * b = product + tail, without error.
@@ -107,7 +107,7 @@ def _split_float(a: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], F
     return high, a - high
 
 
-def exact_integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, " n"]], int]:
+def exact_integers_and_exponent(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.ndarray, " n"]], int]:
     """Return float64 arrays as arrays of Python integers, and the power of two that all are multiples of."""
     mantissas, exponents = zip(*(np.frexp(v) for v in values), strict=True)
     lowest = min(int(np.min(e, where=m != 0, initial=2000)) for m, e in zip(mantissas, exponents, strict=True))
@@ -116,15 +116,15 @@ def exact_integers(*values: Float[np.ndarray, " n"]) -> tuple[list[Shaped[np.nda
     return [w << s for w, s in zip(whole, shift, strict=True)], lowest - 53
 
 
-def exact_heights(
+def exact_height_fractions(
     corners: Float[np.ndarray, "n 3 3"], x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]
 ) -> tuple[Shaped[np.ndarray, " n"], Shaped[np.ndarray, " n"]]:
     """Return the exact height of each triangle's plane at each point: integer numerators, positive denominators.
 
     The triangles must have an XY area. Dividing the integers rounds once, to the nearest float64.
     """
-    (ax, ay, bx, by, cx, cy, px, py), _ = exact_integers(*corners[:, :, :2].reshape(-1, 6).T, x, y)
-    (az, bz, cz), exponent = exact_integers(*corners[:, :, 2].T)
+    (ax, ay, bx, by, cx, cy, px, py), _ = exact_integers_and_exponent(*corners[:, :, :2].reshape(-1, 6).T, x, y)
+    (az, bz, cz), exponent = exact_integers_and_exponent(*corners[:, :, 2].T)
     a = (bx - px) * (cy - py) - (by - py) * (cx - px)
     b = (cx - px) * (ay - py) - (cy - py) * (ax - px)
     c = (ax - px) * (by - py) - (ay - py) * (bx - px)
@@ -133,9 +133,9 @@ def exact_heights(
     return (sign * (a * az + b * bz + c * cz)) << max(exponent, 0), (sign * whole) << max(-exponent, 0)
 
 
-def exact_normals(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
+def exact_upward_normals(corners: Float[np.ndarray, "n 3 3"]) -> Float[np.ndarray, "n 3"]:
     """Return unit upward normals of triangles that have an XY area, from exact cross products."""
-    (ax, ay, az, bx, by, bz, cx, cy, cz), _ = exact_integers(*corners.reshape(-1, 9).T)
+    (ax, ay, az, bx, by, bz, cx, cy, cz), _ = exact_integers_and_exponent(*corners.reshape(-1, 9).T)
     x = (by - ay) * (cz - az) - (bz - az) * (cy - ay)
     y = (bz - az) * (cx - ax) - (bx - ax) * (cz - az)
     z = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)

@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 
 from hulldown.base.indices import group_and_rank
 from hulldown.geometry.alpha import HIT_OPACITY, AlphaMap, Cut, Cutouts
-from hulldown.geometry.hulls import hulls_of_groups
+from hulldown.geometry.hulls import hull_corners_and_groups
 from hulldown.geometry.meshes import Mesh
 
 MAX_FLAT_HEIGHT_ULPS = 2.0  # a float32 triangle of this height has no area for Cycles
@@ -38,7 +38,7 @@ def faces_with_area(mesh: Mesh) -> Int[np.ndarray, " k"]:
     return np.flatnonzero(drawn)
 
 
-def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
+def seen_mesh_and_source_faces(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     """Return what hides of a mesh (`HIT_OPACITY`), without cut-outs, and the mesh's face that each face is part of.
 
     A cut-out face becomes up to `MAX_SIDE_TILES` squared / 2 convex pieces. A piece reaches to the edge in its
@@ -55,10 +55,10 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     whole[cutouts.face[mixed]] = False
     faces, origin, vertices = [mesh.faces[whole]], [np.flatnonzero(whole)], [mesh.vertices]
     count = len(mesh.vertices)
-    for steps, some in _face_blocks(cutouts, mixed):
+    for steps, some in _steps_and_face_blocks(cutouts, mixed):
         corners = mesh.vertices[mesh.faces[cutouts.face[some]]]
         alpha = cutouts.maps[cutouts.face_map[some[0]]]
-        ring, face = _opaque_rings(alpha, cutouts.uv[some].astype(np.float64), steps)
+        ring, face = _opaque_ring_points(alpha, cutouts.uv[some].astype(np.float64), steps)
         if not len(ring):
             continue
         vertices.append((_corner_weights(ring)[:, None] @ corners[face // MAX_SIDE_TILES**2])[:, 0])
@@ -72,12 +72,12 @@ def seen_surface(mesh: Mesh) -> tuple[Mesh, Int[np.ndarray, " f"]] | None:
     if not len(triangles):
         return None
     seen = Mesh(np.concatenate(vertices), triangles, mesh.name)
-    return seen.of_faces(np.arange(len(triangles))), np.concatenate(origin)
+    return seen.take_mesh_faces(np.arange(len(triangles))), np.concatenate(origin)
 
 
-def _face_blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
+def _steps_and_face_blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tuple[int, Int[np.ndarray, " k"]]]:
     """Yield numbers of steps along sides, and mixed faces of one map with so many steps that fit into memory."""
-    steps = _side_steps(cutouts, mixed)
+    steps = _side_step_counts(cutouts, mixed)
     order = np.lexsort((steps, cutouts.face_map[mixed]))
     kinds = np.stack([cutouts.face_map[mixed], steps])[:, order]
     for same in np.split(order, np.flatnonzero(np.diff(kinds, axis=1).any(axis=0)) + 1):
@@ -86,7 +86,7 @@ def _face_blocks(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Iterator[tup
             yield from ((int(steps[same[0]]), mixed[same[i : i + most]]) for i in range(0, len(same), most))
 
 
-def _side_steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
+def _side_step_counts(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarray, " m"]:
     """Return steps along the sides of each mixed face, so that lookups stay within `MAX_TEXEL_LOOKUPS`."""
     sizes = np.array([alpha.texels.shape[::-1] for alpha in cutouts.maps])[cutouts.face_map[mixed]]
     texels = (np.ptp(cutouts.uv[mixed], axis=1) * sizes).max(axis=1)
@@ -95,7 +95,7 @@ def _side_steps(cutouts: Cutouts, mixed: Int[np.ndarray, " m"]) -> Int[np.ndarra
     return np.maximum(steps * few, 2).astype(np.int64)
 
 
-def _opaque_rings(
+def _opaque_ring_points(
     alpha: AlphaMap, uv: Float[np.ndarray, "m 3 2"], steps: int
 ) -> tuple[Float[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
     """Return rings around what hides in each tile of faces, as weights of first and second corners.
@@ -113,14 +113,14 @@ def _opaque_rings(
     lattice = _corner_weights(grid[inside] / steps) @ uv
     hiding[:, inside] = (alpha.opacity(lattice.reshape(-1, 2)) >= HIT_OPACITY).reshape(len(uv), -1)
     tiles = min(MAX_SIDE_TILES, max(1, steps // MIN_TILE_STEPS))
-    one, other, line = _lattice_edges(steps)
+    one, other, line = _lattice_edge_ends_and_lines(steps)
     face, edge = np.nonzero(hiding[:, one] != hiding[:, other])
     whole, point = np.nonzero(hiding)
     if tiles == 1:  # no corner of a hull lies between others on a line of the lattice
-        first, last = _line_ends(face, line[edge])
+        first, last = _line_end_masks(face, line[edge])
         outer = np.where(hiding[face, other[edge]], first, last)
         face, edge = face[outer], edge[outer]
-        outer = np.logical_or(*_line_ends(whole, i[point]))
+        outer = np.logical_or(*_line_end_masks(whole, i[point]))
         whole, point = whole[outer], point[outer]
     one, other = one[edge], other[edge]
     one, other = np.where(hiding[face, one], one, other), np.where(hiding[face, one], other, one)
@@ -137,10 +137,10 @@ def _opaque_rings(
         here = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
         in_tiles.append(points[here])
         ring.append(face[here] * MAX_SIDE_TILES**2 + a * MAX_SIDE_TILES + b)
-    return hulls_of_groups(np.concatenate(in_tiles), np.concatenate(ring))
+    return hull_corners_and_groups(np.concatenate(in_tiles), np.concatenate(ring))
 
 
-def _lattice_edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
+def _lattice_edge_ends_and_lines(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, " e"], Int[np.ndarray, " e"]]:
     """Return both ends (numbers in the square) and the line of each edge of a face's lattice, along each line."""
     q, k = np.tril_indices(steps)
     r = steps - 1 - q
@@ -149,7 +149,7 @@ def _lattice_edges(steps: int) -> tuple[Int[np.ndarray, " e"], Int[np.ndarray, "
     return one, other, np.concatenate([q, q + steps, q + 2 * steps])
 
 
-def _line_ends(
+def _line_end_masks(
     face: Int[np.ndarray, " n"], line: Int[np.ndarray, " n"]
 ) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
     changes = (np.diff(face) != 0) | (np.diff(line) != 0)

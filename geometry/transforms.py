@@ -142,7 +142,7 @@ def tilt_rotation(normal: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     )
 
 
-def upright_rotation(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
+def yaw_and_up_rotation(yaw: ArrayLike, up: ArrayLike) -> Float[np.ndarray, "... 3 3"]:
     """Return the rotation whose z axis is `up` and whose x axis, seen from above, points along `yaw` from +x.
 
     This is the tilt that keeps the heading: the vertical plane that holds the x axis does not turn, whatever `up` is.

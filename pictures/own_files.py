@@ -8,7 +8,7 @@ from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
 from hulldown.base.files import atomic_writer
-from hulldown.base.outputs import claim_file
+from hulldown.base.outputs import require_replaceable_file
 
 SOFTWARE_TEXT = {"Software": "hulldown"}  # marks a PNG file as ours
 _SOFTWARE_CHUNK = b"tEXtSoftware\0hulldown"
@@ -16,7 +16,7 @@ _SOFTWARE_CHUNK = b"tEXtSoftware\0hulldown"
 
 def save_picture(picture: Image.Image, path: Path) -> None:
     """Write a picture of ours, in one step."""
-    claim_picture(path)
+    require_replaceable_picture(path)
     notes = PngInfo()
     for key, text in SOFTWARE_TEXT.items():
         notes.add_text(key, text)
@@ -24,6 +24,6 @@ def save_picture(picture: Image.Image, path: Path) -> None:
         picture.save(file, format="PNG", pnginfo=notes)
 
 
-def claim_picture(path: Path) -> None:
+def require_replaceable_picture(path: Path) -> None:
     """Create a picture's folder before long work; refuse to replace a picture that we didn't draw."""
-    claim_file(path, "a picture", _SOFTWARE_CHUNK)
+    require_replaceable_file(path, "a picture", _SOFTWARE_CHUNK)

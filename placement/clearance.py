@@ -37,7 +37,7 @@ class CameraRoom:
     obstacles: Obstacles  # everything solid but ground and vehicles. A camera may look out of grass.
     water: Terrain | None = None  # surfaces that a camera may not be below
 
-    def reject_places(
+    def clearance_rejections(
         self,
         position: ArrayLike,
         *,
@@ -64,7 +64,7 @@ class CameraRoom:
             rejection[_vehicle_distance(vehicle, place) <= obstacle_clearance] = CameraRejection.VEHICLE
         cube = np.tile(np.eye(4), (n, 1, 1))
         cube[:, :3, 3] = place
-        rejection[self.obstacles.touches_boxes(np.full((n, 3), float(obstacle_clearance)), cube)] = CameraRejection.OBSTACLE
+        rejection[self.obstacles.blocked_box_mask(np.full((n, 3), float(obstacle_clearance)), cube)] = CameraRejection.OBSTACLE
         if self.water is not None:
             water = self.water.top_hits(place[:, :2])
             with np.errstate(invalid="ignore"):
@@ -74,7 +74,7 @@ class CameraRoom:
         with np.errstate(invalid="ignore"):
             rejection[place[:, 2] - ground.z < ground_clearance] = CameraRejection.LOW
         off = np.flatnonzero(~ground.hit)
-        rejection[off[~self.obstacles.stands_on_obstacle(place[off])]] = CameraRejection.OFF_GROUND
+        rejection[off[~self.obstacles.above_obstacle_mask(place[off])]] = CameraRejection.OFF_GROUND
         return rejection
 
 
@@ -82,7 +82,7 @@ def _vehicle_distance(vehicle: PosedVehicle, place: Float[np.ndarray, "n 3"]) ->
     """Return the distance to the nearest bounding box of a part; 0 inside."""
     world = np.tile(np.eye(4), (len(place), 1, 1))
     distance = np.full(len(place), np.inf)
-    row, parts = vehicle.parts_in_cameras(world)
+    row, parts = vehicle.cameras_and_posed_parts(world)
     for part, world_from_part in parts:
         local = transform_points(invert_rigid(world_from_part), place[row, None])[:, 0]
         low, high = part.hull.min(axis=0), part.hull.max(axis=0)

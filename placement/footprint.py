@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from hulldown.base.arrays import checked_array
 from hulldown.base.indices import group_and_rank
 from hulldown.base.portable import hypot
-from hulldown.geometry.hulls import inner_point
+from hulldown.geometry.hulls import wanted_point_or_centroid
 from hulldown.geometry.meshes import Mesh
 from hulldown.scene.ray_caster import RayCaster
 
@@ -51,7 +51,7 @@ class Underside:
 
 def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = None) -> Underside:
     """Return a mesh's underside at rest: the least hit straight up from each cell's middle, vertex, and edge."""
-    used = mesh.vertices[mesh.used_vertices]
+    used = mesh.vertices[mesh.used_vertex_indices]
     box = contact_footprint(used)
     if (box[0] >= box[1]).any():
         raise ValueError(f"mesh: expected a length and a width, got {mesh.name!r} with the footprint {box.tolist()}")
@@ -59,15 +59,15 @@ def vehicle_underside(mesh: Mesh, *, known: Float[np.ndarray, "a b"] | None = No
         return Underside(box, known)
     step = (box[1] - box[0]) / RASTER_SIDE_CELLS
     x, y = (box[0, i] + (np.arange(RASTER_SIDE_CELLS) + 0.5) * step[i] for i in range(2))
-    heights = _lowest_faces(mesh, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
-    points = np.concatenate([used, _along_edges(mesh, step)])
+    heights = _lowest_face_heights(mesh, np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2))
+    points = np.concatenate([used, _points_along_edges(mesh, step)])
     points = points[((points[:, :2] >= box[0]) & (points[:, :2] <= box[1])).all(axis=1)]
     cell = np.minimum(((points[:, :2] - box[0]) / step).astype(np.int64), RASTER_SIDE_CELLS - 1)
     np.minimum.at(heights, cell @ [RASTER_SIDE_CELLS, 1], points[:, 2])
     return Underside(box, heights.reshape(RASTER_SIDE_CELLS, RASTER_SIDE_CELLS))
 
 
-def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
+def _lowest_face_heights(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
     start = 2.0 * mesh.bounds[0, 2] - mesh.bounds[1, 2] - 1.0
     face = RayCaster(mesh).cast(np.column_stack([xy, np.full(len(xy), start)]), np.tile([0.0, 0.0, 1.0], (len(xy), 1))).face
     heights = np.full(len(xy), np.inf)
@@ -82,7 +82,7 @@ def _lowest_faces(mesh: Mesh, xy: Float[np.ndarray, "n 2"]) -> Float[np.ndarray,
     return heights
 
 
-def _along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
+def _points_along_edges(mesh: Mesh, step: Float[np.ndarray, "2"]) -> Float[np.ndarray, "n 3"]:
     """Return points along all edges that are longer than a step, at most a step apart."""
     points = [np.zeros((0, 3))]
     for i, j in ((0, 1), (1, 2), (2, 0)):
@@ -112,7 +112,7 @@ class Samples:
         """Select the samples of each of k candidates from those of several vehicles."""
         return Samples(self.xy[which], self.height[which], self.foot[which], self.center[which])
 
-    def below_underside(self) -> Samples:
+    def with_finite_height(self) -> Samples:
         """Return samples below the underside."""
         kept = np.isfinite(self.height)
         return Samples(self.xy[kept], self.height[kept], self.foot[kept], self.center)
@@ -120,21 +120,21 @@ class Samples:
 
 def plate_samples(box: Float[np.ndarray, "2 2"], n: int) -> Samples:
     """Return n x n points over a rectangle with its border (n = 1: its middle); all are feet of height 0."""
-    share = _even_sample_positions(n)
+    share = _even_shares(n)
     x, y = np.meshgrid(*(low + share * (high - low) for low, high in box.T), indexing="ij")
     xy = np.stack([x.ravel(), y.ravel()], axis=1)
     center = (xy.min(axis=0) + xy.max(axis=0)) / 2 if n else box.mean(axis=0)
     return Samples(xy, np.zeros(len(xy)), np.ones(len(xy), dtype=bool), center)
 
 
-def _even_sample_positions(n: int) -> Float[np.ndarray, " n"]:
+def _even_shares(n: int) -> Float[np.ndarray, " n"]:
     return np.linspace(0.0, 1.0, n) if n != 1 else np.array([0.5])
 
 
 @lru_cache(maxsize=64)
 def underside_samples(footprint: Underside, n: int) -> Samples:
     """Return the lowest spot near each of n x n points of an underside; nearer spots win if they're little higher."""
-    regular, share = plate_samples(footprint.box, n), _even_sample_positions(n)
+    regular, share = plate_samples(footprint.box, n), _even_shares(n)
     reach = 0.5 / max(n - 1, 1)
     cells = np.array(footprint.heights.shape)
     step = (footprint.box[1] - footprint.box[0]) / cells
@@ -155,4 +155,4 @@ def underside_samples(footprint: Underside, n: int) -> Samples:
         if np.isfinite(height[k]):
             xy[k] += [away[0][a], away[1][b]]
     foot = height <= height.min(initial=np.inf) + MAX_FOOT_HEIGHT_SHARE * np.ptp(footprint.box, axis=0).max()
-    return Samples(xy, height, foot, inner_point(xy[np.isfinite(height)], regular.center))
+    return Samples(xy, height, foot, wanted_point_or_centroid(xy[np.isfinite(height)], regular.center))

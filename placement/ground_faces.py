@@ -45,7 +45,7 @@ class GroundFaces:
     corners: Int[np.ndarray, "3 f"]  # vertices of each ground face, counterclockwise seen from above
     mesh_face: Int[np.ndarray, " f"]  # the mesh's number for each ground face
     slope: Complex[np.ndarray, " f"]  # dz/dx + i dz/dy of each face
-    # whether `exact_heights` and `upward_normals` are within their guaranteed errors on the face
+    # whether `exact_height_fractions` and `upward_normals` are within their guaranteed errors on the face
     well_conditioned: Bool[np.ndarray, " f"]
     # bound of the error of a height on each face, in meters; infinite where there is none
     height_error: Float[np.ndarray, " f"]
@@ -62,7 +62,7 @@ class GroundFaces:
         for begin in range(0, n, _FACES_PER_BLOCK):
             part = slice(begin, begin + _FACES_PER_BLOCK)
             a, b, c = (np.ascontiguousarray(corner) for corner in mesh.faces[part].T)
-            turn[part], slope.real[part], slope.imag[part], well_conditioned[part], bound[part] = _prepare_faces(
+            turn[part], slope.real[part], slope.imag[part], well_conditioned[part], bound[part] = _face_turns_slopes_and_errors(
                 x, y, z, (a, b, c), error
             )
             corners[0, part] = a
@@ -128,7 +128,7 @@ def upward_normals(slope: Complex[np.ndarray, " n"]) -> Float[np.ndarray, "n 3"]
     return normal
 
 
-def _prepare_faces(
+def _face_turns_slopes_and_errors(
     x: Float[np.ndarray, " v"],
     y: Float[np.ndarray, " v"],
     z: Float[np.ndarray, " v"],

@@ -47,7 +47,7 @@ class Rest:
     margin: Float[np.ndarray, " n"]
 
 
-def averaged_plane(
+def fit_averaged_planes(
     samples_xy: Float[np.ndarray, "m 2"],
     heights: Float[np.ndarray, "n m"],
     normals: Float[np.ndarray, "n m 3"],
@@ -67,16 +67,16 @@ def averaged_plane(
     return Rest(at_origin, gradient, has_plane, np.full(len(has_plane), np.nan))
 
 
-def underside_plane(samples: Samples, heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]) -> Rest:
+def fit_underside_planes(samples: Samples, heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]) -> Rest:
     """Return the support plane at the footprint's center, with heights straight up from it; see docs/settling.md."""
     solid = np.isfinite(samples.height)  # others support nothing
     clear = np.compress(solid, heights, axis=1) - samples.height[solid]
-    plane = support_plane(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
+    plane = fit_support_planes(samples.xy[solid] - samples.center, clear, np.compress(solid, valid, axis=1))
     height = plane.height - plane.gradient[:, 0] * samples.center[0] - plane.gradient[:, 1] * samples.center[1]
     return Rest(height, plane.gradient, plane.found, plane.margin)
 
 
-def support_plane(
+def fit_support_planes(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], valid: Bool[np.ndarray, "n m"]
 ) -> Rest:
     """Return the lowest plane above all valid samples, for each row of heights."""
@@ -92,15 +92,15 @@ def support_plane(
     found = contacts[:, 0] >= 0
     heights, contacts = heights[found], contacts[found]
     corners = samples_xy[contacts]
-    plane = _fit_planes(corners, np.take_along_axis(heights, contacts, axis=1))
+    plane = _planes_through_corners(corners, np.take_along_axis(heights, contacts, axis=1))
     weight = np.abs(_opposite_areas(corners, np.zeros(2)))
     side = corners[:, (1, 2, 0)] - corners[:, (2, 0, 1)]
     margin[found] = (weight / hypot(side[..., 0], side[..., 1])).min(axis=1)
     idle = weight < MIN_CONTACT_WEIGHT_SHARE * weight.sum(axis=1, keepdims=True)
     ties = idle.sum(axis=1)
     edge, above_contact = np.flatnonzero(ties == 1), np.flatnonzero(ties == 2)
-    plane[edge] = _over_an_edge(samples_xy, heights[edge], contacts[edge], np.argmax(idle[edge], axis=1), plane[edge])
-    plane[above_contact] = _over_one_contact(samples_xy, heights[above_contact], nudge, plane[above_contact])
+    plane[edge] = _mean_planes_over_edge(samples_xy, heights[edge], contacts[edge], np.argmax(idle[edge], axis=1), plane[edge])
+    plane[above_contact] = _mean_planes_over_contact(samples_xy, heights[above_contact], nudge, plane[above_contact])
     coefficients[found] = plane
     return Rest(coefficients[:, 2] + top, coefficients[:, :2], found, margin)
 
@@ -109,7 +109,7 @@ def _highest_triangles(
     samples_xy: Float[np.ndarray, "m 2"], heights: Float[np.ndarray, "n m"], center: Float[np.ndarray, "2"]
 ) -> Int[np.ndarray, "n 3"]:
     """Return the triangle of samples around a center that carries it highest; -1 where there is none."""
-    triangles, shares = _triangles_containing(samples_xy.tobytes(), *center.tolist())
+    triangles, shares = _triangles_and_corner_shares(samples_xy.tobytes(), *center.tolist())
     highest = np.full((len(heights), 3), -1)
     if not triangles.size:
         return highest
@@ -125,7 +125,7 @@ def _highest_triangles(
 
 
 @lru_cache(maxsize=256)
-def _triangles_containing(samples: bytes, x: float, y: float) -> tuple[Int[np.ndarray, "3 t"], Float[np.ndarray, "3 t"]]:
+def _triangles_and_corner_shares(samples: bytes, x: float, y: float) -> tuple[Int[np.ndarray, "3 t"], Float[np.ndarray, "3 t"]]:
     """Return the triangles of samples around a center, counterclockwise, and their corners' shares of the load."""
     samples_xy, center = np.frombuffer(samples).reshape(-1, 2), np.array([x, y])
     triangles = np.array(list(combinations(range(len(samples_xy)), 3)), dtype=int).reshape(-1, 3)
@@ -137,7 +137,7 @@ def _triangles_containing(samples: bytes, x: float, y: float) -> tuple[Int[np.nd
     return np.ascontiguousarray(triangles[around].T), np.ascontiguousarray((parts[around] / area[around, None]).T)
 
 
-def _over_an_edge(
+def _mean_planes_over_edge(
     samples_xy: Float[np.ndarray, "m 2"],
     heights: Float[np.ndarray, "n m"],
     contacts: Int[np.ndarray, "n 3"],
@@ -159,12 +159,12 @@ def _over_an_edge(
     some = np.flatnonzero(np.isfinite(slope[np.arange(len(third)), third]))
     other = np.stack([b, a, third], axis=1)[some]
     mean = plane.copy()
-    mean[some] += _fit_planes(samples_xy[other], np.take_along_axis(heights[some], other, axis=1))
+    mean[some] += _planes_through_corners(samples_xy[other], np.take_along_axis(heights[some], other, axis=1))
     mean[some] /= 2
     return mean
 
 
-def _over_one_contact(
+def _mean_planes_over_contact(
     samples_xy: Float[np.ndarray, "m 2"],
     heights: Float[np.ndarray, "n m"],
     nudge: Float[np.ndarray, "2"],
@@ -175,12 +175,14 @@ def _over_one_contact(
     for way in OTHER_WAYS:
         nudged = _highest_triangles(samples_xy, heights, way * nudge)
         some = np.flatnonzero(nudged[:, 0] >= 0)
-        total[some] += _fit_planes(samples_xy[nudged[some]], np.take_along_axis(heights[some], nudged[some], axis=1))
+        total[some] += _planes_through_corners(
+            samples_xy[nudged[some]], np.take_along_axis(heights[some], nudged[some], axis=1)
+        )
         ways[some] += 1
     return total / ways
 
 
-def _fit_planes(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+def _planes_through_corners(corners: Float[np.ndarray, "n 3 2"], heights: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
     x, y = corners[..., 0], corners[..., 1]
     ax, ay, az = x[:, 1] - x[:, 0], y[:, 1] - y[:, 0], heights[:, 1] - heights[:, 0]
     bx, by, bz = x[:, 2] - x[:, 0], y[:, 2] - y[:, 0], heights[:, 2] - heights[:, 0]

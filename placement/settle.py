@@ -17,13 +17,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from numpy.typing import ArrayLike
 
-from hulldown.base.arrays import checked_array, whole_number
+from hulldown.base.arrays import checked_array, checked_whole_number
 from hulldown.base.columns import join_rows, put_rows
 from hulldown.base.indices import index_batches
 from hulldown.base.portable import arctan2, hypot, sin_cos
-from hulldown.geometry.transforms import rigid_matrix, upright_rotation
+from hulldown.geometry.transforms import rigid_matrix, yaw_and_up_rotation
 from hulldown.placement.footprint import Samples, Underside, plate_samples, underside_samples
-from hulldown.placement.rest import Rest, averaged_plane, underside_plane
+from hulldown.placement.rest import Rest, fit_averaged_planes, fit_underside_planes
 from hulldown.placement.terrain import Terrain
 
 REST_RULES = ("averaged", "support")
@@ -63,9 +63,9 @@ class SettleRules:
     def __post_init__(self) -> None:
         if self.rule not in REST_RULES:
             raise ValueError(f"rule: expected one of {', '.join(REST_RULES)}, got {self.rule!r}")
-        if not 2 <= whole_number(self.n, "n") <= 9:
+        if not 2 <= checked_whole_number(self.n, "n") <= 9:
             raise ValueError(f"n: expected 2 to 9 rays a side, got {self.n}")
-        if whole_number(self.contact_n, "contact_n") < 0:
+        if checked_whole_number(self.contact_n, "contact_n") < 0:
             raise ValueError(f"contact_n: expected 0 or more points a side, got {self.contact_n}")
         if not 0.0 <= self.max_slope < math.pi / 2:
             raise ValueError(f"max_slope: expected radians in [0, pi/2), got {self.max_slope}")
@@ -193,10 +193,10 @@ def settle(
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
     footing = Footing.of(footprint if isinstance(footprint, Underside) else box, rules)
     which = np.zeros(len(positions), dtype=np.int64)
-    return settle_each(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules)
+    return settle_vehicles(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules)
 
 
-def settle_each(
+def settle_vehicles(
     terrain: Terrain,
     footings: Sequence[Footing],
     which: Int[np.ndarray, " k"],
@@ -232,7 +232,7 @@ def _settle_block(
     out.rejection[out.slope > rules.max_slope] = PlaceRejection.TOO_STEEP
 
     rows = np.flatnonzero(out.rejection == PlaceRejection.NONE)
-    rest, out.share[rows] = _rest_planes(
+    rest, out.share[rows] = _rest_planes_and_shares(
         terrain, footings, which[rows], xy=xy[rows], yaw=yaw[rows], spot_z=spot.z[rows], rules=rules
     )
     out.rejection[rows[~rest.found | (out.share[rows] < rules.min_share)]] = PlaceRejection.OVERHANG
@@ -246,16 +246,16 @@ def _settle_block(
     normal = np.stack([-gx / length, -gy / length, 1.0 / length], axis=1)
     out.tilt[rows], out.margin[rows] = _normal_inclination(normal), rest.margin[on]
     origin = np.concatenate([xy[rows], height[:, None]], axis=1)
-    out.world_from_vehicle[rows] = rigid_matrix(upright_rotation(yaw[rows], normal), origin)
+    out.world_from_vehicle[rows] = rigid_matrix(yaw_and_up_rotation(yaw[rows], normal), origin)
     out.rejection[rows[out.tilt[rows] > rules.max_slope]] = PlaceRejection.MEAN_TOO_STEEP
 
     rows = rows[out.rejection[rows] == PlaceRejection.NONE]
     if contacts.xy.shape[1]:
-        limit_contact(out, rows, terrain, contacts.take(which[rows]), rules)
+        record_contact_results(out, rows, terrain, contacts.take(which[rows]), rules)
     return out
 
 
-def limit_contact(
+def record_contact_results(
     settled: Settled, rows: Int[np.ndarray, " n"], terrain: Terrain, samples: Samples, rules: SettleRules
 ) -> None:
     """Measure gap and penetration of posed rows with n sets of contact samples, and reject those beyond the limits."""
@@ -264,7 +264,7 @@ def limit_contact(
     settled.rejection[rows[settled.gap[rows] > rules.max_gap]] = PlaceRejection.GAP
 
 
-def _rest_planes(
+def _rest_planes_and_shares(
     terrain: Terrain,
     footings: Sequence[Footing],
     which: Int[np.ndarray, " k"],
@@ -291,9 +291,9 @@ def _rest_planes(
     for i in np.unique(which).tolist():
         rows, samples = np.flatnonzero(which == i), footings[i].samples
         if rules.rule == "averaged":
-            planes = averaged_plane(samples.xy, heights[rows], turned[rows], valid[rows])
+            planes = fit_averaged_planes(samples.xy, heights[rows], turned[rows], valid[rows])
         else:
-            planes = underside_plane(samples, heights[rows], valid[rows])
+            planes = fit_underside_planes(samples, heights[rows], valid[rows])
         put_rows(rest, rows, planes)
     return Rest(rest.height + spot_z, rest.gradient, rest.found, rest.margin), valid.mean(axis=1)
 
@@ -315,7 +315,7 @@ class Footing:
         """Return the sample points of a footprint by these rules."""
         if not isinstance(footprint, Underside):
             return cls(plate_samples(footprint, rules.n), plate_samples(footprint, rules.contact_n))
-        contact = underside_samples(footprint, rules.contact_n).below_underside()
+        contact = underside_samples(footprint, rules.contact_n).with_finite_height()
         support = rules.rule == "support"
         return cls(underside_samples(footprint, rules.n) if support else plate_samples(footprint.box, rules.n), contact)
 

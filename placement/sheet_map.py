@@ -51,7 +51,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from hulldown.base.indices import group_and_rank
-from hulldown.geometry.meshes import first_equal
+from hulldown.geometry.meshes import first_equal_indices
 
 UNKNOWN_COUNT = 255
 MAX_TRACED_SHEETS = 16  # more aren't worth tracing one after the other
@@ -82,7 +82,7 @@ class SheetMap:
         self.shape = self._columns, self._rows = int(shape[0]), int(shape[1])
         self._per_meter = np.minimum(shape / extent, 1e300)
         xy = vertices[:, :2]
-        self._counts = self._count_cells(self._touched_cells(xy[_unbalanced_edges(corners, xy)]), count).ravel()
+        self._counts = self._count_sheets_by_cell(self._touched_cell_mask(xy[_unbalanced_edges(corners, xy)]), count).ravel()
 
     def count(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
         """Return the number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
@@ -103,7 +103,7 @@ class SheetMap:
         """Return the coordinates of columns or rows, fractions included."""
         return self._low[axis] + cells / self._per_meter[axis]
 
-    def _count_cells(self, touched: Bool[np.ndarray, "r c"], count: CountSheets) -> UInt8[np.ndarray, "r c"]:
+    def _count_sheets_by_cell(self, touched: Bool[np.ndarray, "r c"], count: CountSheets) -> UInt8[np.ndarray, "r c"]:
         regions, n = ndimage.label(~touched)
         counts = np.full(n + 1, UNKNOWN_COUNT, dtype=np.uint8)
         if n:
@@ -126,7 +126,7 @@ class SheetMap:
                 counts[open_[known]] = np.minimum(sheets[known], MAX_TRACED_SHEETS + 1)
         return counts[regions]
 
-    def _touched_cells(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:
+    def _touched_cell_mask(self, edges: Float[np.ndarray, "e 2 2"]) -> Bool[np.ndarray, "r c"]:
         ends = np.stack([self.cells(edges[:, :, 0], 0), self.cells(edges[:, :, 1], 1)], axis=2)
         span = np.ptp(ends, axis=1).max(axis=1)
         short = span <= 1
@@ -160,12 +160,12 @@ def _unbalanced_edges(corners: Int[np.ndarray, "3 f"], xy: Float[np.ndarray, "v 
     keys = keys.ravel()
     keys.sort()
     # Most edges are settled so, without a look at coordinates; others may cancel edges with ends at the same places.
-    edges, balance = _uncanceled_edges(keys, None, len(xy))
+    edges, balance = _uncanceled_edges_and_sums(keys, None, len(xy))
     used, local = np.unique(edges, return_inverse=True)
-    a, b = used[first_equal(xy[used])][local].reshape(-1, 2).T
+    a, b = used[first_equal_indices(xy[used])][local].reshape(-1, 2).T
     keys = _edge_keys(a, b, len(xy), out=np.empty(len(edges), dtype=np.int64))
     order = np.argsort(keys)
-    return _uncanceled_edges(keys[order], balance[order], len(xy))[0]
+    return _uncanceled_edges_and_sums(keys[order], balance[order], len(xy))[0]
 
 
 def _edge_keys(
@@ -180,7 +180,7 @@ def _edge_keys(
     return out
 
 
-def _uncanceled_edges(
+def _uncanceled_edges_and_sums(
     keys: Int[np.ndarray, " e"], weights: Int[np.ndarray, " e"] | None, n: int
 ) -> tuple[Int[np.ndarray, "k 2"], Int[np.ndarray, " k"]]:
     """Return the edges (of sorted keys) whose weights don't cancel, directed so that remaining sums are positive."""

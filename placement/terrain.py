@@ -12,7 +12,7 @@ from hulldown.geometry.predicates import MIN_EXACT_PRODUCT, ORIENT_BOUND
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground_faces import HEIGHT_ULPS, GroundFaceHits, GroundFaces, plane_heights, upward_normals
 from hulldown.placement.sheet_map import MAX_TRACED_SHEETS, SheetMap
-from hulldown.scene.ray_caster import RayCaster, bounds_within_reach, coherent_blocks
+from hulldown.scene.ray_caster import RayCaster, checked_mesh_bounds, coherent_index_blocks
 
 
 class Terrain:
@@ -44,7 +44,7 @@ class Terrain:
             self._bounds = np.array([[-np.inf, -np.inf, z], [np.inf, np.inf, z]])
             return
         self._mesh = mesh = ground
-        self._bounds = bounds_within_reach(mesh)
+        self._bounds = checked_mesh_bounds(mesh)
         self._ground = top = GroundFaces.of(mesh)
         self._missing = not len(top.mesh_face)
         if self._missing:
@@ -96,20 +96,20 @@ class Terrain:
         hits = GroundFaceHits(np.empty(n), np.empty((n, 3)), np.empty(n, dtype=np.int32))
         # Some points are so far away that only their being outside can be computed.
         with np.errstate(over="ignore", invalid="ignore"):
-            for i in coherent_blocks(points):
-                self._accept_hits(points, i, hits)
+            for i in coherent_index_blocks(points):
+                self._fill_block_hits(points, i, hits)
         return hits
 
-    def _accept_hits(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: GroundFaceHits) -> None:
+    def _fill_block_hits(self, points: Float[np.ndarray, "n 2"], i: Int[np.ndarray, " k"], hits: GroundFaceHits) -> None:
         x, y = _point_columns(points, i)
         proposal = self._caster.top_face(x, y).astype(np.intp)
-        accepted, z, slope = self._certainly_inside(proposal, x, y)
+        accepted, z, slope = self._inside_mask_height_and_slope(proposal, x, y)
         sheets = self._sheets.count(x, y)
         several = np.flatnonzero(accepted & (sheets > 1) & (sheets <= MAX_TRACED_SHEETS))
         accepted &= sheets == 1
         if len(several):
             here = x[several], y[several]
-            accepted[several] = self._finds_all(sheets[several], *here, z[several], slope[several])
+            accepted[several] = self._all_sheets_found_mask(sheets[several], *here, z[several], slope[several])
         face, normal = proposal, upward_normals(slope)
         rest = np.flatnonzero(~accepted)
         if len(rest):
@@ -132,7 +132,7 @@ class Terrain:
         gap = 4 * self._caster.resolution * (1.0 + np.abs(slope.real) + np.abs(slope.imag))
         return self._caster.first_face_below(x, y, z - gap).astype(np.intp)
 
-    def _finds_all(
+    def _all_sheets_found_mask(
         self,
         sheets: UInt8[np.ndarray, " k"],
         x: Float[np.ndarray, " k"],
@@ -144,7 +144,7 @@ class Terrain:
         found = np.zeros(len(x), dtype=bool)
         row, n = np.arange(len(x)), 1
         while len(row):
-            lower, z_lower, slope = self._certainly_inside(self._faces_below_planes(x, y, z, slope), x, y)
+            lower, z_lower, slope = self._inside_mask_height_and_slope(self._faces_below_planes(x, y, z, slope), x, y)
             lower &= z_lower < z - self._apart
             n += 1
             found[row[lower & (sheets == n)]] = True
@@ -152,14 +152,14 @@ class Terrain:
             row, sheets, x, y, z, slope = row[more], sheets[more], x[more], y[more], z_lower[more], slope[more]
         return found
 
-    def _certainly_inside(
+    def _inside_mask_height_and_slope(
         self, face: Int[np.ndarray, " k"], x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]
     ) -> tuple[Bool[np.ndarray, " k"], Float[np.ndarray, " k"], Complex[np.ndarray, " k"]]:
         """Return which points are certainly in their well-conditioned faces, the faces' heights there, and slopes."""
         g = self._ground
         corners = [corner[face].astype(np.intp) for corner in g.corners]  # -1 reads the last face
         dx, dy = [g.x[c] - x for c in corners], [g.y[c] - y for c in corners]
-        inside = _strictly_inside(dx, dy)
+        inside = _strictly_inside_mask(dx, dy)
         inside &= face >= 0
         inside &= g.well_conditioned[face]
         slope = g.slope[face]
@@ -192,7 +192,7 @@ def _point_columns(
     return np.ascontiguousarray(xy.real), np.ascontiguousarray(xy.imag)
 
 
-def _strictly_inside(dx: list[Float[np.ndarray, " k"]], dy: list[Float[np.ndarray, " k"]]) -> Bool[np.ndarray, " k"]:
+def _strictly_inside_mask(dx: list[Float[np.ndarray, " k"]], dy: list[Float[np.ndarray, " k"]]) -> Bool[np.ndarray, " k"]:
     """Return which points are certainly inside their counterclockwise triangles; corners are relative to them."""
     inside = np.ones(len(dx[0]), dtype=bool)
     for a, b in ((0, 1), (1, 2), (2, 0)):

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from hulldown.reading.pieces.naming import is_named
+from hulldown.reading.pieces.naming import name_matches_pattern
 
 
 class Coat(Struct, frozen=True, gc=False):
@@ -20,4 +20,4 @@ class Coat(Struct, frozen=True, gc=False):
 
 def color_of_material(name: str, coats: Sequence[Coat]) -> str | None:
     """Return the sRGB color that a material is painted in; None if it keeps its own."""
-    return next((coat.color for coat in coats if any(is_named(name, pattern) for pattern in coat.materials)), None)
+    return next((coat.color for coat in coats if any(name_matches_pattern(name, pattern) for pattern in coat.materials)), None)

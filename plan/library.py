@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hulldown.annotate.labels.keypoints import category_fields
+from hulldown.annotate.labels.keypoints import category_keypoint_fields
 from hulldown.assets.bundle import load_scenery, load_vehicle
 from hulldown.assets.plan_assets import Assets, AssetSource, GeometrySource, HdriSource, asset_fingerprint
 from hulldown.assets.vehicle import VehicleShape
@@ -23,14 +23,14 @@ from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.asset_sections import CACHE_NAME, DistractorEntry, ModelEntry, PaintEntry, SceneryEntry, VehicleEntry
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
-from hulldown.reading.cache import cached_export
+from hulldown.reading.cache import cached_export_and_digest
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.doubts import format_length, likely_scale
-from hulldown.reading.hdri import Hdri, read_hdris, refuse_no_hdri
-from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, refuse_missing
+from hulldown.reading.doubts import format_length, likely_scale_text
+from hulldown.reading.hdri import Hdri, read_hdris, require_hdri_file
+from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, refuse_missing_files
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
-from hulldown.reading.pieces.naming import first_match, is_named
+from hulldown.reading.pieces.naming import first_matching_pattern, name_matches_pattern
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quote_names
 from hulldown.reading.reader_process import Exported
@@ -71,7 +71,7 @@ class Library:
         return {path: list(lines) for path, lines in found.items() if lines}
 
 
-def hdri_paths(config: Config) -> dict[str, Path]:
+def hdri_paths_by_name(config: Config) -> dict[str, Path]:
     """Return name and path of every HDRI that `assets.hdris` matches, in the order of the patterns, then by name."""
     paths: dict[str, Path] = {}
     for pattern in config.assets.hdris:
@@ -115,19 +115,19 @@ def load_library(
     if progress is None:
         with reading_status() as status:
             return load_library(config, strict=strict, cache=cache, progress=status, limits=limits)
-    limits.check_confinement()
+    limits.refuse_or_warn_unconfined()
     cache = config.folder / config.assets.cache if cache is None else Path(cache)
-    hdris = hdri_paths(config)
+    hdris = hdri_paths_by_name(config)
     for path in hdris.values():
-        refuse_no_hdri(path)  # before the long work
+        require_hdri_file(path)  # before the long work
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
 
     def read(entry: ModelEntry | SceneryEntry) -> tuple[Exported, str]:
         kind = "scenery" if isinstance(entry, SceneryEntry) else "vehicle"
-        options = read_options(entry, config)
+        options = reading_options(entry, config)
         path = config.folder / entry.path
-        return cached_export(path, cache, kind=kind, options=options, limits=shared, progress=progress)
+        return cached_export_and_digest(path, cache, kind=kind, options=options, limits=shared, progress=progress)
 
     listed = config.assets
     with ThreadPoolExecutor(at_once) as pool:
@@ -135,7 +135,7 @@ def load_library(
     skies = dict(zip(hdris, read_hdris(list(hdris.values()), cache, limits=limits, progress=progress), strict=True))
     refuse_odd_lengths([(entry, exported.report) for entry, (exported, _) in files if isinstance(entry, ModelEntry)])
     needed = [e.report for entry, (e, _) in files if strict or not getattr(entry, "allow_missing", True)]
-    refuse_missing(needed, strict=strict)
+    refuse_missing_files(needed, strict=strict)
     models = {e.name: _with_length_doubt(exported, e) for e, (exported, _) in files if isinstance(e, ModelEntry)}
     _refuse_unmatched_paint(config, models)
     sceneries = {e.name: exported for e, (exported, _) in files if isinstance(e, SceneryEntry)}
@@ -146,7 +146,7 @@ def load_library(
     print_of = cache_result(asset_fingerprint)
 
     def shapes(entries: Sequence[ModelEntry]) -> dict[str, VehicleShape]:
-        return {e.name: _as_listed(read_shapes[e.name], e, config) for e in entries}
+        return {e.name: _apply_entry_to_shape(read_shapes[e.name], e, config) for e in entries}
 
     kinds = {"vehicles": VehicleEntry, "distractors": DistractorEntry, "sceneries": SceneryEntry}
     prints = {name: print_of(asset) for name, asset in (read_shapes | read_lands).items()}
@@ -155,7 +155,7 @@ def load_library(
             e.name: GeometrySource(
                 path=e.path,
                 sha256=sha256,
-                files={_relative_path(config.folder / e.path, file): each for file, each in exported.hashes.items()},
+                files={_path_from_asset_folder(config.folder / e.path, file): each for file, each in exported.hashes.items()},
                 geometry=prints[e.name],
             )
             for e, (exported, sha256) in files
@@ -164,7 +164,7 @@ def load_library(
         for key, kind in kinds.items()
     }
     sources["hdris"] = {
-        name: HdriSource(path=_as_given(path, config), sha256=sky.sha256, mended_sha256=sky.mended_sha256)
+        name: HdriSource(path=_config_relative_path(path, config), sha256=sky.sha256, mended_sha256=sky.mended_sha256)
         for (name, path), sky in zip(hdris.items(), skies.values(), strict=True)
     }
     assets = Assets(
@@ -178,16 +178,16 @@ def load_library(
     )
     annotated = [*assets.vehicles.values(), *(assets.distractors[e.name] for e in listed.distractors if e.category)]
     # Refuses keypoints that no vehicle has, before anything is planned.
-    category_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.path or config.folder)
+    category_keypoint_fields(annotated, config.annotate.keypoints, config.annotate.skeleton, path=config.path or config.folder)
     return Library(assets, models, sceneries, skies)
 
 
 def _with_length_doubt(exported: Exported, entry: ModelEntry) -> Exported:
     """Return the export with a doubt about a vehicle's unusual length, which is refused without a scale."""
     report = exported.report
-    if entry.scale is None or not (odd := odd_length(class_names(entry), report)):
+    if entry.scale is None or not (odd := odd_length_class_and_range(likely_class_names(entry), report)):
         return exported
-    text = f"with its scale of {entry.scale:g} it is {format_length(max(report.size))} long, and {usual_text(*odd)}"
+    text = f"with its scale of {entry.scale:g} it is {format_length(max(report.size))} long, and {usual_lengths_text(*odd)}"
     return replace(exported, report=replace(report, doubts=(*report.doubts, Doubt(DoubtKind.SCALE, text))))
 
 
@@ -206,7 +206,7 @@ def _refuse_unmatched_paint(config: Config, models: Mapping[str, Exported]) -> N
 def unmatched_paint_pattern(paint: Sequence[PaintEntry], materials: Sequence[MaterialRow]) -> str | None:
     """Return the first pattern of a vehicle's `paint` that matches none of its materials."""
     patterns = [pattern for entry in paint for pattern in entry.materials]
-    return next((p for p in patterns if not any(is_named(row.name, p) for row in materials)), None)
+    return next((p for p in patterns if not any(name_matches_pattern(row.name, p) for row in materials)), None)
 
 
 def load_planned_library(plan: PlanFile, *, cache: AnyPath | None = None, limits: ReadLimits = DEFAULT_LIMITS) -> Library:
@@ -216,11 +216,11 @@ def load_planned_library(plan: PlanFile, *, cache: AnyPath | None = None, limits
         remedy = "name the folder that it leads to by --cache, if it is yours"
         raise ConfigError("is a link", path=own_cache, remedy=remedy)
     library = load_library(Config.of_plan(plan), cache=cache or own_cache, limits=limits)
-    refuse_changed(plan, library.assets)
+    refuse_changed_assets(plan, library.assets)
     return library
 
 
-def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
+def _apply_entry_to_shape(shape: VehicleShape, entry: ModelEntry, config: Config) -> VehicleShape:
     limits = shape.part_limits
     for part, bounds in ((TURRET_PART, entry.turret_limits_deg), (GUN_PART, entry.gun_limits_deg)):
         if bounds is None:
@@ -239,7 +239,7 @@ def _as_listed(shape: VehicleShape, entry: ModelEntry, config: Config) -> Vehicl
     return replace(shape, name=entry.name, part_limits=limits).with_keypoints(points)
 
 
-def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
+def reading_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
     """Return the options for reading a file: those of its entry in the config, and shared ones."""
     names = {field.name for field in fields(Options)}
     options = {key: value for key, value in entry if key in names}
@@ -250,18 +250,18 @@ def read_options(entry: ModelEntry | SceneryEntry, config: Config) -> Options:
     return Options(**options, texture_size=config.assets.texture_size)
 
 
-def _relative_path(asset: Path, file: str) -> str:
+def _path_from_asset_folder(asset: Path, file: str) -> str:
     return Path(os.path.relpath(file, asset.resolve().parent)).as_posix()
 
 
-def _as_given(path: Path, config: Config) -> str:
+def _config_relative_path(path: Path, config: Config) -> str:
     try:
         return path.relative_to(config.folder).as_posix()
     except ValueError:
         return str(path)
 
 
-def refuse_changed(plan: PlanFile, assets: Assets) -> None:
+def refuse_changed_assets(plan: PlanFile, assets: Assets) -> None:
     """Refuse assets whose files have changed since planning, or whose geometry is read differently here."""
     for kind in ("vehicles", "distractors", "sceneries", "hdris"):
         planned: Mapping[str, AssetSource] = getattr(plan.header, kind)
@@ -273,16 +273,16 @@ def refuse_changed(plan: PlanFile, assets: Assets) -> None:
                     path=plan.path,
                     remedy="plan again with `hulldown plan`, or bring the old file back",
                 )
-            if changed := _changed_file(was, files[name]):
+            if changed := _first_changed_file(was, files[name]):
                 raise ConfigError(
                     f"{kind}: {changed}, of {name!r} ({was.path}), is not what it was when this was planned",
                     path=plan.path,
                     remedy="plan again with `hulldown plan`, or bring the old file back",
                 )
-            if not _reads_the_same(was, files[name]):
+            if not _has_same_geometry(was, files[name]):
                 raise ConfigError(
                     f"{kind}: {name!r} ({was.path}) has another geometry here than when this was planned"
-                    f" ({_blender_versions(plan)})",
+                    f" ({_blender_versions_text(plan)})",
                     path=plan.path,
                     remedy="plan again here, or use the Blender that it was planned with",
                 )
@@ -292,7 +292,7 @@ def _source_digests(source: AssetSource) -> tuple[str, str]:
     return source.sha256, source.mended_sha256 if isinstance(source, HdriSource) else ""
 
 
-def _changed_file(was: AssetSource, now: AssetSource) -> str:
+def _first_changed_file(was: AssetSource, now: AssetSource) -> str:
     """Return the first texture or library that has changed; empty if there is none, or the plan doesn't list any."""
     if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.files):
         return ""
@@ -300,59 +300,59 @@ def _changed_file(was: AssetSource, now: AssetSource) -> str:
     return next((each for each in names if was.files.get(each, "") != now.files.get(each, "")), "")
 
 
-def _reads_the_same(was: AssetSource, now: AssetSource) -> bool:
+def _has_same_geometry(was: AssetSource, now: AssetSource) -> bool:
     if not (isinstance(was, GeometrySource) and isinstance(now, GeometrySource) and was.geometry and now.geometry):
         return True
     return was.geometry.agrees_with_other(now.geometry)
 
 
-def _blender_versions(plan: PlanFile) -> str:
+def _blender_versions_text(plan: PlanFile) -> str:
     return f"with bpy {plan.header.versions.get('bpy', 'unknown')}; here is {package_version('bpy') or 'none'}"
 
 
 def refuse_odd_lengths(vehicles: Sequence[tuple[ModelEntry, FileReport]]) -> None:
     """Refuse vehicles of unusual length for their class, unless the config gives their scale."""
-    found = [(entry, odd_length(class_names(entry), report), report) for entry, report in vehicles]
+    found = [(entry, odd_length_class_and_range(likely_class_names(entry), report), report) for entry, report in vehicles]
     refused = [(entry, odd, report) for entry, odd, report in found if entry.scale is None and odd is not None]
     if refused:
         others = [f"{entry.name} ({format_length(max(report.size))})" for entry, _, report in refused[1:]]
         _, (kind, lengths), report = refused[0]
         several = next((str(doubt) for doubt in report.doubts if doubt.kind == DoubtKind.SEVERAL), "")
         raise AssetError(
-            f"is {format_length(max(report.size))} long, and {usual_text(kind, lengths)}"
+            f"is {format_length(max(report.size))} long, and {usual_lengths_text(kind, lengths)}"
             + (f"; of unusual length are also {', '.join(others)}" if others else ""),
             path=report.path,
             remedy=several
-            or f"set scale{likely_scale(max(report.size), report.unit, lengths)}, also to the value that "
+            or f"set scale{likely_scale_text(max(report.size), report.unit, lengths)}, also to the value that "
             "it has now if the size is right",
         )
 
 
-def class_names(entry: ModelEntry) -> tuple[str, str]:
+def likely_class_names(entry: ModelEntry) -> tuple[str, str]:
     """Return the names that may tell a vehicle's class, the most reliable first."""
     return getattr(entry, "category", None) or "", entry.name
 
 
-def odd_length(names: Sequence[str], report: FileReport) -> tuple[str, tuple[float, float]] | None:
+def odd_length_class_and_range(names: Sequence[str], report: FileReport) -> tuple[str, tuple[float, float]] | None:
     """Return the class by these names and its usual lengths, if the vehicle's length isn't usual."""
-    told = ([kind for kind in USUAL_LENGTHS_M if first_match(name, kind)] for name in names)
+    told = ([kind for kind in USUAL_LENGTHS_M if first_matching_pattern(name, kind)] for name in names)
     kinds = next(filter(None, told), [ANY_VEHICLE])  # several of "car-truck-tanker"
     lows, highs = zip(*(USUAL_LENGTHS_M.get(kind, ANY_LENGTH) for kind in kinds), strict=True)
     low, high = min(lows), max(highs)
     return None if low <= max(report.size) <= high else (kinds[0][0], (low, high))
 
 
-def with_odd_length(report: FileReport, *names: str) -> FileReport:
+def with_odd_length_doubt(report: FileReport, *names: str) -> FileReport:
     """Return the report with a doubt about a vehicle's length that `plan` would refuse with these names."""
-    odd = odd_length(names, report) if report.kind == "vehicle" else None
+    odd = odd_length_class_and_range(names, report) if report.kind == "vehicle" else None
     if odd is None or any(doubt.kind == DoubtKind.SCALE for doubt in report.doubts):
         return report
     length = max(report.size)
-    text = f"it is {format_length(length)} long, and {usual_text(*odd)}; set scale"
-    doubt = Doubt(DoubtKind.SCALE, f"{text}{likely_scale(length, report.unit, odd[1])}")
+    text = f"it is {format_length(length)} long, and {usual_lengths_text(*odd)}; set scale"
+    doubt = Doubt(DoubtKind.SCALE, f"{text}{likely_scale_text(length, report.unit, odd[1])}")
     return replace(report, doubts=(*report.doubts, doubt))
 
 
-def usual_text(kind: str, usual: tuple[float, float]) -> str:
+def usual_lengths_text(kind: str, usual: tuple[float, float]) -> str:
     """Return the usual lengths of a class as the end of a sentence."""
     return f"a {kind} has {usual[0]:g} to {usual[1]:g} m"

@@ -67,12 +67,14 @@ REJECTION_KINDS = max(Rejection) + 1
 BY_KEY = {r.key: r for r in Rejection}
 
 
-def count_rejections(codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int) -> Int[np.ndarray, "rows kinds"]:
+def count_rejections_by_row(
+    codes: Int[np.ndarray, " n"], row: Int[np.ndarray, " n"], rows: int
+) -> Int[np.ndarray, "rows kinds"]:
     """Return how often each code occurs with each row."""
     return np.bincount(row * REJECTION_KINDS + codes, minlength=rows * REJECTION_KINDS).reshape(rows, REJECTION_KINDS)
 
 
-def first_accepted(
+def first_accepted_and_counts(
     rejection: UInt8[np.ndarray, "n t"], limit: Int[np.ndarray, " n"] | None = None
 ) -> tuple[Bool[np.ndarray, " n"], Int[np.ndarray, " q"], Int[np.ndarray, "n kinds"]]:
     """Return the first accepted of t tries in each row, of which the first `limit` count."""
@@ -81,7 +83,7 @@ def first_accepted(
     good = (rejection == Rejection.NONE) & (number < limits[:, None])
     taken, first = good.any(axis=1), good.argmax(axis=1)
     row, column = np.nonzero(number < np.where(taken, first, limits)[:, None])
-    counts = count_rejections(rejection[row, column].astype(np.int64), row, n)
+    counts = count_rejections_by_row(rejection[row, column].astype(np.int64), row, n)
     return taken, np.flatnonzero(taken) * t + first[taken], counts
 
 

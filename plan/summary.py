@@ -15,7 +15,7 @@ from rich.markup import escape
 from rich.table import Table
 from scipy.special import chdtrc
 
-from hulldown.camera.shell import shell_place
+from hulldown.camera.shell import shell_coordinates
 from hulldown.geometry.transforms import transform_points
 from hulldown.plan.config.asset_sections import OWN_COLOR
 from hulldown.plan.rejection import BY_KEY, CAMERA_REJECTIONS, PLACE_REJECTIONS
@@ -65,7 +65,7 @@ class Histogram:
         return np.histogram(np.clip(self.values, self.edges[0], self.edges[-1]), self.edges)[0]
 
     @property
-    def used_bins(self) -> slice:
+    def used_bin_slice(self) -> slice:
         """The bins from the first to the last that has a value."""
         bins = np.flatnonzero(self.bin_counts)
         return slice(bins[0], bins[-1] + 1) if len(bins) else slice(0, 0)
@@ -80,7 +80,7 @@ class Histogram:
 
     def bars(self, width: int = 24) -> str:
         """Return the used bins as a line of blocks."""
-        counts = self.bin_counts[self.used_bins]
+        counts = self.bin_counts[self.used_bin_slice]
         groups = [int(part.sum()) for part in np.array_split(counts, min(width, len(counts)) or 1)]
         return "".join(_BAR_CHARACTERS[math.ceil(8 * n / max(*groups, 1))] for n in groups)
 
@@ -223,7 +223,7 @@ def summarize_plan(rows: Iterable[Row], *, left_out: Sequence[LeftOut] = (), ove
         sizes[category][next(name for name, limit in SIZE_CLASSES_PX2.items() if area < limit)] += 1
         center = np.mean([target.bounds.low, target.bounds.high], axis=0)
         center = transform_points(target.world_from_vehicle, center[None])[0]
-        distance, _, elevation = shell_place(row.world_from_camera[:3, 3] - center)
+        distance, _, elevation = shell_coordinates(row.world_from_camera[:3, 3] - center)
         derived = {
             "distance_m": float(distance),
             "elevation_deg": math.degrees(elevation),

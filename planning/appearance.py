@@ -15,14 +15,14 @@ from hulldown.assets.plan_assets import Assets
 from hulldown.base.errors import ConfigError
 from hulldown.base.indices import even_sample
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.response import MAX_EV, card_radiance, metered_exposures_ev
+from hulldown.camera.response import MAX_EV, gray_card_radiance, metered_exposures_ev
 from hulldown.plan.coats import Coat
 from hulldown.plan.config.asset_sections import OWN_COLOR, PaintEntry
 from hulldown.plan.config.scene_sections import LightSection
 from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
 from hulldown.plan.row import Row, round_field
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted_indices, scale_uniform
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
@@ -58,7 +58,7 @@ def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarra
     return np.stack([usual, cloudy])
 
 
-def draw_lights(
+def sample_light_columns(
     light: LightSection,
     weathers: Sequence[Weather | None],
     weights: Float[np.ndarray, "2 h"],
@@ -71,12 +71,12 @@ def draw_lights(
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     overcast = np.array([weather is not None and WEATHER_KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)
-    hdris = [assets.hdris[i] for i in choose_weighted(weights[overcast], u[:, 0]).tolist()]
+    hdris = [assets.hdris[i] for i in choose_weighted_indices(weights[overcast], u[:, 0]).tolist()]
     skies = {name: assets.sky(name) for name in set(hdris)}
     strength = round_field("strength", scale_uniform(*light.strength, u[:, 2]))
     if light.exposure == "auto":
         irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
-        ev = metered_exposures_ev(card_radiance(irradiance, strength[:, None]))
+        ev = metered_exposures_ev(gray_card_radiance(irradiance, strength[:, None]))
     else:
         ev = np.full(len(image), light.exposure)
     cut = {
@@ -96,7 +96,7 @@ def draw_lights(
     }
 
 
-def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
+def count_hdri_land_images(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     """Return how many images show an HDRI's land in place of terrain, and how many were examined."""
     fallback_z = Config.of_plan(plan).ground.fallback_z
     chosen = even_sample(len(plan), MAX_EXAMINED_IMAGES).tolist()
@@ -117,7 +117,7 @@ def land_above_horizon(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     return count, len(chosen)
 
 
-def draw_coats(
+def sample_coats(
     paint: Sequence[PaintEntry], draws: RandomStreams, *, position: Int[np.ndarray, " n"], place: ArrayLike
 ) -> list[list[Coat]]:
     """Draw a vehicle's coats at n positions; `place`: 0 (target), `FIRST_COMPANION` + k, or `FIRST_DISTRACTOR` + k."""
@@ -127,9 +127,9 @@ def draw_coats(
     sizes = np.array([len(entry.colors) for entry in paint])
     drawn = draws.uniform(Purpose.PAINT, position, place, count=kinds).reshape(n, kinds)
     choices = np.minimum((drawn * sizes).astype(np.int64), sizes - 1).tolist()
-    return [[_choose_coat(entry, choice) for entry, choice in zip(paint, row, strict=True)] for row in choices]
+    return [[_make_coat(entry, choice) for entry, choice in zip(paint, row, strict=True)] for row in choices]
 
 
-def _choose_coat(entry: PaintEntry, choice: int) -> Coat:
+def _make_coat(entry: PaintEntry, choice: int) -> Coat:
     color = entry.colors[choice]
     return Coat(list(entry.materials), None if color == OWN_COLOR else color)

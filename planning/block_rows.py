@@ -16,14 +16,14 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.picture_names import picture_name
 from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import Bounds, Box, FollowedPhotograph, LabelState, OnMap, PlannedVehicle, Row, round_field
-from hulldown.planning.appearance import FIRST_COMPANION, FIRST_DISTRACTOR, draw_coats, draw_lights
-from hulldown.planning.search.instance_table import Instances, articulated_boxes
+from hulldown.planning.appearance import FIRST_COMPANION, FIRST_DISTRACTOR, sample_coats, sample_light_columns
+from hulldown.planning.search.instance_table import Instances, articulated_bounds
 from hulldown.planning.search.likeness import Following
 from hulldown.planning.search.positions import Planned
 from hulldown.planning.search.random_streams import Purpose
 from hulldown.planning.search.stage import Site
 from hulldown.planning.search.tables import MAX_ROLE_EXTRAS, Block, InstanceRole, Views
-from hulldown.reading.scenery.geotiff import on_map
+from hulldown.reading.scenery.geotiff import transform_map_points
 
 _EXTRA_ROLES = {InstanceRole.COMPANION: "companion", InstanceRole.DISTRACTOR: "distractor"}
 MAX_CUT_SHARE = 0.8  # of a labeled box that the frame cuts off, unless targets may lose more
@@ -37,8 +37,8 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
     target = np.flatnonzero(table.role == InstanceRole.TARGET)
     background = held.background[owner].tolist()
     roles, labels = ["target"] * len(image), ["none" if is_empty else "full" for is_empty in background]
-    targets = _in_images(instances, target[owner], views, roles=roles, labels=labels)
-    extras = _image_extras(planned, instances)
+    targets = _vehicles_in_images(instances, target[owner], views, roles=roles, labels=labels)
+    extras = _extras_by_image_and_role(planned, instances)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
         "index": image.tolist(),
@@ -50,7 +50,9 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
         "world_from_camera": views.world_from_camera,
         "fov_x_deg": views.fov_x_deg.tolist(),
         **{key: repeat(value, len(image)) for key, value in _camera_columns(config).items()},
-        **draw_lights(config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.light_image),
+        **sample_light_columns(
+            config.light, planned.weathers, hdri_weights, assets=assets, draws=draws, image=block.light_image_indices
+        ),
         "weather": planned.weathers,
         "like": _followed_photographs(block, views),
         "sequence": block.given_poses(image).name.tolist(),
@@ -85,7 +87,7 @@ def _followed_photographs(block: Block, views: Views) -> list[FollowedPhotograph
     return followed
 
 
-def _in_images(
+def _vehicles_in_images(
     instances: Mapping[str, Sequence[object]],
     instance: Int[np.ndarray, " n"],
     views: Views,
@@ -98,20 +100,20 @@ def _in_images(
     return row_objects(PlannedVehicle, {"role": roles, **of_instance, **view_columns(views), "label": labels})
 
 
-def _image_extras(
+def _extras_by_image_and_role(
     planned: Planned, instances: Mapping[str, Sequence[object]]
 ) -> defaultdict[tuple[int, int], list[PlannedVehicle]]:
     """Return the extras in each image, by role and the image's row in the block."""
     seen, views = planned.extra_views, planned.extra_views.views
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
-    labels = extra_labels(views, seen.pixels, planned.block.config)
-    vehicles = _in_images(instances, seen.instance, views, roles=[_EXTRA_ROLES[role] for role in roles], labels=labels)
+    labels = extra_label_states(views, seen.pixels, planned.block.config)
+    vehicles = _vehicles_in_images(instances, seen.instance, views, roles=[_EXTRA_ROLES[role] for role in roles], labels=labels)
     for image, role, vehicle in zip(seen.image.tolist(), roles, vehicles, strict=True):
         extras[image, role].append(vehicle)
     return extras
 
 
-def extra_labels(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[LabelState]:
+def extra_label_states(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[LabelState]:
     """Return the labels of n companions and distractors that have a class and cover `pixels`, within the limits."""
     given, camera = config.annotate, config.camera
     least_px, least_visible = given.min_box_px, given.min_visible_fraction
@@ -143,14 +145,14 @@ def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
         "gap": round_field("gap", settled.gap).tolist(),
         "penetration": round_field("penetration", settled.penetration).tolist(),
         "tries": table.tries.tolist(),
-        "bounds": bounds_in_rows(table),
-        "geo": geo_in_rows(table.world_from_vehicle, block.site),
-        "track_id": _track_numbers(planned),
+        "bounds": rounded_vehicle_bounds(table),
+        "geo": vehicle_map_places(table.world_from_vehicle, block.site),
+        "track_id": _instance_track_ids(planned),
         "paint": _instance_coats(planned),
     }
 
 
-def _track_numbers(planned: Planned) -> list[int | None]:
+def _instance_track_ids(planned: Planned) -> list[int | None]:
     block, table = planned.block, planned.table
     number = 1 + (block.positions.number[table.row] * len(InstanceRole) + table.role) * MAX_ROLE_EXTRAS + table.number
     named = block.given_poses(block.positions.first_image).in_sequence[table.row]
@@ -171,7 +173,7 @@ def _instance_coats(planned: Planned) -> list[list[Coat]]:
         name = table.fleet.models[model].shape.name
         paint = block.config.vehicle_paint(name)
         position = block.positions.number[table.row[of_model]]
-        sampled = draw_coats(paint, block.draws, position=position, place=places[of_model])
+        sampled = sample_coats(paint, block.draws, position=position, place=places[of_model])
         for i, coat in zip(of_model.tolist(), sampled, strict=True):
             coats[i] = coat
     return coats
@@ -188,18 +190,18 @@ def view_columns(views: Views) -> dict[str, Sequence[object]]:
     return {**boxes, **{key: round_field(key, share).tolist() for key, share in shares.items()}}
 
 
-def bounds_in_rows(instances: Instances) -> list[Bounds]:
+def rounded_vehicle_bounds(instances: Instances) -> list[Bounds]:
     """Return the bounds of each vehicle in its own frame, rounded."""
-    bounds = articulated_boxes(instances.fleet, instances.model, instances.angles)
+    bounds = articulated_bounds(instances.fleet, instances.model, instances.angles)
     return [Bounds(tuple(low), tuple(high)) for low, high in bounds.tolist()]
 
 
-def geo_in_rows(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> list[OnMap | None]:
+def vehicle_map_places(world_from_vehicle: Float[np.ndarray, "n 4 4"], site: Site) -> list[OnMap | None]:
     """Return places on the map, or None for vehicles without a pose and sceneries without a map."""
     if not site.crs:
         return [None] * len(world_from_vehicle)
     meters = np.round(world_from_vehicle[:, :2, 3] + site.origin[:2], 6)
-    degrees = np.round(on_map(meters, site.crs, "EPSG:4326"), 9)
+    degrees = np.round(transform_map_points(meters, site.crs, "EPSG:4326"), 9)
     placed = np.isfinite(degrees).all(axis=1).tolist()
     keys = OnMap.__struct_fields__[1:]
     rows = np.concatenate([meters, degrees], axis=1).tolist()

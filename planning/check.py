@@ -21,13 +21,13 @@ from hulldown.placement.settle import gap_and_penetration
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import LabelState, PlannedVehicle, Row, encode_line, round_field, row_fields
-from hulldown.planning.block_rows import bounds_in_rows, extra_labels, geo_in_rows, view_columns
+from hulldown.planning.block_rows import extra_label_states, rounded_vehicle_bounds, vehicle_map_places, view_columns
 from hulldown.planning.planner import POSITIONS_PER_BLOCK, Planner
 from hulldown.planning.search.instance_table import Instances
-from hulldown.planning.search.placing import sees_sky
+from hulldown.planning.search.placing import skylit_vehicle_mask
 from hulldown.planning.search.stage import PlanStage, Site
-from hulldown.planning.search.tables import no_views
-from hulldown.planning.search.views import views_of_others
+from hulldown.planning.search.tables import nan_views
+from hulldown.planning.search.views import other_views_and_pixel_mask
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 NUMBER_TOLERANCE = 1e-6  # for meters, degrees, pixels, and shares by other processors
@@ -63,10 +63,10 @@ def check_plan(
             remedy="plan again with `hulldown plan`, or bring the old file back",
         )
     with progress_bar("checking") as advance:
-        return check_rows(plan, planner, progress=advance)
+        return find_plan_row_problems(plan, planner, progress=advance)
 
 
-def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
+def find_plan_row_problems(plan: Plan, planner: Planner, *, progress: Callable[[int, int], None] | None = None) -> list[str]:
     """Do `check_plan` with the planner of the plan's config, which plans can share."""
     budget, findings, hidden = planner.budget, [], 0
     if len(plan) != budget.n_images:
@@ -75,7 +75,7 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
         findings.append("the header's left_out differs from what its config gives")
     rows, start, done = iter(plan), 0, 0
     while block := list(islice(rows, 1)):
-        stop = min(start + POSITIONS_PER_BLOCK, budget.n_positions)
+        stop = min(start + POSITIONS_PER_BLOCK, budget.n_planned_positions)
         wanted = planner.rows(start, stop) if start < stop else []
         block += islice(rows, max(len(wanted), 1) - 1)
         for row, planned in zip(block, wanted, strict=False):
@@ -91,9 +91,9 @@ def check_rows(plan: Plan, planner: Planner, *, progress: Callable[[int, int], N
 
 def _row_findings(row: Row, planned: Row, planner: Planner) -> Iterator[str]:
     stage = planner.stage
-    known = known_poses(row, stage)
+    known = site_and_posed_vehicles(row, stage)
     inconsistent = dict(_row_differences(row, relabel_row(row, *known, stage))) if known else {}
-    for k in _in_the_dark(*known, stage) if known else ():
+    for k in _unlit_vehicle_indices(*known, stage) if known else ():
         yield f"image {row.index}: planned[{k}], {row.planned[k].vehicle}, is where no light of the sky reaches it"
     for key, (value, wanted) in inconsistent.items():
         yield f"image {row.index}: {key} is {value}, its poses give {wanted}"
@@ -117,26 +117,26 @@ def _differing_fields(
 ) -> Iterator[tuple[str, tuple[str, str]]]:
     for key in keys:
         pair = first.get(key), second.get(key)  # lines leave out some fields that are null
-        if not _equal_values(*pair):
-            yield place + key, (_shorten_value(pair[0]), _shorten_value(pair[1]))
+        if not _are_values_close(*pair):
+            yield place + key, (_short_json(pair[0]), _short_json(pair[1]))
 
 
-def _equal_values(first: object, second: object) -> bool:
+def _are_values_close(first: object, second: object) -> bool:
     if isinstance(first, float) and isinstance(second, float):
         return math.isclose(first, second, rel_tol=0.0, abs_tol=NUMBER_TOLERANCE)
     if isinstance(first, list) and isinstance(second, list):
-        return len(first) == len(second) and all(map(_equal_values, first, second))
+        return len(first) == len(second) and all(map(_are_values_close, first, second))
     if isinstance(first, dict) and isinstance(second, dict):
-        return first.keys() == second.keys() and all(_equal_values(first[key], second[key]) for key in first)
+        return first.keys() == second.keys() and all(_are_values_close(first[key], second[key]) for key in first)
     return bool(first == second)
 
 
-def _shorten_value(value: object) -> str:
+def _short_json(value: object) -> str:
     text = msgspec.json.encode(value).decode()
     return text if len(text) <= MAX_VALUE_CHARACTERS else text[:MAX_VALUE_CHARACTERS] + "..."
 
 
-def known_poses(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
+def site_and_posed_vehicles(row: Row, stage: PlanStage) -> tuple[Site, Instances] | None:
     """Return a row's site and posed vehicles; None for an unknown scenery, vehicle, or part."""
     site = next((site for site in stage.sites if site.name == row.scenery), None)
     parts = {model.shape.name: set(model.shape.part_names[1:]) for model in stage.fleet.models}
@@ -160,11 +160,11 @@ def relabel_row(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> 
     return replace(row, planned=[replace(target, label=label), *extras])
 
 
-def _in_the_dark(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]:
+def _unlit_vehicle_indices(site: Site, vehicles: Instances, stage: PlanStage) -> list[int]:
     """Return which vehicles are where the config allows none: in a closed hall, or inside a hill."""
     if stage.config.placement.indoors:
         return []
-    return np.flatnonzero(~sees_sky(site, vehicles)).tolist()
+    return np.flatnonzero(~skylit_vehicle_mask(site, vehicles)).tolist()
 
 
 def _label_columns(row: Row, site: Site, vehicles: Instances, stage: PlanStage) -> dict[str, Sequence[object]]:
@@ -174,10 +174,10 @@ def _label_columns(row: Row, site: Site, vehicles: Instances, stage: PlanStage) 
     cameras = Cameras(row.intrinsics, np.tile(row.world_from_camera, (k, 1, 1)))
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=subject)
-    views, pixels = views_of_others(
-        site, vehicles, others, views=no_views(k), cameras=cameras, visibility_m=visibility, rays=config.camera.visibility_rays
+    views, pixels = other_views_and_pixel_mask(
+        site, vehicles, others, views=nan_views(k), cameras=cameras, visibility_m=visibility, rays=config.camera.visibility_rays
     )
-    labels = extra_labels(views, pixels, config)
+    labels = extra_label_states(views, pixels, config)
     poses = vehicles.world_from_vehicle
     gap, penetration = gap_and_penetration(site.terrain, poses, stage.fleet.contacts.take(vehicles.model))
     up = poses[:, :3, 2]
@@ -187,6 +187,6 @@ def _label_columns(row: Row, site: Site, vehicles: Instances, stage: PlanStage) 
         **view_columns(views),
         **{key: round_field(key, values).tolist() for key, values in numbers.items()},
         "label": labels,
-        "bounds": bounds_in_rows(vehicles),
-        "geo": geo_in_rows(poses, site),
+        "bounds": rounded_vehicle_bounds(vehicles),
+        "geo": vehicle_map_places(poses, site),
     }

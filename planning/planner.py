@@ -16,13 +16,13 @@ from hulldown.plan.given_poses import GivenPoses
 from hulldown.plan.row import Row, encode_rows
 from hulldown.planning.appearance import hdri_weights
 from hulldown.planning.block_rows import block_rows
-from hulldown.planning.search.budget import Positions, make_budget, pose_arrays, pose_budget
+from hulldown.planning.search.budget import Positions, given_pose_arrays, make_budget, pose_budget
 from hulldown.planning.search.likeness import Likeness
-from hulldown.planning.search.pairs import Pairs, make_pairs
+from hulldown.planning.search.pairs import Pairs, try_vehicle_scenery_pairs
 from hulldown.planning.search.positions import HopelessPosition, plan_block
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted_indices
 from hulldown.planning.search.stage import make_stage
-from hulldown.planning.search.tables import Block, scenery_extras, target_models
+from hulldown.planning.search.tables import Block, choose_target_models, scenery_extras_by_background
 
 POSITIONS_PER_BLOCK = 2048  # gives large batches for each vehicle and scenery
 
@@ -52,12 +52,14 @@ class Planner:
         self.stage = make_stage(config, assets)
         self.likeness = None if self.photographs is None else Likeness(self.photographs, config)
         self.strict = strict
-        self.pairs = pairs or make_pairs(self.stage, self.budget, self._draws, strict=strict)
+        self.pairs = pairs or try_vehicle_scenery_pairs(self.stage, self.budget, self._draws, strict=strict)
         vehicles = [self.budget.vehicles.index(name) for name in assets.vehicles]
         present = (self.pairs.weights[vehicles] > 0.0) * np.array([[weights.get(v, 1.0)] for v in assets.vehicles])
-        self._extras = [scenery_extras(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)]
+        self._extras = [
+            scenery_extras_by_background(site, self.stage, present[:, s]) for s, site in enumerate(self.stage.sites)
+        ]
         self.poses = poses
-        self.given = None if poses is None else pose_arrays(poses, self.stage.sites, self.budget.positions.first_image)
+        self.given = None if poses is None else given_pose_arrays(poses, self.stage.sites, self.budget.positions.first_image)
 
     def rows(self, start: int, stop: int) -> list[Row]:
         """Return all rows of the positions from `start` to before `stop`, in order."""
@@ -73,7 +75,7 @@ class Planner:
         pending, attempt = np.arange(len(number)), 0
         while len(pending):
             uniform = self._draws.uniform(Purpose.SCENERY, number[pending], attempt, count=1)[:, 0]
-            site = choose_weighted(weights[pending], uniform)
+            site = choose_weighted_indices(weights[pending], uniform)
             weights[pending, site] = 0.0
             # A position without a place on its scenery tries the others.
             homeless = [pending[:0]]
@@ -104,7 +106,7 @@ class Planner:
     def _make_block(self, site: int, positions: Positions, movable: Bool[np.ndarray, " n"]) -> Block:
         """Return positions on a scenery, of which the movable ones have others left."""
         stage, draws, scenery = self.stage, self._draws, self.stage.sites[site]
-        model = target_models(self.budget, stage, draws, positions=positions, site=scenery)
+        model = choose_target_models(self.budget, stage, draws, positions=positions, site=scenery)
         extras = self._extras[site]
         return Block(stage, draws, scenery, extras, positions, model, movable, self.likeness, self.given)
 

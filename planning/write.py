@@ -24,7 +24,7 @@ from hulldown.assets.plan_assets import Assets, AssetSource, HdriSource
 from hulldown.base.arguments import PATH_PARSER, AnyPath, Count
 from hulldown.base.code import package_version
 from hulldown.base.errors import ConfigError
-from hulldown.base.outputs import claim_file
+from hulldown.base.outputs import require_replaceable_file
 from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.plan.config.asset_sections import CACHE_NAME
 from hulldown.plan.config.schema import Config
@@ -36,7 +36,7 @@ from hulldown.planning.inputs.poses import read_poses
 from hulldown.planning.planner import POSITIONS_PER_BLOCK, Planner
 from hulldown.planning.search.likeness import Likeness
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.reading.pieces.asset_report import refuse_lost
+from hulldown.reading.pieces.asset_report import refuse_lost_geometry
 from hulldown.reading.pieces.doubt import Doubt, file_warnings
 
 ReportProgress = Callable[[int, int], None]
@@ -93,23 +93,23 @@ def plan_dataset(
     # Local imports, since the worker processes import this module.
     from hulldown.base.terminal import progress_bar
     from hulldown.plan.library import load_library
-    from hulldown.planning.appearance import land_above_horizon
+    from hulldown.planning.appearance import count_hdri_land_images
 
     config = config if isinstance(config, Config) else Config.read(config)
     given = read_poses(Path(poses)) if poses else None
     path = Path(output)
     if path.suffix.lower() == ".png":
         raise ConfigError("a plan's name can't end in .png", path=path, remedy="end it in .jsonl")
-    claim_file(path, "a plan", PLAN_MARK)
+    require_replaceable_file(path, "a plan", PLAN_MARK)
     photographs = None
     if config.camera.like is not None:
         photographs = read_photographs(config.folder / config.camera.like)  # before the long work
-        for note in Likeness(photographs, config).unused_notes({entry.category for entry in config.assets.vehicles}):
+        for note in Likeness(photographs, config).box_usability_notes({entry.category for entry in config.assets.vehicles}):
             warnings.warn(note, stacklevel=2)
     library = load_library(config, strict=strict, cache=cache, limits=limits)
-    refuse_lost([exported.report for exported in (*library.models.values(), *library.sceneries.values())])
+    refuse_lost_geometry([exported.report for exported in (*library.models.values(), *library.sceneries.values())])
     doubts = library.doubts(backdrop=config.light.backdrop == "hdri")
-    unstated = new_doubts(doubts, config)
+    unstated = unstated_doubts(doubts, config)
     for line in file_warnings(unstated):
         warnings.warn(line, stacklevel=2)
     if stated := sum(map(len, doubts.values())) - sum(map(len, unstated.values())):
@@ -126,7 +126,7 @@ def plan_dataset(
             photographs=photographs,
             progress=advance,
         )
-    if config.light.backdrop == "hdri" and (seen := land_above_horizon(made, assets))[0]:
+    if config.light.backdrop == "hdri" and (seen := count_hdri_land_images(made, assets))[0]:
         warnings.warn(
             f"in {seen[0]} of the {seen[1]} images looked at, the terrain ends before the horizon and the HDRI's land "
             'is seen behind it; set light.backdrop = "sky"',
@@ -135,11 +135,11 @@ def plan_dataset(
     return made
 
 
-def new_doubts(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
+def unstated_doubts(doubts: Mapping[str, Sequence[Doubt]], config: Config) -> dict[str, list[Doubt]]:
     """Return doubts by path, without those that `init` wrote into the config."""
-    from hulldown.planning.inputs.found_assets import stated_doubts
+    from hulldown.planning.inputs.found_assets import load_stated_doubts
 
-    stated = stated_doubts(config.path, config.folder / CACHE_NAME) if config.path else {}
+    stated = load_stated_doubts(config.path, config.folder / CACHE_NAME) if config.path else {}
     return {
         path: [doubt for doubt in some if doubt not in stated.get(str(Path(path).resolve()), ())]
         for path, some in doubts.items()
@@ -166,12 +166,12 @@ def write_plan(
         # Functions that get a section don't know the config's file.
         raise ConfigError(error.problem, path=error.path or config.path, remedy=error.remedy) from None
     budget = planner.budget
-    with PlanWriter(path, make_header(planner, path)) as writer:
-        start = _resume_position(writer, planner)
+    with PlanWriter(path, make_plan_header(planner, path)) as writer:
+        start = _truncate_to_resume_position(writer, planner)
         if progress:
             progress(writer.rows, budget.n_images)
-        size = min(max((budget.n_positions - start) // (2 * workers), _MIN_BLOCK_POSITIONS), POSITIONS_PER_BLOCK)
-        blocks = [(k, min(k + size, budget.n_positions)) for k in range(start, budget.n_positions, size)]
+        size = min(max((budget.n_planned_positions - start) // (2 * workers), _MIN_BLOCK_POSITIONS), POSITIONS_PER_BLOCK)
+        blocks = [(k, min(k + size, budget.n_planned_positions)) for k in range(start, budget.n_planned_positions, size)]
         workers = min(workers, max(len(blocks), 1))
         for lines, rows in _plan_blocks(planner, blocks, workers):
             writer.write(lines, rows)
@@ -181,7 +181,7 @@ def write_plan(
     return read_plan(path)
 
 
-def make_header(planner: Planner, path: str | Path) -> Header:
+def make_plan_header(planner: Planner, path: str | Path) -> Header:
     """Return the first line of a planner's plan that is written to this path."""
     config, assets = planner.config, planner.assets
 
@@ -218,15 +218,15 @@ def make_header(planner: Planner, path: str | Path) -> Header:
     )
 
 
-def _resume_position(writer: PlanWriter, planner: Planner) -> int:
+def _truncate_to_resume_position(writer: PlanWriter, planner: Planner) -> int:
     """Return the first position that isn't completely in the file, and drop its rows."""
     budget = planner.budget
     if writer.rows >= budget.n_images:
-        writer.keep_rows(budget.n_images)
-        return budget.n_positions
+        writer.keep_first_rows(budget.n_images)
+        return budget.n_planned_positions
     starts = budget.positions.first_image
     position = int(np.searchsorted(starts, writer.rows, side="right")) - 1
-    writer.keep_rows(int(starts[position]))
+    writer.keep_first_rows(int(starts[position]))
     return position
 
 
@@ -244,7 +244,7 @@ def _plan_blocks(planner: Planner, blocks: list[tuple[int, int]], workers: int) 
     running: deque[Future[tuple[bytes, int]]] = deque()
     try:
         for block in blocks:
-            running.append(pool.submit(_block_lines, *block))
+            running.append(pool.submit(_block_lines_and_count, *block))
             if len(running) >= _BLOCKS_AHEAD_PER_WORKER * workers:
                 yield running.popleft().result()
         while running:
@@ -271,6 +271,6 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _block_lines(start: int, stop: int) -> tuple[bytes, int]:
+def _block_lines_and_count(start: int, stop: int) -> tuple[bytes, int]:
     assert _planner is not None
     return _planner.lines(start, stop)

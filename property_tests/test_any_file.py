@@ -21,20 +21,20 @@ from hulldown.assets.picture_files import read_picture
 from hulldown.dataset.foreign_labels import foreign_reader
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.photographs import read_photographs
-from hulldown.dataset.provenance import read_provenance
-from hulldown.dataset.record_checks import refuse_unusable
-from hulldown.planning.inputs.camera_file import read_camera
+from hulldown.dataset.provenance import read_provenance_by_plan
+from hulldown.dataset.record_checks import refuse_unusable_records
+from hulldown.planning.inputs.camera_file import read_calibration_as_config
 from hulldown.planning.inputs.poses import read_poses
 from hulldown.property_tests.any_values import MANY, refusal
-from hulldown.reading.confinement.blocks import refuse_special_files
+from hulldown.reading.confinement.blocks import refuse_special_references
 from hulldown.reading.confinement.references import refuse_odd_references
 from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.scenery.geotiff import read_elevations, read_orthophoto
 from hulldown.tests.builders.networks import RUN
 from hulldown.training.detectors.detector import find_weights
-from hulldown.training.evaluation.labels import evaluation_labels
+from hulldown.training.evaluation.labels import labels_from_images
 from hulldown.training.evaluation.predictions import read_predictions
-from hulldown.training.input_pictures import read_video
+from hulldown.training.input_pictures import probe_video
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.settings import OWN_AUGMENTATIONS, load_settings
 from hulldown.training.predict import load_detector
@@ -110,7 +110,7 @@ def foreign(folder: Path) -> None:
     read = foreign_reader(folder)
     if read is not None:
         coco = read()
-        refuse_unusable(folder, coco["categories"], coco["images"], coco["annotations"])
+        refuse_unusable_records(folder, coco["categories"], coco["images"], coco["annotations"])
 
 
 # Files beside the changed one, by the first folder of its path.
@@ -125,23 +125,23 @@ BESIDE: dict[str, dict[str, Callable[[], bytes]]] = {
 }
 # The path of the changed file, its content, and what reads it, given the path.
 READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = {
-    "calibration": ("c.yaml", lambda: CALIBRATION, read_camera),
+    "calibration": ("c.yaml", lambda: CALIBRATION, read_calibration_as_config),
     "photographs": ("a.json", lambda: encoded(COCO), read_photographs),
     "poses": ("p.csv", lambda: b"x,y,yaw_deg,sequence\n1,2,30,\n", read_poses),
     "elevations": ("e.tif", lambda: raster(1, "float32"), lambda path: read_elevations(path, area=None, scale=None)),
     "orthophoto": ("o.tif", lambda: raster(3, "uint8"), lambda path: read_orthophoto(path, crs="", low=LOW, high=HIGH)),
     "glTF": ("m.gltf", lambda: encoded(GLTF), lambda path: refuse_odd_references(path, file_format(path))),
-    "blend": ("m.blend", lambda: b"BLENDER-v300LI\0\0" + bytes(40), refuse_special_files),
+    "blend": ("m.blend", lambda: b"BLENDER-v300LI\0\0" + bytes(40), refuse_special_references),
     "classes": ("y/data.yaml", BESIDE["y"]["y/data.yaml"], lambda path: foreign(path.parent / "images")),
     "YOLO": ("y/labels/1.txt", lambda: b"1 0.1 0.1 0.3 0.1 0.3 0.4\n", lambda path: foreign(path.parents[1] / "images")),
     "VOC": ("v/1.xml", lambda: VOC, lambda path: foreign(path.parent)),
     "PNG": ("a.png", lambda: picture("PNG"), read_picture),
     "JPEG": ("a.png", lambda: picture("JPEG"), read_picture),
-    "provenance": ("provenance.json", lambda: encoded(RUNS), lambda path: read_provenance(path.parent)),
+    "provenance": ("provenance.json", lambda: encoded(RUNS), lambda path: read_provenance_by_plan(path.parent)),
     "predictions": (
         "p.json",
         lambda: encoded(FOUND),
-        lambda path: read_predictions(path, evaluation_labels(LabeledImages.from_coco(COCO), path=path)),
+        lambda path: read_predictions(path, labels_from_images(LabeledImages.from_coco_dict(COCO), path=path)),
     ),
     "run": ("run.json", lambda: encoded(RUN), lambda path: find_weights(path.parent)),
     "augmentation": (
@@ -152,7 +152,7 @@ READERS: dict[str, tuple[str, Callable[[], bytes], Callable[[Path], object]]] = 
     "study": ("study.json", lambda: encoded(STUDY), lambda path: read_study(path.parent)),
     "weights": ("w.pt", weights, lambda path: load_detector(path, "cpu")),
     "tensors": ("w/model.safetensors", partial(tensors, "model.safetensors"), lambda path: load_detector(path.parent, "cpu")),
-    "video": ("v.mp4", video, read_video),
+    "video": ("v.mp4", video, probe_video),
 }
 UNSOUND = ("glTF", "study", "weights")  # as the files above are
 OPENED_BY_OTHERS = ("blend", "elevations", "orthophoto", "classes")  # or skipped, if they aren't regular

@@ -16,19 +16,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.base.errors import ConfigError
-from hulldown.dataset.store.reservations import plan_key
+from hulldown.dataset.store.reservations import plan_file_key
 from hulldown.plan.config.schema import Config
-from hulldown.plan.library import load_planned_library, refuse_changed
+from hulldown.plan.library import load_planned_library, refuse_changed_assets
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.plan.row import Row
 from hulldown.plan.summary import summarize_plan
-from hulldown.planning.check import check_rows
+from hulldown.planning.check import find_plan_row_problems
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import write_plan
 from hulldown.property_tests.any_values import MANY, containers, refusal, values_of
 from hulldown.render.blender.messages import CyclesSettings
-from hulldown.render.jobs import mask_job, render_job
+from hulldown.render.jobs import make_mask_job, make_render_job
 from hulldown.render.outline import Outline
 from hulldown.tests.builders.planning_assets import hills, small_assets, small_config
 from hulldown.tests.builders.render_plans import library_of
@@ -110,8 +110,8 @@ def change_line(line: dict[str, Any], at: int, which: int, key: str, new: Any, h
 def job_of(row: Row, plan: Path) -> None:
     """Make a row's job for a worker, which refuses rows like `hulldown render`."""
     try:
-        render_job(row, LIBRARY, SETTINGS, plan.parent / "1.png")
-        mask_job(row, LIBRARY, plan.parent / "1.png")
+        make_render_job(row, LIBRARY, SETTINGS, plan.parent / "1.png")
+        make_mask_job(row, LIBRARY, plan.parent / "1.png")
     except ValueError as error:
         raise ConfigError(str(error), path=plan) from error
 
@@ -125,11 +125,11 @@ def used(path: Path) -> None:
         messages += [
             refusal(rows.extend, plan),
             refusal(load_planned_library, plan),
-            refusal(refuse_changed, plan, ASSETS),
+            refusal(refuse_changed_assets, plan, ASSETS),
             refusal(check, plan),
             refusal(summarize_plan, plan),
             refusal(Outline, plan),
-            refusal(plan_key, path),
+            refusal(plan_file_key, path),
             *(refusal(job_of, row, path) for row in rows),
             *(refusal(draw, plan, row) for row in rows[:1]),
         ]
@@ -139,7 +139,7 @@ def used(path: Path) -> None:
 def check(plan: Plan) -> None:
     """Check a plan, unless it names other assets."""
     if planner := planner_of(json.dumps(plan.header.config)):
-        check_rows(plan, planner)
+        find_plan_row_problems(plan, planner)
 
 
 def draw(plan: Plan, row: Row) -> None:

@@ -5,7 +5,14 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
-from hulldown.reading.pieces.naming import GROUND_WORDS, GUN_WORDS, HELPER_WORDS, TURRET_WORDS, first_match, name_words
+from hulldown.reading.pieces.naming import (
+    GROUND_WORDS,
+    GUN_WORDS,
+    HELPER_WORDS,
+    TURRET_WORDS,
+    first_matching_pattern,
+    name_words,
+)
 from hulldown.reading.pieces.roles import Link, Piece, vehicle_roles
 from hulldown.reading.vehicle.parts import find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
@@ -22,7 +29,7 @@ def test_numbers_added_by_blender_change_nothing(name: str, number: int) -> None
     numbered = f"{name}.{number:03}"
     assert name_words(numbered) == name_words(name)
     for patterns in (TURRET_WORDS, GUN_WORDS, GROUND_WORDS, HELPER_WORDS):
-        assert first_match(numbered, patterns) == first_match(name, patterns)
+        assert first_matching_pattern(numbered, patterns) == first_matching_pattern(name, patterns)
 
 
 @given(
@@ -32,9 +39,9 @@ def test_numbers_added_by_blender_change_nothing(name: str, number: int) -> None
 )
 def test_a_word_is_found_in_any_spelling(word: str, gap: str, other: str) -> None:
     for name in (f"{word}{gap}{other}", f"{other}{gap}{word.capitalize()}", f"{word.upper()}{gap or '_'}{other}", f"{word}s"):
-        assert first_match(name, (word,)) == word
+        assert first_matching_pattern(name, (word,)) == word
     if gap == "":
-        assert first_match(f"{word}ish", (word,)) is None
+        assert first_matching_pattern(f"{word}ish", (word,)) is None
 
 
 blocks = st.lists(st.tuples(st.tuples(*[coordinates] * 3), st.tuples(*[sizes] * 3)), min_size=1, max_size=6)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from hulldown.tests.training.test_augment import TABLE, augmentation, corners, mask_corners
 from hulldown.training.inputs.augment import Augmenter
-from hulldown.training.inputs.data import at_work_size, make_example
+from hulldown.training.inputs.data import make_example, shrink_for_augmentation
 from hulldown.training.inputs.sources import Sample
 
 WIDTH, HEIGHT = 96, 64
@@ -63,7 +63,7 @@ def test_two_flips_cancel(scene, seed):
 @given(SCENES, st.integers(32, 200), st.integers(32, 200))
 def test_boxes_scale_with_their_picture(scene, width, height):
     sample = sample_of(scene)
-    seen = make_example(at_work_size(sample, (width, height)), (width, height))
+    seen = make_example(shrink_for_augmentation(sample, (width, height)), (width, height))
     assert tuple(seen.picture.shape) == (3, height, width)
     scale = [width / WIDTH, height / HEIGHT] * 2
     np.testing.assert_allclose(seen.xyxy.numpy(), corners(sample.xywh) * scale, rtol=1e-5, atol=1e-4)

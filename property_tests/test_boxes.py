@@ -17,8 +17,8 @@ from hypothesis.extra.numpy import arrays
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.annotate.extremes import MAX_COORDINATE_PX
 from hulldown.annotate.masks import mask_box
-from hulldown.annotate.posing import PosedParts, transform_parts
-from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.annotate.posing import PosedParts, transform_part_points
+from hulldown.annotate.silhouettes import whole_and_visible_masks
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
@@ -219,7 +219,7 @@ def test_hull_vertices_give_the_bits_of_all_vertices(
     angles = (angles * [0.0, 1.0, 1.0])[None, : len(shape.part_names)]
     articulation = dict(zip(shape.part_names[1:], angles[0, 1:].tolist(), strict=True))
     camera_from_parts = posed.camera_from_parts(pose[None], camera.world_from_camera[None], angles)
-    x, y, z = transform_parts(posed.vertices, posed.vertex_slices, camera_from_parts)[:, 0]
+    x, y, z = transform_part_points(posed.vertices, posed.vertex_slices, camera_from_parts)[:, 0]
     u, v = x / z * camera.lenses.f_px + 960.0, y / z * camera.lenses.f_px + 540.0
     assume(min(u.min(), v.min()) >= 0.0)
     assume(u.max() <= 1920.0)
@@ -256,7 +256,7 @@ def test_the_box_contains_the_mask_and_touches_it_on_four_sides(
     # Eight rays a pixel and axis, since the pointed end of a surface can be between pixel centers.
     fine = Cameras(Intrinsics(8 * 64, 8 * 48, 1.0), view)
     around = 8.0 * box + [-16.0, -16.0, 32.0, 32.0]
-    inner = mask_box(vehicle_masks(PosedVehicle(VehicleCaster(shape), pose[None], {}), fine, xywh=around)[1])
+    inner = mask_box(whole_and_visible_masks(PosedVehicle(VehicleCaster(shape), pose[None], {}), fine, xywh=around)[1])
     assert inner is not None
     inner /= 8.0
     low, high = inner[:2] - box[:2], box[:2] + box[2:] - inner[:2] - inner[2:]

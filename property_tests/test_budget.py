@@ -87,7 +87,7 @@ def test_every_prefix_has_its_share_of_backgrounds(given_budget):
     *_, budget = given_budget
     p = budget.positions
     so_far = np.cumsum(p.background)
-    due = np.arange(1, budget.n_positions + 1) * p.background.mean()
+    due = np.arange(1, budget.n_planned_positions + 1) * p.background.mean()
     assert (np.abs(so_far - due) < 1.0).all()
 
 

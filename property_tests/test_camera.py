@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import frame_target, pan_to_pixel
+from hulldown.camera.framing import frame_target, pan_center_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import solve_distance
@@ -84,7 +84,7 @@ def test_the_center_projects_to_the_framing_offset(
     lens: Intrinsics, center: np.ndarray, distance: float, azimuth: float, elevation: float, place: tuple
 ) -> None:
     pixel = np.array(place) * [lens.width, lens.height]
-    camera = pan_to_pixel(Cameras(lens, camera_pose(center, distance, azimuth, elevation)), pixel)
+    camera = pan_center_to_pixel(Cameras(lens, camera_pose(center, distance, azimuth, elevation)), pixel)
     pose = camera.world_from_camera
     aside = 1 + float(np.abs((pixel - lens.center) / lens.f_px).max()) ** 2
     found = camera.project(center[None]).pixels[0]
@@ -102,7 +102,7 @@ def test_the_exact_distance_gives_the_exact_size(
 ) -> None:  # fmt: skip
     points = points + center
     camera = Cameras(lens, camera_pose(center, 10.0, azimuth, elevation))
-    pose = pan_to_pixel(camera, np.array(place) * [lens.width, lens.height]).world_from_camera
+    pose = pan_center_to_pixel(camera, np.array(place) * [lens.width, lens.height]).world_from_camera
     cameras = Cameras(lens, np.tile(pose, (6, 1, 1)))
     sizes = np.sort(shares[:, 0]) * lens.height
     wanted = sizes**2 if measure == "area" else sizes

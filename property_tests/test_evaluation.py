@@ -24,7 +24,7 @@ THRESHOLDS = st.sampled_from([0.0, 0.3, 0.5, 0.9])
 
 
 def sums(coco, found, threshold):
-    return total(matched(coco, found).above_threshold(threshold))
+    return total(matched(coco, found).with_threshold(threshold))
 
 
 @given(CASES)
@@ -47,7 +47,7 @@ def test_counts_agree_with_labels_detections_and_confusion(case, threshold):
     tp, fp, fn = sums(*case, threshold)[:3]
     assert tp + fn == (~matching.labels.crowd).sum()
     assert tp + fp == (~matching.ignored & (matching.predictions.score >= threshold)).sum()
-    matrix = confusion_matrix(matching.above_threshold(threshold))
+    matrix = confusion_matrix(matching.with_threshold(threshold))
     assert (np.trace(matrix), matrix[:, :-1].sum(), matrix[:-1].sum()) == (tp, tp + fp, tp + fn)
 
 

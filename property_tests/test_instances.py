@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.geometry.boxtree import BoxTree
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import invert_rigid, rigid_matrix, transform_points
 from hulldown.scene.instances import InstancedScene
-from hulldown.scene.obstacles import boxes_touch, triangles_touch_box
+from hulldown.scene.obstacles import box_pair_touch_mask, triangle_box_touch_mask
 from hulldown.scene.ray_caster import RayCaster
 from hulldown.scene.rays import RayList
 from hulldown.tests.builders.shapes import CORNERS, QUADS, random_rotations
@@ -47,7 +47,7 @@ def scene_and_flat(seed, k, squashed, offset=0.0):
 )
 def test_instances_give_the_hits_of_one_merged_mesh(seed, k, squashed, offset, n):
     rng, scene, moved = scene_and_flat(seed, k, squashed, offset)
-    flat, source = merge_meshes(moved)
+    flat, source = merge_meshes_with_sources(moved)
     first = np.cumsum([0, *(len(m.faces) for m in moved)])
     caster = RayCaster(flat)
     origins, directions = rng.uniform(-8, 8, (n, 3)) + offset, rng.normal(size=(n, 3))
@@ -95,7 +95,7 @@ def test_the_tree_finds_the_boxes_of_a_plain_loop(seed, k, axis, bundle):
         origins = origins[:1] + rng.integers(0, 2, (12, 3)) / 4
         directions = directions[:1] + rng.integers(-1, 2, (12, 3)) / 64
     reach = rng.uniform(0, 8, 12)
-    ray, crossed, _ = BoxTree(bounds).crossed_boxes(origins, directions, reach)
+    ray, crossed, _ = BoxTree(bounds).ray_box_crossings(origins, directions, reach)
     pairs = list(zip(ray.tolist(), crossed.tolist(), strict=True))
     assert len(pairs) == len(set(pairs))
     every = [(i, j) for i in range(12) for j in range(k)]
@@ -128,11 +128,11 @@ def test_triangles_and_boxes_touch_a_box_where_clipping_leaves_something(seed, s
     sides = np.concatenate([np.eye(3), -np.eye(3)])
     planes = [np.c_[sides, np.tile(h, 2)] for h in half]
     expected = [len(clipped(t, p)) > 0 for t, p in zip(triangles, planes, strict=True)]
-    touching = triangles_touch_box([*map(list, np.moveaxis(triangles, 0, 2))], list(half.T))
+    touching = triangle_box_touch_mask([*map(list, np.moveaxis(triangles, 0, 2))], list(half.T))
     np.testing.assert_array_equal(touching, expected)
     poses = rigid_matrix(random_rotations(rng, 60), rng.normal(0, size, (60, 3)))
     squares = transform_points(poses, (2.0 * CORNERS - 1.0) * other[:, None])[:, QUADS]
     # Its sides go through the box, or it's all around the box.
     expected = [any(map(len, (clipped(q, p) for q in each))) for each, p in zip(squares, planes, strict=True)]
     expected |= (np.abs(invert_rigid(poses)[:, :3, 3]) <= other).all(axis=1)
-    np.testing.assert_array_equal(boxes_touch(half, other, poses), expected)
+    np.testing.assert_array_equal(box_pair_touch_mask(half, other, poses), expected)

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 from pycocotools import mask as pycocotools_mask
 
-from hulldown.annotate.masks import area_and_box, decode_mask, encode_mask, mask_box, mask_iou
+from hulldown.annotate.masks import decode_mask, encode_mask, mask_area_and_box, mask_box, mask_iou
 
 sizes = st.tuples(st.integers(1, 24), st.integers(1, 24))
 noise = sizes.flatmap(lambda size: hnp.arrays(bool, size))
@@ -41,7 +41,7 @@ def test_run_lengths_round_trip(mask: np.ndarray) -> None:
     assert int(pycocotools_mask.area(record)) == mask.sum()
     box = mask_box(mask)
     assert pycocotools_mask.toBbox(record).tolist() == ([0.0] * 4 if box is None else box.tolist())
-    pixels, extent_box = area_and_box(record, w, h)
+    pixels, extent_box = mask_area_and_box(record, w, h)
     assert pixels == mask.sum()
     assert (extent_box is None) if box is None else extent_box.tolist() == box.tolist()
 

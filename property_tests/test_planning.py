@@ -14,13 +14,13 @@ from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.dataset.attributes import label_numbers
-from hulldown.dataset.row_records import Segmenter, image_record, label_records
+from hulldown.dataset.attributes import label_attribute_values
+from hulldown.dataset.row_records import Segmenter, label_records, row_image_fields
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.asset_sections import OWN_COLOR
 from hulldown.plan.summary import summarize_plan
-from hulldown.planning.check import known_poses, relabel_row
+from hulldown.planning.check import relabel_row, site_and_posed_vehicles
 from hulldown.planning.planner import Planner
 from hulldown.scene.ray_caster import RayCaster
 from hulldown.tests.builders.planning_assets import (
@@ -111,7 +111,7 @@ def configs(draw):
 def planned(config):
     try:
         planner = Planner(config, ASSETS)
-        return planner, planner.rows(0, planner.budget.n_positions)
+        return planner, planner.rows(0, planner.budget.n_planned_positions)
     except ConfigError:
         # Some configs can't be met; tests/planning/test_planner.py checks their errors.
         reject()
@@ -137,7 +137,7 @@ def test_every_row_keeps_every_limit(config):
         camera_within_limits(row, config)
         light_within_limits(row, config)
         labels_are_what_is_seen(row, config)
-        labels_follow_from_the_poses(row, relabel_row(row, *known_poses(row, planner.stage), planner.stage))
+        labels_follow_from_the_poses(row, relabel_row(row, *site_and_posed_vehicles(row, planner.stage), planner.stage))
         guests_keep_their_distance(row, config)
     shown_angles_are_the_configured_ones(rows, config)
 
@@ -148,8 +148,8 @@ def shown_angles_are_the_configured_ones(rows, config):
     of_image = {"id": 1, "image_id": 1, "category_id": 1, "file_name": "1.png"}
     shown = [row for row in rows if not row.background and row.target.label != "none"]
     labels = [Label.of(label_records(row)[0] | of_image, {}) for row in shown]
-    images = [Image.of(image_record(row) | of_image, ()) for row in shown]
-    numbers = label_numbers(labels, images, np.arange(len(labels)))
+    images = [Image.of(row_image_fields(row) | of_image, ()) for row in shown]
+    numbers = label_attribute_values(labels, images, np.arange(len(labels)))
     for low, high, shown in (
         (*limits.elevation_deg, (summary["elevation_deg"].values, numbers["elevation"])),
         (*limits.distance_m, (summary["distance_m"].values, numbers["distance"])),
@@ -317,7 +317,7 @@ def outcome(config, cuts, order=None):
     """Lines or the error of positions planned in blocks that begin at these, in any order."""
     try:
         planner = Planner(config, ASSETS)
-        blocks = list(zip([0, *cuts], [*cuts, planner.budget.n_positions], strict=True))
+        blocks = list(zip([0, *cuts], [*cuts, planner.budget.n_planned_positions], strict=True))
         lines = [planner.lines(*blocks[i])[0] for i in order or range(len(blocks))]
     except ConfigError as error:
         return str(error)
@@ -330,7 +330,7 @@ def test_lines_and_failures_never_depend_on_how_the_work_is_cut(config, tries, c
     placement = config.placement.model_copy(update={"max_tries": tries})
     config = config.model_copy(update={"placement": placement})
     try:
-        n = Planner(config, ASSETS).budget.n_positions
+        n = Planner(config, ASSETS).budget.n_planned_positions
     except ConfigError:
         reject()
     cuts = sorted(data.draw(st.sets(st.integers(1, n - 1), max_size=4))) if n > 1 else []

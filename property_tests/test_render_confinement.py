@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.store.placed_pictures import path_inside, place_picture, publish_picture
+from hulldown.dataset.store.placed_pictures import link_or_copy_picture, move_picture_to_dataset, require_path_inside
 
 PARTS = st.sampled_from(["..", ".", "", "a", "link", "deep", "a b", "~", "C:", "\\", "..\\", "x.png", " ", "ü"])
 NAMES = st.one_of(
@@ -31,11 +31,11 @@ def test_no_name_leads_out_of_the_dataset(name):
         picture = root / "picture.png"
         picture.write_bytes(b"picture")
         try:
-            path = path_inside(dataset, name)
+            path = require_path_inside(dataset, name)
         except DatasetError:
             return
         assert Path(os.path.realpath(path)).is_relative_to(dataset)
-        for give in (place_picture, publish_picture):
+        for give in (link_or_copy_picture, move_picture_to_dataset):
             with contextlib.suppress(DatasetError):  # a folder has that name, or the name is too long
                 give(picture, dataset, name)
         assert list(outside.iterdir()) == []

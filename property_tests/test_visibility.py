@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.annotate.visibility import visible_fraction
+from hulldown.annotate.visibility import measure_visibility
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
@@ -50,7 +50,7 @@ def test_on_an_open_plane_everything_in_the_frame_is_visible(
 ) -> None:
     # The target is a millimeter above the plane, since rays at the seam may go either way.
     target, world = PosedVehicle(TANK, HERE, {"turret": turn}), Scene(Plane(-1e-3))
-    seen = visible_fraction([target], Cameras(lens, cameras(seed, elevation)), world=world)
+    seen = measure_visibility([target], Cameras(lens, cameras(seed, elevation)), world=world)
     assert (seen.fraction == 1).all()
     assert (seen.hits > 0).all()
 
@@ -64,7 +64,7 @@ def test_behind_a_wall_nothing_is_visible(lens: Intrinsics, seed: int, elevation
     walls[:, :3, :3] = poses[:, :3, :3] * np.array([1000.0, 1000.0, 0.01])
     for pose, wall in zip(poses, walls, strict=True):
         world = Scene(obstacles=InstancedScene([CUBE], [0], wall[None]))
-        seen = visible_fraction(target, Cameras(lens, pose[None]), world=world)
+        seen = measure_visibility(target, Cameras(lens, pose[None]), world=world)
         assert seen.fraction[0] == 0
 
 
@@ -76,10 +76,10 @@ def test_an_added_occluder_never_raises_the_fraction(
     fewer = InstancedScene([CUBE], scene.instance_mesh[:-1], scene.world_from_instance[:-1])
     options = {"rays": 64}
     target, poses = [PosedVehicle(TANK, HERE, {"turret": turn})], Cameras(lens, cameras(seed, elevation))
-    free = visible_fraction(target, poses, **options)
-    some = visible_fraction(target, poses, world=Scene(obstacles=fewer), **options)
-    more = visible_fraction(target, poses, world=Scene(obstacles=scene), **options)
-    most = visible_fraction(target, poses, world=Scene(Plane(0.2), scene), **options)
+    free = measure_visibility(target, poses, **options)
+    some = measure_visibility(target, poses, world=Scene(obstacles=fewer), **options)
+    more = measure_visibility(target, poses, world=Scene(obstacles=scene), **options)
+    most = measure_visibility(target, poses, world=Scene(Plane(0.2), scene), **options)
     for above, below in [(free, some), (some, more), (more, most)]:
         np.testing.assert_array_equal(above.hits, below.hits)
         assert (below.fraction <= above.fraction).all()
@@ -111,8 +111,8 @@ def test_moving_the_world_changes_almost_nothing(seed: int, elevation: float) ->
     scene = boulders(np.random.default_rng(seed), 8)
     moved = InstancedScene([CUBE], scene.instance_mesh, shift @ scene.world_from_instance)
     poses, lens = cameras(seed, elevation), Intrinsics(320, 240, 0.8)
-    here = visible_fraction([PosedVehicle(TANK, HERE, {})], Cameras(lens, poses), world=Scene(Plane(0.1), scene))
-    there = visible_fraction(
+    here = measure_visibility([PosedVehicle(TANK, HERE, {})], Cameras(lens, poses), world=Scene(Plane(0.1), scene))
+    there = measure_visibility(
         [PosedVehicle(TANK, shift[None], {})], Cameras(lens, shift @ poses), world=Scene(Plane(50.1), moved)
     )
     np.testing.assert_allclose(here.hits, there.hits, atol=2)

@@ -12,24 +12,31 @@ from jaxtyping import Float
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.geometry.seen_surface import seen_surface
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
+from hulldown.geometry.seen_surface import seen_mesh_and_source_faces
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.footprint import contact_footprint, vehicle_underside
-from hulldown.reading.pieces.asset_report import PartRow, Thing, format_xyz
+from hulldown.reading.pieces.asset_report import PartRow, Thing, xyz_tuple
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_wanted, vehicle_roles
-from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_role_pattern
-from hulldown.reading.scenery.shape import is_wide_and_level, level_share
-from hulldown.reading.vehicle.nose import forward_text, mirror_gap
+from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, is_kept_by_name, vehicle_roles
+from hulldown.reading.scenery.scenery_roles import MIN_WATER_WIDTH_M, unmatched_key_and_pattern
+from hulldown.reading.scenery.shape import is_wide_and_level, level_share_and_area
+from hulldown.reading.vehicle.nose import forward_config_text, mirror_gap
 from hulldown.reading.vehicle.part_names import GUN_PART, HULL, TURRET_PART
 from hulldown.reading.vehicle.parts import find_parts
-from hulldown.reading.vehicle.pivots import marked_points
+from hulldown.reading.vehicle.pivots import keypoints_from_empties
 from hulldown.reading.vehicle.solids import MAX_SOLIDS, PlacedPieces
-from hulldown.reading.vehicle.stance import UP_AXES, Upright, find_nose, find_solids_again, up_matrix, vehicle_from_upright
-from hulldown.reading.vehicle.strays import Stray, find_strays
-from hulldown.reading.vehicle.things import find_things
+from hulldown.reading.vehicle.stance import (
+    UP_AXES,
+    Upright,
+    find_nose_and_wheels,
+    refind_solids_of_pieces,
+    vehicle_from_upright,
+    z_up_rotation,
+)
+from hulldown.reading.vehicle.strays import Stray, find_left_out_and_strays
+from hulldown.reading.vehicle.things import find_things_and_doubts
 
 KILOMETER_M = 1000.0
 MAX_LYING_GAP_SHARE = 0.02  # of its height: a mirror image is this close to its original
@@ -56,11 +63,11 @@ class BuiltVehicle:
 
 def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle:
     """Build the vehicle from the pieces; strays are proposed for `drop` if the rest has fewer doubts."""
-    built, strays = _build_vehicle(name, upright, options)
+    built, strays = _build_vehicle_and_strays(name, upright, options)
 
     def helps(stray: Stray) -> bool:
         try:
-            other, left = _build_vehicle(name, upright, replace(options, drop=(*options.drop, *stray.drop)))
+            other, left = _build_vehicle_and_strays(name, upright, replace(options, drop=(*options.drop, *stray.drop)))
         except AssetError:
             return False
         return len(other.doubts) + len(left) < len(built.doubts) + len(strays)
@@ -69,7 +76,7 @@ def build_vehicle(name: str, upright: Upright, options: Options) -> BuiltVehicle
     return replace(built, doubts=(*built.doubts, *doubts))
 
 
-def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
+def _build_vehicle_and_strays(name: str, upright: Upright, options: Options) -> tuple[BuiltVehicle, list[Stray]]:
     """Build the vehicle with all other doubts, and return what might not belong to it."""
     pieces, meshes, markers = upright.drawn.pieces, upright.drawn.meshes, upright.drawn.markers
     roles = vehicle_roles(pieces, keep=options.keep, drop=options.drop)
@@ -78,17 +85,17 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
         there = ", ".join(sorted({repr(p.name) for p in pieces})[:8]) or "nothing that is rendered"
         raise AssetError(f"nothing is left after clean-up; it contains {there}", remedy="name what to `keep`")
     if len(upright.solids) == MAX_SOLIDS:
-        upright = find_solids_again(upright, kept)
+        upright = refind_solids_of_pieces(upright, kept)
     left_out: list[Doubt] = []
     while True:
-        forward, solids, wheels = find_nose(upright, kept, options)
+        forward, solids, wheels = find_nose_and_wheels(upright, kept, options)
         ahead = vehicle_from_upright(forward.value)
         vehicle_from_file = ahead @ upright.meters
         points = [transform_points(vehicle_from_file @ pieces[i].pose, meshes[pieces[i].mesh].vertices) for i in kept]
         whole = PlacedPieces([pieces[i] for i in kept], points, solids.rotate_solids(ahead[:3, :3]), markers, vehicle_from_file)
-        wanted = [k for k, piece in enumerate(whole.pieces) if is_wanted(piece, options.keep)]
+        wanted = [k for k, piece in enumerate(whole.pieces) if is_kept_by_name(piece, options.keep)]
         others = [pieces[i] for i, role in enumerate(roles) if role.use == "dropped"]
-        out, out_doubts, strays = find_strays(whole, meshes, wheels, wanted=wanted, left_out=others)
+        out, out_doubts, strays = find_left_out_and_strays(whole, meshes, wheels, wanted=wanted, left_out=others)
         if not out or len(out) == len(kept):
             break
         left_out += out_doubts
@@ -106,9 +113,9 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
             there = ", ".join(sorted({repr(piece.name) for piece in whole.pieces})[:8])
             raise AssetError(f"{part} = {key!r} matches nothing, or everything; it contains {there}")
     order = np.argsort(parts.piece_part, kind="stable")
-    placed = [_compact_mesh(meshes[whole.pieces[j].mesh], points[j], whole.pieces[j].name) for j in order]
-    mesh, _ = merge_meshes(placed, name=name)
-    seen = seen_surface(mesh)
+    placed = [_place_and_compact_mesh(meshes[whole.pieces[j].mesh], points[j], whole.pieces[j].name) for j in order]
+    mesh, _ = merge_meshes_with_sources(placed, name=name)
+    seen = seen_mesh_and_source_faces(mesh)
     if seen is None:
         remedy = "raise its materials' alpha to 0.5 or more, or name what else to `keep`"
         raise AssetError("is transparent everywhere: labels are of what hides at least half", remedy=remedy)
@@ -123,7 +130,7 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
     piece_part = np.full(len(pieces), -1)
     for i, number, why in zip(kept, parts.piece_part, parts.piece_why, strict=True):
         piece_part[i], roles[i] = number, replace(roles[i], use=names[number], why=why or roles[i].why)
-    moving = [replace(row, pivot=format_xyz(np.array(row.pivot) - base)) for row in parts.moving]
+    moving = [replace(row, pivot=xyz_tuple(np.array(row.pivot) - base)) for row in parts.moving]
     vertex_part = np.repeat([parts.piece_part[j] for j in order], [len(m.vertices) for m in placed])
     seen_part = np.empty(len(surface.vertices), dtype=vertex_part.dtype)
     seen_part[surface.faces] = vertex_part[mesh.faces[face, :1]]
@@ -141,13 +148,13 @@ def _build_vehicle(name: str, upright: Upright, options: Options) -> tuple[Built
         seen=None if surface is mesh else standing,
         seen_part=seen_part,
     )
-    marked = marked_points(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
+    marked = keypoints_from_empties(markers, [piece.chain for piece in whole.pieces], parts.piece_part)
     from_file = shape.vehicle_from_file
     shape = shape.with_keypoints({key: (transform_points(from_file, at[None])[0], part) for key, (at, part) in marked.items()})
     lying = _lying_doubt(shape) if wheels is None and options.up is None else None
-    things, several = ((), list[Doubt]()) if options.keep else find_things(whole, meshes, others)
+    things, several = ((), list[Doubt]()) if options.keep else find_things_and_doubts(whole, meshes, others)
     doubts = tuple(filter(None, (upright.up.doubt, lying, forward.doubt, *several, *parts.doubts, *left_out)))
-    axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_text(forward.value)}, {forward.why}"
+    axes = f"up is {upright.up.value}, {upright.up.why}; ahead is {forward_config_text(forward.value)}, {forward.why}"
     return BuiltVehicle(shape, roles, piece_part.tolist(), tuple(moving), axes, doubts, things), strays
 
 
@@ -160,25 +167,26 @@ def _lying_doubt(shape: VehicleShape) -> Doubt | None:
     outer = [points[side * points[:, 1] > 0.3 * size[1]][:, [0, 2]] for side in (1, -1)]
     left, right = (float(np.ptp(one, axis=0).prod()) if len(one) else 0.0 for one in outer)
     up = shape.vehicle_from_file[1, :3] * (1 if left <= right else -1)  # toward the narrower side
-    axis = max(UP_AXES, key=lambda name: float(up_matrix(name)[2, :3] @ up))
+    axis = max(UP_AXES, key=lambda name: float(z_up_rotation(name)[2, :3] @ up))
     axis = axis.removeprefix("-") if abs(left - right) < MAX_LYING_GAP_SHARE * max(left, right) else axis
     text = f'it is alike above and below, and not on its left and right; set up = "{axis}" if it lies on its side'
     return Doubt(DoubtKind.UP, text)
 
 
-def _compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
+def _place_and_compact_mesh(mesh: Mesh, points: Float[np.ndarray, "v 3"], name: str) -> Mesh:
     """Remove vertices without faces, which aren't rendered and must not widen boxes."""
-    return replace(mesh.with_vertices(points).of_faces(np.arange(len(mesh.faces))), name=name)
+    return replace(mesh.with_vertices(points).take_mesh_faces(np.arange(len(mesh.faces))), name=name)
 
 
-def build_scenery(
+def build_scenery_and_wet_names(
     name: str, drawn: Evaluated, roles: Sequence[PieceRole], *, meters: Float[np.ndarray, "4 4"], options: Options
 ) -> tuple[Scenery, tuple[str, ...]]:
     """Build ground and obstacles about an origin in whole kilometers; also return names of partly wet ground."""
     meshes, pieces = drawn.meshes, drawn.pieces
-    if wrong := unmatched_role_pattern(pieces, options):
+    if wrong := unmatched_key_and_pattern(pieces, options):
         raise AssetError(
-            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_similar_names(wrong[1], pieces)}", remedy=NAME_CLUES
+            f"{wrong[0]} = {wrong[1]!r} matches nothing; it contains {_quote_similar_names(wrong[1], pieces)}",
+            remedy=NAME_CLUES,
         )
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
     obstacles = [i for i, role in enumerate(roles) if role.use in ("obstacle", "water")]
@@ -196,22 +204,24 @@ def build_scenery(
     if ground:
         placed = []
         for i in ground:
-            mesh = _water_faces(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
+            mesh = _wet_or_dry_mesh(pieces[i].mesh, drawn, wet=False) if i in wet else meshes[pieces[i].mesh]
             placed.append(
-                _compact_mesh(mesh, transform_points(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name)
+                _place_and_compact_mesh(
+                    mesh, transform_points(scenery_from_file @ pieces[i].pose, mesh.vertices), pieces[i].name
+                )
             )
-        merged, _ = merge_meshes(placed, name=f"ground of {name}")
+        merged, _ = merge_meshes_with_sources(placed, name=f"ground of {name}")
     instances = [*obstacles, *wet]
     shapes = [(pieces[i].mesh, i in wet) for i in instances]
     unique = sorted(set(shapes))
     position = {shape: at for at, shape in enumerate(unique)}
-    shown = [_water_faces(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
+    shown = [_wet_or_dry_mesh(number, drawn, wet=True) if part else meshes[number] for number, part in unique]
     scenery = Scenery(
         name=name,
         origin=origin,
         ground=merged,
         ground_names=tuple(pieces[i].name for i in ground),
-        obstacle_meshes=tuple(replace(mesh, extreme=mesh.extreme_vertices()) for mesh in shown),
+        obstacle_meshes=tuple(replace(mesh, extreme=mesh.extreme_vertex_indices()) for mesh in shown),
         instance_mesh=np.array([position[shape] for shape in shapes], np.int64),
         world_from_instance=scenery_from_file @ np.array([pieces[i].pose for i in instances]).reshape(-1, 4, 4),
         instance_names=tuple(pieces[i].name for i in instances),
@@ -226,17 +236,17 @@ def _is_partly_water(piece: Piece, drawn: Evaluated, meters: Float[np.ndarray, "
     """Return whether faces of ground with materials named like water are water: wide together, and mostly level."""
     if piece.mesh not in drawn.wet:
         return False
-    part, meters_from_mesh = _water_faces(piece.mesh, drawn, wet=True), meters @ piece.pose
+    part, meters_from_mesh = _wet_or_dry_mesh(piece.mesh, drawn, wet=True), meters @ piece.pose
     bounds = part.with_vertices(transform_points(meters_from_mesh, part.vertices)).bounds
-    level, _ = level_share(part, meters_from_mesh)
+    level, _ = level_share_and_area(part, meters_from_mesh)
     return is_wide_and_level(replace(piece, bounds=bounds, level=level), least=MIN_WATER_WIDTH_M)
 
 
-def _water_faces(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
-    return drawn.meshes[number].of_faces(np.flatnonzero(drawn.wet[number] == wet))
+def _wet_or_dry_mesh(number: int, drawn: Evaluated, *, wet: bool) -> Mesh:
+    return drawn.meshes[number].take_mesh_faces(np.flatnonzero(drawn.wet[number] == wet))
 
 
-def _similar_names(wanted: str, pieces: Sequence[Piece]) -> str:
+def _quote_similar_names(wanted: str, pieces: Sequence[Piece]) -> str:
     names = sorted({piece.name for piece in pieces})
     alike = get_close_matches(wanted, names, n=8, cutoff=0.4)
     return ", ".join(repr(name) for name in (alike or names[:8])) or "nothing that is rendered"

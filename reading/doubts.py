@@ -11,12 +11,12 @@ import numpy as np
 
 from hulldown.reading.pieces.asset_report import By, FileReport, Missing, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import first_match
+from hulldown.reading.pieces.naming import first_matching_pattern
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole
-from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, as_key, quote_names
+from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, names_as_config_value, quote_names
 from hulldown.reading.scenery.scenery_roles import is_water_name
-from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, MIN_PIT_DEPTH_M, canopy_sheets, enclosing_piece
+from hulldown.reading.scenery.shape import MIN_LEVEL_SHARE, MIN_PIT_DEPTH_M, canopy_sheets_and_heights, enclosing_piece
 
 MAX_VEHICLE_LENGTH_M = 60.0  # the longest road trains
 MIN_VEHICLE_LENGTH_M = 0.8
@@ -40,14 +40,14 @@ USUAL_UNITS = (1.0, 0.01, 0.001, 0.0254, 0.3048, 100.0, 10.0, 0.1)
 
 def vehicle_doubts(report: FileReport, options: Options) -> tuple[Doubt, ...]:
     """Return doubts about a vehicle's size and dropped pieces."""
-    return tuple(_vehicle_doubts(report, options))
+    return tuple(_vehicle_size_and_drop_doubts(report, options))
 
 
-def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
+def _vehicle_size_and_drop_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     length, width, height = report.size
     longest, across = max(report.size), max(length, width)
     if not MIN_VEHICLE_LENGTH_M <= longest <= MAX_VEHICLE_LENGTH_M:
-        hint = likely_scale(longest, report.unit)
+        hint = likely_scale_text(longest, report.unit)
         text = f"the vehicle is {format_length(longest)} long; set scale{hint} if that is wrong"
         text += ", or list it under [[assets.sceneries]] if it's one" * (longest > MAX_VEHICLE_LENGTH_M)
         yield Doubt(DoubtKind.SCALE, text)
@@ -61,14 +61,14 @@ def _vehicle_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     if sum(row.triangles * row.count for row in dropped) > sum(row.triangles * row.count for row in kept):
         text = "more triangles are dropped than kept; name the vehicle's objects in `keep`"
         yield Doubt(DoubtKind.MOST_DROPPED, f"{text}: {quote_names(row.name for row in dropped)}")
-    most = max(asked, key=_volume_doubt, default=None)
-    if most and _volume_doubt(most) > max(map(_volume_doubt, kept), default=0.0):
+    most = max(asked, key=_row_volume, default=None)
+    if most and _row_volume(most) > max(map(_row_volume, kept), default=0.0):
         text = f"the config drops {most.name!r}, the largest piece; take it out of drop if it's the hull"
         yield Doubt(DoubtKind.LARGEST_DROPPED, text)
-    yield from _missing_doubts(report.missing)
+    yield from _missing_file_doubts(report.missing)
 
 
-def _volume_doubt(row: ObjectRow) -> float:
+def _row_volume(row: ObjectRow) -> float:
     return math.prod(row.size)
 
 
@@ -84,25 +84,25 @@ def scenery_doubts(
     """Return doubts about a scenery, missing ground first. Ground in `wet` is partly water; `parked` are vehicles."""
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     return (
-        *_role_doubts(used, options, wet, parked),
-        *_shape_doubts(used),
-        *_size_doubts(report, options),
-        *_height_doubts(used, report, options),
-        *_missing_doubts(report.missing),
+        *_scenery_role_doubts(used, options, wet, parked),
+        *_scenery_shape_doubts(used),
+        *_scenery_size_doubts(report, options),
+        *_object_height_doubts(used, report, options),
+        *_missing_file_doubts(report.missing),
     )
 
 
-def _role_doubts(
+def _scenery_role_doubts(
     used: UsedPieces, options: Options, wet: Sequence[str], parked: Mapping[str, Sequence[str]]
 ) -> Iterator[Doubt]:
     if not any(role.use == "ground" for _, role in used):
         text = "NO GROUND: no object is ground by name or by shape, so vehicles are placed on the plane z = "
-        proposed = _proposed_ground([piece for piece, role in used if role.use == "obstacle"])
+        proposed = _ground_proposal_text([piece for piece, role in used if role.use == "obstacle"])
         there = quote_names(piece.name for piece, _ in used)
         yield Doubt(DoubtKind.NO_GROUND, f"{text}ground.fallback_z; {proposed}; in the file is {there}")
     if parked:
         objects = list(dict.fromkeys(name for own in parked.values() for name in own))
-        key = f"drop = {as_key(objects)}" if len(objects) <= MAX_SENTENCE_NAMES else "their objects in drop"
+        key = f"drop = {names_as_config_value(objects)}" if len(objects) <= MAX_SENTENCE_NAMES else "their objects in drop"
         text = f"vehicles stand in it and get no label: {quote_names(parked)}; if they're of your classes, set {key}, and "
         yield Doubt(DoubtKind.UNLABELED, f"{text}list them as vehicles")
     for use, keys in (("ground", "if it isn't, name it in not_ground"), ("water", "if it isn't, set water = []")):
@@ -121,7 +121,7 @@ def _role_doubts(
             yield Doubt(DoubtKind.NOT_GROUND, f"{piece.name!r} isn't used as ground, {role.why}")
 
 
-def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
+def _scenery_shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
     grounds = [piece for piece, role in used if role.use == "ground"]
     if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < MIN_LEVEL_SHARE:
         steep = f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep"
@@ -134,30 +134,30 @@ def _shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
     middles = [(piece, piece.bounds.mean(axis=0)) for piece in named if not (piece.hair or piece.scattered)]
     # Without hills on the horizon.
     level = [piece for piece, at in middles if ((at >= low) & (at <= high))[:2].all()]
-    if grounds and _level_area(level) > _level_area(grounds):
+    if grounds and _total_level_area(level) > _total_level_area(grounds):
         text = f"obstacles have more level surface than the ground, {quote_names(piece.name for piece in grounds)}"
-        yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(level)}")
+        yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_ground_proposal_text(level)}")
     rest = [piece for piece, role in used if role.use in ("ground", "obstacle") and grounds and piece is not main]
     if len(grounds) > 1 and len(rest) > len(grounds):
         (left, front, _), (right, back, _) = (np.min([p.bounds[0] for p in rest], 0), np.max([p.bounds[1] for p in rest], 0))
         if (share := (right - left) * (back - front) / main.area) < MAX_CROWDED_SHARE:
             text = f"everything but {main.name!r} is in {100 * share:.1g} % of its area, and most positions are elsewhere"
-            yield Doubt(DoubtKind.GROUND, f"{text}; to leave it out, set not_ground = {as_key([main.name])}")
+            yield Doubt(DoubtKind.GROUND, f"{text}; to leave it out, set not_ground = {names_as_config_value([main.name])}")
     lowest = min((piece.bounds[0, 2] for piece in solid), default=-np.inf)
     if grounds and (depth := float(lowest - max(piece.bounds[1, 2] for piece in grounds))) > MIN_PIT_DEPTH_M:
         text = f"the ground, {quote_names(piece.name for piece in grounds)}, is {depth:.0f} m below everything else"
-        yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_proposed_ground(solid)}")
-    for sheet, above in canopy_sheets(solid, [piece.bounds for piece in grounds]):
-        name = as_key([sheet.name])
+        yield Doubt(DoubtKind.NOT_GROUND, f"{text}; {_ground_proposal_text(solid)}")
+    for sheet, above in canopy_sheets_and_heights(solid, [piece.bounds for piece in grounds]):
+        name = names_as_config_value([sheet.name])
         text = f"{sheet.name!r} is a level sheet {above:.1f} m above the ground, and nothing is placed under it"
         keys = f"if it's ground, set ground = {name}, if it's water, set water = {name}, else drop = {name}"
         yield Doubt(DoubtKind.SHEET_ABOVE, f"{text}; {keys}")
     if around := enclosing_piece([piece for piece, role in used if role.use in ("obstacle", "ground")]):
         text = f"{around.name!r} is around everything else and hides the HDRI; if it is a sky, set "
-        yield Doubt(DoubtKind.AROUND_ALL, f"{text}drop = {as_key([around.name])}")
+        yield Doubt(DoubtKind.AROUND_ALL, f"{text}drop = {names_as_config_value([around.name])}")
 
 
-def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
+def _scenery_size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
     *sides, height = report.size
     across, other = max(sides), "z" if report.up == "y" else "y"
     if not MIN_SCENERY_EXTENT_M <= across <= MAX_SCENERY_EXTENT_M:
@@ -174,20 +174,24 @@ def _size_doubts(report: FileReport, options: Options) -> Iterator[Doubt]:
         yield Doubt(DoubtKind.UP, text)
 
 
-def _height_doubts(used: UsedPieces, report: FileReport, options: Options) -> Iterator[Doubt]:
+def _object_height_doubts(used: UsedPieces, report: FileReport, options: Options) -> Iterator[Doubt]:
     """Yield a doubt if trees or houses have unusual heights, as in a file with a toy's or a game's unit."""
     for words, (low, high) in USUAL_HEIGHTS.items() if options.scale is None else ():
-        names = {p.name for p, _ in used if first_match(p.name, words) and not first_match(p.name, PARTS_OF_THINGS)}
+        names = {
+            p.name
+            for p, _ in used
+            if first_matching_pattern(p.name, words) and not first_matching_pattern(p.name, PARTS_OF_THINGS)
+        }
         heights = [piece.size[2] for piece, role in used if role.use == "obstacle" and piece.name in names]
         median = float(np.median(heights)) if heights else low
         if not low <= median <= high:
-            hint = likely_scale(median, report.unit, (2.0 * low, 20.0 * low))
+            hint = likely_scale_text(median, report.unit, (2.0 * low, 20.0 * low))
             text = f"the median height of {quote_names(sorted(names), most=3)} is {format_length(median)}"
             yield Doubt(DoubtKind.SCALE, f"{text}; set scale{hint} if that is wrong")
             return
 
 
-def _proposed_ground(among: Sequence[Piece]) -> str:
+def _ground_proposal_text(among: Sequence[Piece]) -> str:
     able = [piece for piece in among if not (piece.hair or piece.scattered)]
     if not able:
         return "name what is to be ground in this scenery's `ground`"
@@ -195,23 +199,23 @@ def _proposed_ground(among: Sequence[Piece]) -> str:
     families: dict[str, list[Piece]] = {}
     for piece in able:
         families.setdefault(re.split(r"\d", piece.name, maxsplit=1)[0].rstrip("_- .") or piece.name, []).append(piece)
-    stem, family = max(families.items(), key=lambda one: _level_area(one[1]))
-    if len(family) > MAX_SENTENCE_NAMES and _level_area(family) > _level_area([widest]):
-        return f"if it is the {len(family)} pieces {stem}..., give this scenery ground = {as_key([stem + '*'])}"
-    return f"if it is {widest.name!r}, give this scenery ground = {as_key([widest.name])}"
+    stem, family = max(families.items(), key=lambda one: _total_level_area(one[1]))
+    if len(family) > MAX_SENTENCE_NAMES and _total_level_area(family) > _total_level_area([widest]):
+        return f"if it is the {len(family)} pieces {stem}..., give this scenery ground = {names_as_config_value([stem + '*'])}"
+    return f"if it is {widest.name!r}, give this scenery ground = {names_as_config_value([widest.name])}"
 
 
-def _level_area(pieces: Sequence[Piece]) -> float:
+def _total_level_area(pieces: Sequence[Piece]) -> float:
     return sum(piece.level * piece.area for piece in pieces)
 
 
-def _missing_doubts(missing: Sequence[Missing]) -> Iterator[Doubt]:
+def _missing_file_doubts(missing: Sequence[Missing]) -> Iterator[Doubt]:
     for one in missing:
         users = quote_names(one.wanted_by) if one.wanted_by else "the file"
         yield Doubt(DoubtKind.MISSING, f"{one.problem}: {one.path}, used by {users}")
 
 
-def likely_scale(longest: float, unit: float, usual: tuple[float, float] = LIKELY_LENGTHS) -> str:
+def likely_scale_text(longest: float, unit: float, usual: tuple[float, float] = LIKELY_LENGTHS) -> str:
     """Return the usual unit that gives a vehicle a usual length, as " = 100 (now 1)", or only the present unit."""
     middle = math.sqrt(usual[0] * usual[1])
     best = min(USUAL_UNITS, key=lambda meters: abs(math.log(max(longest, 1e-9) / unit * meters / middle)))

@@ -13,12 +13,18 @@ from hulldown.assets.skylight import SkyLight
 from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import AssetError
 from hulldown.base.outside import file_sha256
-from hulldown.camera.response import off_daylight
-from hulldown.reading.cache import entry_name, make_cache, new_folder, seal_entry, unseal_entry
+from hulldown.camera.response import distance_from_daylight
+from hulldown.reading.cache import (
+    cache_entry_name,
+    make_cache_folder,
+    read_sealed_note,
+    store_sealed_entry,
+    temporary_entry_folder,
+)
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.formats import first_bytes
-from hulldown.reading.reader_process import Job, ask_reader, found_answer
+from hulldown.reading.reader_process import Job, read_job_answer, run_reader_jobs
 
 HDRI_MAGIC = (b"\x76\x2f\x31\x01", b"#?")  # OpenEXR, Radiance
 MENDED_NAME = "mended.exr"
@@ -69,7 +75,7 @@ class Hdri:
     def doubts(self) -> tuple[Doubt, ...]:
         """A doubt about light far from daylight's color."""
         light = np.array(self.light.irradiance)
-        if not light.any() or off_daylight(light) <= MAX_TINT_UV:
+        if not light.any() or distance_from_daylight(light) <= MAX_TINT_UV:
             return ()
         red, green, blue = (light / light.max()).tolist()
         card = f"a gray card in it is ({red:.2f}, {green:.2f}, {blue:.2f})"
@@ -77,7 +83,7 @@ class Hdri:
         return (Doubt(DoubtKind.TINTED, text),)
 
 
-def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
+def mended_radiance_and_repairs(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray, "h w 3"], tuple[str, ...]]:
     """Return a sky's usable radiance in linear Rec. 709, and a sentence about each repair."""
     height, width = pixels.shape[:2]
     if width != 2 * height:
@@ -101,14 +107,14 @@ def mend_radiance(pixels: Float[np.ndarray, "h w 3"]) -> tuple[Float[np.ndarray,
         pixels = pixels.clip(min=0)
     if np.ptp(pixels, axis=(0, 1)).max() == 0.0:
         raise AssetError("has one color everywhere, so it isn't a sky")
-    mean = mean_luminance(pixels)
+    mean = mean_sky_luminance(pixels)
     if not MEAN_RADIANCE_RANGE[0] <= mean <= MEAN_RADIANCE_RANGE[1]:
         allowed = f"{MEAN_RADIANCE_RANGE[0]:g} to {MEAN_RADIANCE_RANGE[1]:g}"
         raise AssetError(f"has a mean luminance of {mean:.3g}, expected {allowed}", remedy="scale it, or leave it out")
     return pixels, tuple(notes)
 
 
-def mean_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
+def mean_sky_luminance(pixels: Float[np.ndarray, "h w 3"]) -> float:
     """Return the mean luminance over the sphere of an equirectangular sky in linear Rec. 709."""
     height = len(pixels)
     rows = pixels.mean(axis=1, dtype=np.float64) @ LUMINANCE_WEIGHTS
@@ -121,39 +127,41 @@ def read_hdris(
 ) -> list[Hdri]:
     """Read and check HDRIs, from `cache` if possible."""
     for path in paths:
-        refuse_no_hdri(path)
-    make_cache(cache)
+        require_hdri_file(path)
+    make_cache_folder(cache)
     digests = [file_sha256(path) for path in paths]
     named = dict(zip(digests, paths, strict=True))
-    todo = [(digest, path) for digest, path in named.items() if _cache_entry(path, digest, cache) is None]
+    todo = [(digest, path) for digest, path in named.items() if _cached_hdri(path, digest, cache) is None]
     for start in range(0, len(todo), PICTURES_PER_PROCESS):
         batch = todo[start : start + PICTURES_PER_PROCESS]
-        with new_folder(cache) as folder:
+        with temporary_entry_folder(cache) as folder:
             jobs = [Job(str(path), str(Path(folder, digest)), "hdri") for digest, path in batch]
             for job in jobs:
                 if progress:
                     progress(job.path)
                 Path(job.folder).mkdir()
-            ask_reader(jobs, limits=limits)
+            run_reader_jobs(jobs, limits=limits)
             for (digest, _), job in zip(batch, jobs, strict=True):
-                seal_entry(Path(job.folder), cache / entry_name("hdri", CHECKS_VERSION, digest), found_answer(job, FoundSky))
+                store_sealed_entry(
+                    Path(job.folder), cache / cache_entry_name("hdri", CHECKS_VERSION, digest), read_job_answer(job, FoundSky)
+                )
     read = []
     for path, digest in zip(paths, digests, strict=True):
-        hdri = _cache_entry(path, digest, cache)
+        hdri = _cached_hdri(path, digest, cache)
         assert hdri is not None, f"{path}: what was just read cannot be read back"
         read.append(hdri)
     return read
 
 
-def refuse_no_hdri(path: Path) -> None:
+def require_hdri_file(path: Path) -> None:
     """Refuse a file that doesn't begin like an HDRI."""
     if not first_bytes(path).startswith(HDRI_MAGIC):
         raise AssetError("isn't an OpenEXR or Radiance picture", path=path, remedy="copy it again, or leave it out")
 
 
-def _cache_entry(path: Path, digest: str, cache: Path) -> Hdri | None:
-    entry = cache / entry_name("hdri", CHECKS_VERSION, digest)
-    found = unseal_entry(entry, FoundSky)
+def _cached_hdri(path: Path, digest: str, cache: Path) -> Hdri | None:
+    entry = cache / cache_entry_name("hdri", CHECKS_VERSION, digest)
+    found = read_sealed_note(entry, FoundSky)
     if found is None:
         return None
     rendered = entry / MENDED_NAME if found.mended_sha256 else path

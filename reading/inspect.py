@@ -56,7 +56,7 @@ def sky_report(path: Path, hdri: Hdri) -> SkyReport:
     return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
 
 
-def write_pictures(inspected: Sequence[Inspected], path: Path) -> None:
+def write_inspection_picture(inspected: Sequence[Inspected], path: Path) -> None:
     """Write the pictures side by side, each under its name, or one picture alone."""
     drawn = [(one.name, one.picture) for one in inspected if one.picture]
     sheet = drawn[0][1]
@@ -82,7 +82,7 @@ def draw_asset(
         colors = dict(zip(asset.part_names, ROLE_COLORS, strict=False))
     else:
         world = Scene.of(asset)
-        bounds = _worth_seeing(asset, world.obstacles.bounds)
+        bounds = _bounds_worth_seeing(asset, world.obstacles.bounds)
         ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
         wet = int(asset.instance_is_water.sum())
         colors = {ground: ROLE_COLORS[3], f"obstacles ({len(asset.instance_names) - wet})": OBSTACLE_COLOR}
@@ -93,11 +93,11 @@ def draw_asset(
         at = (i % 2 * size, i // 2 * size)
         if title == FRONT_LEFT and picture is not None:
             tile = Image.fromarray(read_pixels(picture)).resize((size, size), Image.Resampling.BICUBIC)
-            _name_tile(tile, f"{title}, as rendered")
+            _draw_tile_title(tile, f"{title}, as rendered")
             sheet.paste(tile, at)
             continue
         view = _SheetView(np.array(sight), np.array(up), bounds, size)
-        hits, light = view.shade_view(world)
+        hits, light = view.hits_and_brightness(world)
         number = hits.part
         if isinstance(asset, Scenery):
             water = np.append(asset.instance_is_water, False)[hits.instance]
@@ -107,8 +107,8 @@ def draw_asset(
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))
         if isinstance(asset, VehicleShape):
             _mark_pivots(tile, view, asset)
-        _name_tile(tile, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
-        _draw_bar(tile, view)
+        _draw_tile_title(tile, title if isinstance(asset, VehicleShape) else title.partition(",")[0])
+        _draw_scale_bar(tile, view)
         sheet.paste(tile, at)
     pen, font = ImageDraw.Draw(sheet), label_font(14)
     for i, (name, color) in enumerate(colors.items()):
@@ -117,13 +117,13 @@ def draw_asset(
     if differences is not None:
         tile = Image.fromarray(read_pixels(differences))
         tile = tile.resize((2 * size, 2 * size * tile.height // tile.width), Image.Resampling.NEAREST)
-        _name_tile(tile, "the file in Blender, above what was read of it: orange is lost, blue is added")
+        _draw_tile_title(tile, "the file in Blender, above what was read of it: orange is lost, blue is added")
         sheet = ImageOps.expand(sheet, (0, 0, 0, tile.height))
         sheet.paste(tile, (0, 2 * size))
     return sheet
 
 
-def _worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
+def _bounds_worth_seeing(scenery: Scenery, boxes: Float[np.ndarray, "k 2 3"]) -> Float[np.ndarray, "2 3"]:
     """Return bounds of the ground and the objects on it without hills on the horizon; of everything without ground."""
     if scenery.ground is not None:
         low, high = scenery.ground.bounds
@@ -153,7 +153,7 @@ class _SheetView:
         self.scale = size / max(float(np.ptp(flat, axis=0).max()) * 1.25, 1e-9)  # pixels a meter
         self.depth = float(np.linalg.norm(bounds[1] - bounds[0]))
 
-    def shade_view(self, world: Scene) -> tuple[Hits, Float[np.ndarray, " n"]]:
+    def hits_and_brightness(self, world: Scene) -> tuple[Hits, Float[np.ndarray, " n"]]:
         """Return the hit of each pixel, and its brightness by the angle between surface and light."""
         center = (np.arange(self.size) + 0.5 - self.size / 2) / self.scale
         x, y = np.meshgrid(center, -center)
@@ -179,11 +179,11 @@ def _mark_pivots(tile: Image.Image, view: _SheetView, shape: VehicleShape) -> No
         pen.ellipse((x - 3, y - 3, x + 3, y + 3), fill=(255, 255, 255), outline=(0, 0, 0))
 
 
-def _name_tile(tile: Image.Image, title: str) -> None:
+def _draw_tile_title(tile: Image.Image, title: str) -> None:
     ImageDraw.Draw(tile).text((10, 8), title, fill=(0, 0, 0), font=label_font(14))
 
 
-def _draw_bar(tile: Image.Image, view: _SheetView) -> None:
+def _draw_scale_bar(tile: Image.Image, view: _SheetView) -> None:
     pen, font = ImageDraw.Draw(tile), label_font(14)
     room = view.size / view.scale / 3
     bar = 10.0 ** np.floor(np.log10(room))

@@ -33,10 +33,10 @@ def missing_libraries() -> tuple[str, ...]:
     """Return libraries of `SYSTEM_LIBRARIES` that this process can't load."""
     if not sys.platform.startswith("linux"):
         return ()
-    return tuple(library for library in SYSTEM_LIBRARIES if not _loads_library(library))
+    return tuple(library for library in SYSTEM_LIBRARIES if not _can_load_library(library))
 
 
-def _loads_library(library: str) -> bool:
+def _can_load_library(library: str) -> bool:
     try:
         ctypes.CDLL(library)
     except OSError:
@@ -44,7 +44,7 @@ def _loads_library(library: str) -> bool:
     return True
 
 
-def library_remedy(output: str) -> str | None:
+def remedy_for_blender_output(output: str) -> str | None:
     """Return the remedy for a Blender that ended with this output; None if it doesn't suggest a missing library."""
     if "No module named 'bpy'" in output:
         return "install hulldown[blender]"

@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import NoReturn, TypedDict, TypeVar
 
 from hulldown.base.errors import AssetError
-from hulldown.base.outside import parse_value, read_json
-from hulldown.reading.confinement.landlock import asset_folders, confine_command
+from hulldown.base.outside import convert_parsed_value, read_json
+from hulldown.reading.confinement.landlock import confine_command, readable_asset_folders
 from hulldown.reading.confinement.references import refuse_odd_references
-from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, run_limited
-from hulldown.reading.libraries import library_remedy
+from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits, run_limited_command
+from hulldown.reading.libraries import remedy_for_blender_output
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
@@ -59,7 +59,7 @@ class Exported:
     report: FileReport  # the report about the file
     bundle: Path  # the geometry, for `assets.bundle.load_vehicle` or `load_scenery`
     tidy: Path  # a .blend with only the rendered objects; see `reading.blender.tidy`
-    picture: Path | None  # of a vehicle, see `reading.blender.vehicle_picture`; None for a scenery
+    picture: Path | None  # of a vehicle, see `reading.blender.render_vehicle_picture`; None for a scenery
     differences: Path | None  # a picture of what was lost, see `reading.blender.file_pictures`; None if nothing was
     files: tuple[str, ...]  # absolute path of every file that the asset refers to: textures, libraries
     # SHA-256 of each, from a cache; None if it can't be read
@@ -76,7 +76,7 @@ def export_asset(
 ) -> Exported:
     """Read `path` once as its kind (None: judged by contents), and write bundle and tidy twin into `folder`."""
     job = reader_job(Path(path), Path(folder), kind=kind, options=options)
-    ask_reader([job], limits=limits)
+    run_reader_jobs([job], limits=limits)
     return finished_export(job)
 
 
@@ -91,20 +91,20 @@ def reader_job(path: Path, folder: Path, *, kind: str | None, options: Options =
 
 def finished_export(job: Job) -> Exported:
     """Return the export of a finished job."""
-    found = found_answer(job, FoundAsset)
-    return folder_export(Path(job.folder), found.report, found.files)
+    found = read_job_answer(job, FoundAsset)
+    return exported_in_folder(Path(job.folder), found.report, found.files)
 
 
-def folder_export(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
+def exported_in_folder(folder: Path, report: FileReport, files: Iterable[str]) -> Exported:
     """Return the export whose files are in a folder."""
     picture = folder / PICTURE_NAME if report.kind == "vehicle" else None
     differences = folder / DIFFERENCES_NAME if (folder / DIFFERENCES_NAME).is_file() else None
     return Exported(report, folder / "bundle.npz", folder / "tidy.blend", picture, differences, tuple(files))
 
 
-def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> None:
-    """Run jobs one after the other in one confined and watched process; `found_answer` has their answers."""
-    readable = [folder for job in jobs for folder in asset_folders(Path(job.path))]
+def run_reader_jobs(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> None:
+    """Run jobs one after the other in one confined and watched process; `read_job_answer` has their answers."""
+    readable = [folder for job in jobs for folder in readable_asset_folders(Path(job.path))]
     with tempfile.TemporaryDirectory(prefix="tmp-", dir=jobs[0].folder, ignore_cleanup_errors=True) as temporary:
         job_files = [Path(temporary, f"{number}.json") for number in range(len(jobs))]
         for job, job_file in zip(jobs, job_files, strict=True):
@@ -113,14 +113,14 @@ def ask_reader(jobs: Sequence[Job], *, limits: ReadLimits = DEFAULT_LIMITS) -> N
         # -P: a folder `reading` in the working directory must not be imported. The matrices here are 4x4, for which
         # OpenBLAS would wake all its threads each time.
         command = [sys.executable, "-P", "-m", "hulldown.reading.blender.reader", *map(str, job_files)]
-        ended = run_limited(
+        ended = run_limited_command(
             confine_command(command, read=readable, write=[job.folder for job in jobs]),
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1", "TMPDIR": temporary},
             limits=limits,
         )
     for job in jobs:
         if not job.file(ANSWER_NAME).is_file():  # it was at this one when it ended
-            _raise_reason(job.path, *ended)
+            _raise_reader_failure(job.path, *ended)
 
 
 class Refused(TypedDict):
@@ -131,24 +131,24 @@ class Refused(TypedDict):
     remedy: str | None
 
 
-def found_answer(job: Job, kind: type[Found]) -> Found:
+def read_job_answer(job: Job, kind: type[Found]) -> Found:
     """Return the reading process's answer about a file, as an object of this type."""
     # Its process had opened a file from outside.
     refuse = partial(AssetError, path=job.path, remedy="open it in Blender, save it again, or leave it out")
     answer = read_json(job.file(ANSWER_NAME), dict[str, object], refuse, what="readable: its process gave no answer")
     try:
         if "error" in answer:
-            raise AssetError(**parse_value(answer["error"], Refused))
-        return parse_value(answer, kind)
+            raise AssetError(**convert_parsed_value(answer["error"], Refused))
+        return convert_parsed_value(answer, kind)
     except ValueError as error:
         raise refuse(f"isn't readable: its process gave another answer ({error})") from None
 
 
-def _raise_reason(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:
+def _raise_reader_failure(path: str, code: int, last_words: str, exceeded: str) -> NoReturn:
     if exceeded:
         remedy = "make it smaller, leave it out, or raise --read-timeout or --read-memory"
         raise AssetError(exceeded, path=path, remedy=remedy)
-    if missing := library_remedy(last_words):
+    if missing := remedy_for_blender_output(last_words):
         raise AssetError("needs Blender to be read", path=path, remedy=missing)
     if code < 0:
         problem = f"Blender crashed reading it (signal {-code})"

@@ -22,13 +22,13 @@ MAX_PLAIN_VARIATION = 0.2  # deviation over mean below the horizon: 0 in painted
 
 
 def shows_land(sky: Float[np.ndarray, "m n 3"]) -> bool:
-    """Return whether an HDRI shows more than one color below its horizon; parameters as for `backdrop_elevation`."""
+    """Return whether an HDRI shows more than one color below its horizon."""
     elevation = 90.0 - (np.arange(len(sky)) + 0.5) / len(sky) * 180.0
     below = (sky @ LUMINANCE_WEIGHTS)[(elevation < -3.0) & (elevation > -30.0)]
     return bool(below.size and below.std() > MAX_PLAIN_VARIATION * below.mean())
 
 
-def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
+def shrink_sky_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
     """Return means over squares of an equirectangular picture, about `MAP_ROWS` high, the zenith in the first row."""
     height, width = pixels.shape[:2]
     step = max(1, height // MAP_ROWS)
@@ -36,15 +36,15 @@ def small_map(pixels: Float[np.ndarray, "h w 3"]) -> Float[np.ndarray, "m n 3"]:
     return np.asarray(cut.reshape(height // step, step, width // step, step, 3).mean(axis=(1, 3), dtype=np.float64))
 
 
-def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
-    """Return the elevation in degrees up to which a `small_map` shows more than sky, and signs of closed land."""
+def backdrop_elevation_and_misfits(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[str, ...]]:
+    """Return the elevation in degrees up to which a `shrink_sky_map` shows more than sky, and signs of closed land."""
     height = len(sky)
     if height < MIN_JUDGED_ROWS:  # too coarse to tell
         return round(min(90.0 / height, MAX_HORIZON_DEG), 3), ()
     elevation = 90.0 - (np.arange(height) + 0.5) / height * 180.0
     gray = sky @ LUMINANCE_WEIGHTS
     gray += 1e-6 * gray.mean()
-    tops = _dark_tops(gray, elevation)
+    tops = _dark_top_elevations(gray, elevation)
     misfits = []
     if (near := float(np.quantile(tops, 0.95))) > MAX_FAR_HORIZON_DEG:
         misfits.append(f"its surroundings reach {near:.0f} degrees above its horizon")
@@ -59,7 +59,7 @@ def backdrop_elevation(sky: Float[np.ndarray, "m n 3"]) -> tuple[float, tuple[st
     return round(max(float(tops.max()), 90.0 / height), 3), tuple(misfits)
 
 
-def _dark_tops(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+def _dark_top_elevations(gray: Float[np.ndarray, "m n"], elevation: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
     """Return the elevation in degrees of the top of dark surroundings in each column."""
     tops = np.zeros(gray.shape[1])
     bright = np.zeros(gray.shape[1], dtype=int)  # rows since the last dark one

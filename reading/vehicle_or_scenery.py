@@ -8,7 +8,7 @@ import numpy as np
 
 from hulldown.base.errors import AssetError
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import VEHICLE_PART_WORDS, first_match
+from hulldown.reading.pieces.naming import VEHICLE_PART_WORDS, first_matching_pattern
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import MAX_SHEET_THICKNESS_SHARE, Piece, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
@@ -21,28 +21,28 @@ def likely_kind(pieces: Sequence[Piece], options: Options) -> str:
     """Return "scenery" for ground with things wider than a vehicle, or for a flat, wide file; else "vehicle"."""
     if not pieces:
         return "vehicle"
-    if not _ground_reason(pieces, options):
+    if not _ground_pieces(pieces, options):
         length, width, height = _pieces_extent(pieces)
         across = max(length, width)
         sheet = height <= MAX_SHEET_THICKNESS_SHARE * across or (len(pieces) == 1 and is_open_land(pieces[0]))
         return "scenery" if across > MAX_GROUNDED_VEHICLE_M and sheet else "vehicle"
-    kept = _vehicle_reason(pieces)
-    if 2 * sum(bool(first_match(p.name, VEHICLE_PART_WORDS)) for p in kept) > len(kept):
+    kept = _vehicle_pieces(pieces)
+    if 2 * sum(bool(first_matching_pattern(p.name, VEHICLE_PART_WORDS)) for p in kept) > len(kept):
         return "vehicle"  # in other units: its hull, or its tracks, may be taken for ground
     return "scenery" if not kept or max(_pieces_extent(kept)) > MAX_GROUNDED_VEHICLE_M else "vehicle"
 
 
-def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> Doubt | None:
+def refuse_or_doubt_kind(kind: str, pieces: Sequence[Piece], options: Options) -> Doubt | None:
     """Refuse a file of the other kind, unless options describe it; return a doubt if it may be intended."""
     if not pieces:
         return None
     if kind == "vehicle":
         if options.scale or options.keep or options.drop or likely_kind(pieces, options) == "vehicle":
             return None
-        kept = _vehicle_reason(pieces)
-        if any(first_match(p.name, VEHICLE_PART_WORDS) for p in kept):
+        kept = _vehicle_pieces(pieces)
+        if any(first_matching_pattern(p.name, VEHICLE_PART_WORDS) for p in kept):
             return None  # a tank in centimeters has tracks, which are called like ground: `doubts` names the scale
-        ground = _ground_reason(pieces, options)
+        ground = _ground_pieces(pieces, options)
         has = f"ground ({ground[0].name!r})" if ground else "one flat sheet"
         raise AssetError(
             f"looks like a scenery but is listed as a vehicle: it contains {has}, and the rest is "
@@ -52,8 +52,8 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
     overrides = (options.scale, options.ground, options.not_ground, options.drop)
     if any(overrides) or likely_kind(pieces, options) == "scenery":
         return None
-    telling = next((p.name for p in pieces if first_match(p.name, VEHICLE_PART_WORDS)), None)
-    longest = max(_pieces_extent(_vehicle_reason(pieces) or pieces))
+    telling = next((p.name for p in pieces if first_matching_pattern(p.name, VEHICLE_PART_WORDS)), None)
+    longest = max(_pieces_extent(_vehicle_pieces(pieces) or pieces))
     if longest > MAX_GROUNDED_VEHICLE_M:
         return None
     if telling:
@@ -61,17 +61,17 @@ def refuse_wrong_kind(kind: str, pieces: Sequence[Piece], options: Options) -> D
             f"looks like a vehicle but is listed as a scenery: it contains {telling!r}, and it is {longest:.1f} m long",
             remedy="list it under [[assets.vehicles]], or name its ground by `ground`",
         )
-    if not _ground_reason(pieces, options):
+    if not _ground_pieces(pieces, options):
         text = f"it is {longest:.1f} m long, as a vehicle is; list it under [[assets.vehicles]] if it is one"
         return Doubt(DoubtKind.OTHER_KIND, text)
     return None
 
 
-def _ground_reason(pieces: Sequence[Piece], options: Options) -> list[Piece]:
+def _ground_pieces(pieces: Sequence[Piece], options: Options) -> list[Piece]:
     return [p for p, role in zip(pieces, scenery_roles(pieces, options), strict=True) if role.use == "ground"]
 
 
-def _vehicle_reason(pieces: Sequence[Piece]) -> list[Piece]:
+def _vehicle_pieces(pieces: Sequence[Piece]) -> list[Piece]:
     return [p for p, role in zip(pieces, vehicle_roles(pieces), strict=True) if role.use == "vehicle"]
 
 

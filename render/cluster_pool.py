@@ -13,14 +13,14 @@ from pathlib import Path
 from distributed import get_worker
 
 from hulldown.base.child import Stopped
-from hulldown.base.code import NOT_INSTALLED, package_versions, version_difference
-from hulldown.base.files import open_regular
+from hulldown.base.code import NOT_INSTALLED, describe_version_difference, package_versions
+from hulldown.base.files import open_regular_file
 from hulldown.cluster.scheduler import RENDER_RESOURCE, SHARE_VARIABLE, Scheduler
-from hulldown.cluster.workers import Cluster, TaskResult, task_is_wanted
+from hulldown.cluster.workers import Cluster, TaskResult, make_task_wanted_check
 from hulldown.plan.library import Library
 from hulldown.reading.confinement import landlock
 from hulldown.render.blender.messages import RenderJob
-from hulldown.render.jobs import readable_paths
+from hulldown.render.jobs import blender_readable_paths
 from hulldown.render.pool import Engine
 from hulldown.render.process import Allowance, Blender, Confinement, Limits, Outcome
 
@@ -43,15 +43,17 @@ class ClusterPool(Cluster):
         stopping: Callable[[], bool],
     ) -> None:
         self._stopping = stopping
-        self._setting = Setting(readable_paths(library), engine.device, engine.limits)
-        refused = partial(refusal_reason, package_versions("bpy"), engine.require_confinement, shared_files(library))
+        self._setting = Setting(blender_readable_paths(library), engine.device, engine.limits)
+        refused = partial(
+            worker_refusal_reason, package_versions("bpy"), engine.require_confinement, shared_file_stamps(library)
+        )
         super().__init__(scheduler, RENDER_RESOURCE, refused, at_once=TASKS_PER_WORKER, say=say)
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob]) -> Iterator[tuple[int, Outcome]]:
         """Do all jobs; parameters and errors as for `render.pool.Pool.results`."""
 
         def call(job: int) -> Callable[[], TaskResult[Outcome]]:
-            return partial(render_row, self._setting, job_of(job))
+            return partial(render_on_this_worker, self._setting, job_of(job))
 
         lost = Outcome(reasons=(LOST_WORKERS,))
         for job, outcomes in self.run(jobs, call, lost=lost, stopping=self._stopping):
@@ -60,31 +62,31 @@ class ClusterPool(Cluster):
             yield job, replace(outcomes[-1], reasons=tuple(reasons), restarts=restarts)
 
 
-def shared_files(library: Library) -> dict[str, tuple[int, int]]:
-    """Return size and time of each file in `render.jobs.readable_paths` that renders read, by absolute path."""
+def shared_file_stamps(library: Library) -> dict[str, tuple[int, int]]:
+    """Return size and time of each file in `render.jobs.blender_readable_paths` that renders read, by absolute path."""
     read = (*library.models.values(), *library.sceneries.values())
     named = [hdri.path for hdri in library.hdris.values()]
     for exported in read:
         named += [exported.tidy, Path(exported.report.path), *map(Path, exported.files)]
-    allowed, files = readable_paths(library), dict[str, tuple[int, int]]()
+    allowed, files = blender_readable_paths(library), dict[str, tuple[int, int]]()
     for path in named:
-        if path.is_file() and landlock.is_inside(path, allowed):
+        if path.is_file() and landlock.is_in_readable_folder(path, allowed):
             stat = path.stat()
             files[str(path.absolute())] = stat.st_size, stat.st_mtime_ns
     return files
 
 
-def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
-    """Return why this process can't render for a client with these `shared_files`; empty if it can."""
+def worker_refusal_reason(client: Mapping[str, str], require_confinement: bool, files: Mapping[str, tuple[int, int]]) -> str:
+    """Return why this process can't render for a client with these `shared_file_stamps`; empty if it can."""
     if package_versions("bpy")["bpy"] == NOT_INSTALLED:
         return "has no bpy"
-    if wrong := version_difference({name: version for name, version in client.items() if version != NOT_INSTALLED}):
+    if wrong := describe_version_difference({name: version for name, version in client.items() if version != NOT_INSTALLED}):
         return wrong
     if require_confinement and (why := landlock.unconfined_reason()):
         return f"can't confine Blender: {why}"
     for path, (size, changed) in files.items():
         try:
-            with open_regular(Path(path)) as file:
+            with open_regular_file(Path(path)) as file:
                 stat = os.fstat(file.fileno())
         except OSError:
             return f"cannot read {path}: {SHARED_FOLDER_REMEDY}"
@@ -97,14 +99,14 @@ def refusal_reason(client: Mapping[str, str], require_confinement: bool, files: 
 class Setting:
     """What a plan's Blenders start with."""
 
-    readable: tuple[Path, ...]  # paths that they may read, by `render.jobs.readable_paths`
+    readable: tuple[Path, ...]  # paths that they may read, by `render.jobs.blender_readable_paths`
     device: str
     limits: Limits
 
 
-def render_row(setting: Setting, job: RenderJob) -> TaskResult[Outcome]:
+def render_on_this_worker(setting: Setting, job: RenderJob) -> TaskResult[Outcome]:
     """Render an image on this Dask worker, with a Blender of this setting."""
-    is_wanted, opened = task_is_wanted(), _open_blender()
+    is_wanted, opened = make_task_wanted_check(), _worker_blender()
     with opened.use_blender(setting):
         output = opened.pictures / "picture.png"
         try:
@@ -117,7 +119,7 @@ def render_row(setting: Setting, job: RenderJob) -> TaskResult[Outcome]:
 
 
 @cache
-def _open_blender() -> OpenBlender:
+def _worker_blender() -> OpenBlender:
     return OpenBlender(Path(get_worker().local_directory) / "hulldown")
 
 
@@ -146,14 +148,14 @@ class OpenBlender:
         try:
             with self._busy:
                 if setting != self._setting:
-                    self._apply_setting(setting)
+                    self._replace_blender(setting)
                 yield
         finally:
             self._idle = threading.Timer(MAX_IDLE_S, self._end_idle)
             self._idle.daemon = True
             self._idle.start()
 
-    def _apply_setting(self, setting: Setting) -> None:
+    def _replace_blender(self, setting: Setting) -> None:
         if self._setting is not None:
             self.blender.close()
         self._setting = None  # should any of this fail

@@ -21,14 +21,14 @@ from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.base.indices import even_sample
 from hulldown.base.terminal import track_items
-from hulldown.dataset.record_checks import Finding, sound_images
+from hulldown.dataset.record_checks import Finding, sound_images_by_id
 from hulldown.dataset.store.document import read_coco
 from hulldown.dataset.store.reservations import find_reservation
-from hulldown.dataset.verification.check_plan import unlabeled_vehicle
+from hulldown.dataset.verification.check_plan import missing_label_finding
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan, read_plan
 from hulldown.render.blender.messages import MaskJob
-from hulldown.render.jobs import mask_job, readable_paths
+from hulldown.render.jobs import blender_readable_paths, make_mask_job
 from hulldown.render.outline import Outline
 from hulldown.render.pool import Engine, Pool
 from hulldown.render.process import Confinement
@@ -81,12 +81,12 @@ def verify_masks(dataset: Path, plan_path: AnyPath, library: Library, *, count: 
     reservation = find_reservation(coco, outline.key)
     if reservation is None:
         raise DatasetError(f"has no images of {plan.path}", path=dataset, remedy="name the plan it was rendered from")
-    names = {number: image.file_name for number, image in sound_images(coco).items()}
+    names = {number: image.file_name for number, image in sound_images_by_id(coco).items()}
     finished = [i for i in range(len(plan)) if reservation.image_offset + i + 1 in names]
     chosen = [finished[i] for i in even_sample(len(finished), count)]
-    labels = {label["id"]: label for label in coco["annotations"] if reservation.has_annotation(label["id"])}
-    first = outline.first_annotations(reservation)
-    maps = cycles_masks(plan, chosen, library)
+    labels = {label["id"]: label for label in coco["annotations"] if reservation.has_annotation_id(label["id"])}
+    first = outline.first_annotation_ids(reservation)
+    maps = render_index_maps_of_rows(plan, chosen, library)
     rows: list[MaskRow] = []
     findings: list[Finding] = []
     for index, of_row in zip(chosen, maps, strict=True):
@@ -95,11 +95,11 @@ def verify_masks(dataset: Path, plan_path: AnyPath, library: Library, *, count: 
         for label_id, (number, target) in enumerate(numbers, start=int(first[index])):
             record = labels.get(label_id)
             if record is None or record.get("image_id") != image_id:
-                findings.append(unlabeled_vehicle(names[image_id], target.category, target.vehicle))
+                findings.append(missing_label_finding(names[image_id], target.category, target.vehicle))
                 continue
             try:
                 label, alone, visible = Label.of(record, {}), of_row[number] == number, of_row[0] == number
-                measured = compare_masks(names[image_id], target.vehicle, label, alone, visible)
+                measured = compare_label_with_masks(names[image_id], target.vehicle, label, alone, visible)
             except ValueError as error:
                 where = f"{names[image_id]}, {target.vehicle}"
                 problem = f"annotation {label_id} cannot be held against a mask: {error}"
@@ -110,7 +110,7 @@ def verify_masks(dataset: Path, plan_path: AnyPath, library: Library, *, count: 
     return MaskReport(tuple(rows), tuple(findings))
 
 
-def compare_masks(
+def compare_label_with_masks(
     name: str, vehicle: str, label: Label, alone: Bool[np.ndarray, "h w"], visible: Bool[np.ndarray, "h w"]
 ) -> MaskRow:
     """Compare a label with masks of its vehicle alone and with its occluders."""
@@ -144,16 +144,16 @@ def _mask_finding(row: MaskRow, annotated: float) -> Finding | None:
     return None
 
 
-def cycles_masks(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt8[np.ndarray, "_ h w"]]:
-    """Render the masks of all vehicles in some rows of a plan, for each row as by `IndexPictures.index_maps`."""
+def render_index_maps_of_rows(plan: Plan, rows: Sequence[int], library: Library) -> list[UInt8[np.ndarray, "_ h w"]]:
+    """Render the masks of all vehicles in some rows of a plan, for each row as by `IndexPictures.render_vehicle_index_maps`."""
     maps: dict[int, UInt8[np.ndarray, "_ h w"]] = {}
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
         folder = Path(name)
 
         def job(index: int) -> MaskJob:
-            return mask_job(plan[index], library, folder / f"{index}.npy")
+            return make_mask_job(plan[index], library, folder / f"{index}.npy")
 
-        confinement = Confinement(folder, readable_paths(library))
+        confinement = Confinement(folder, blender_readable_paths(library))
         with Pool(folder / "logs", Engine(workers=1), confinement=confinement) as pool:
             results = pool.results(sorted(rows, key=lambda i: plan[i].scenery), job)
             for index, outcome in track_items("rendering masks", results, len(rows)):

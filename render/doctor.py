@@ -71,10 +71,10 @@ def diagnose_machine() -> Diagnosis:
     Reads nothing, writes nothing.
     """
     with STDERR_TERMINAL.status("asking Blender"):
-        return _diagnose_blender()
+        return _make_diagnosis()
 
 
-def _diagnose_blender() -> Diagnosis:
+def _make_diagnosis() -> Diagnosis:
     versions = {name: package_version(name) for name in REPORTED_PACKAGES}
     missing = {library: SYSTEM_LIBRARIES[library] for library in missing_libraries()}
     problems = []

@@ -8,12 +8,12 @@ from pathlib import Path
 
 from hulldown.base.arguments import AnyPath, BlendFile, Count
 from hulldown.base.errors import HulldownError
-from hulldown.base.outputs import claim_file
+from hulldown.base.outputs import require_replaceable_file
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.render.blender.messages import BlendJob
-from hulldown.render.jobs import planned_job, readable_paths
+from hulldown.render.jobs import blender_readable_paths, make_planned_row_job
 from hulldown.render.pool import Device, Engine
 from hulldown.render.process import Blender, Confinement
 
@@ -62,12 +62,14 @@ def export_scene(
     if image > len(rows):
         raise HulldownError(f"has no image {image}", path=rows.path, remedy=f"name one from 1 to {len(rows)}")
     engine = Engine(device=device, blender=blender)
-    claim_file(output, "a scene")
+    require_replaceable_file(output, "a scene")
     library = load_planned_library(rows, cache=cache, limits=limits)
     with tempfile.TemporaryDirectory(prefix=".hulldown-", dir=output.parent) as name:
         folder = Path(name).resolve()
-        job = BlendJob(planned_job(rows, rows[image - 1], library, folder / "picture.png"), os.fspath(folder / output.name))
-        confinement = Confinement(folder, readable_paths(library))
+        job = BlendJob(
+            make_planned_row_job(rows, rows[image - 1], library, folder / "picture.png"), os.fspath(folder / output.name)
+        )
+        confinement = Confinement(folder, blender_readable_paths(library))
         with Blender(folder / "log", program=engine.blender, device=device, confinement=confinement) as worker:
             outcome = worker.do(job)
         if outcome.reasons:

@@ -10,8 +10,8 @@ import numpy as np
 from cyclopts import Parameter
 from jaxtyping import Int
 
-from hulldown.base.arguments import Count, make_parser
-from hulldown.dataset.store.reservations import Reservation, plan_key
+from hulldown.base.arguments import Count, make_option_parser
+from hulldown.dataset.store.reservations import Reservation, plan_file_key
 from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import Row
 
@@ -24,16 +24,16 @@ class Outline:
 
     def __init__(self, plan: Plan) -> None:
         self.stamp = file_stamp(plan.path)
-        self.rows = [(sort_key(row), row.index, len(row.labeled), row.file_name) for row in plan]
-        self.key = plan_key(plan.path)
+        self.rows = [(row_sort_key(row), row.index, len(row.labeled), row.file_name) for row in plan]
+        self.key = plan_file_key(plan.path)
         self.labels = np.array([labels for _, _, labels, _ in self.rows], dtype=np.int64)
 
-    def first_annotations(self, reservation: Reservation) -> Int[np.ndarray, " images"]:
+    def first_annotation_ids(self, reservation: Reservation) -> Int[np.ndarray, " images"]:
         """Return the id of each image's first label, which depends on the plan alone."""
         return np.cumsum(self.labels) - self.labels + reservation.annotation_offset + 1
 
 
-def outline_share(text: str) -> tuple[int, int]:
+def parse_plan_share(text: str) -> tuple[int, int]:
     """Return k and n of "k/n"."""
     k, n = map(int, text.split("/"))
     if not 1 <= k <= n:
@@ -41,7 +41,7 @@ def outline_share(text: str) -> tuple[int, int]:
     return k, n
 
 
-PART_PARSER = make_parser("K/N with K from 1 to N, such as 3/8", outline_share, metavar="K/N")
+PART_PARSER = make_option_parser("K/N with K from 1 to N, such as 3/8", parse_plan_share, metavar="K/N")
 
 
 @Parameter(name="*")
@@ -75,7 +75,7 @@ class Part:
 WHOLE_PLAN = Part()
 
 
-def sort_key(row: Row) -> SortKey:
+def row_sort_key(row: Row) -> SortKey:
     """Return a row's sort key, the costliest change first: scenery, vehicle, weather, position with vehicles, HDRI."""
     return row.scenery, row.target.vehicle, row.weather.kind if row.weather else "", row.position, row.hdri
 

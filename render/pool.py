@@ -86,7 +86,7 @@ class Pool:
         self._lines: queue.SimpleQueue[str] = queue.SimpleQueue()  # from the threads
         self._allowance = Allowance(engine.limits)
         self._blenders: list[Blender] = []
-        self._add_blenders(engine.workers or 1)
+        self._ensure_blender_count(engine.workers or 1)
         self._left = Event()
         self._threads = ThreadPoolExecutor(MAX_BLENDERS)
 
@@ -95,7 +95,7 @@ class Pool:
         """Number of Blenders."""
         return len(self._blenders)
 
-    def _add_blenders(self, blenders: int) -> None:
+    def _ensure_blender_count(self, blenders: int) -> None:
         for i in range(len(self._blenders), blenders):
             self._blenders.append(
                 Blender(
@@ -105,12 +105,12 @@ class Pool:
                     number=i,
                     allowance=self._allowance,
                     confinement=self._confinement,
-                    say=partial(self._hear_line, i),
+                    say=partial(self._queue_worker_line, i),
                 )
             )
         self._allowance.blenders = len(self._blenders)
 
-    def _hear_line(self, worker: int, line: str) -> None:
+    def _queue_worker_line(self, worker: int, line: str) -> None:
         self._lines.put(f"worker {worker}: {line}")
 
     def results(self, jobs: Sequence[int], job_of: Callable[[int], RenderJob | MaskJob]) -> Iterator[tuple[int, Outcome]]:
@@ -119,16 +119,16 @@ class Pool:
         queues = [deque(jobs[i * len(jobs) // n : (i + 1) * len(jobs) // n]) for i in range(n)]
         running: dict[Future[Outcome], tuple[int, int]] = {}  # queue and job of each, ended ones included
         while any(queues) or running:
-            self._tell_progress()
+            self._say_queued_lines()
             ended, stopping = next((future for future in running if future.done()), None), self._stopping()
             if stopping and ended is None:
                 raise Stopped
             if self._engine.workers is None:
-                self._add_blenders(self._blenders[0].devices)
+                self._ensure_blender_count(self._blenders[0].devices)
                 queues += [deque[int]() for _ in range(self.working - len(queues))]
             idle = set(range(self.working)) - {i for future, (i, _) in running.items() if not future.done()}
             for i in () if stopping else idle:
-                if (job := _next_job(queues, i)) is not None:
+                if (job := _pop_or_steal_job(queues, i)) is not None:
                     do = self._blenders[i].do
                     running[self._threads.submit(do, job_of(job), stopping=self._left.is_set)] = i, job
             if ended is None:
@@ -137,7 +137,7 @@ class Pool:
             (_, job), outcome = running.pop(ended), ended.result()
             yield job, outcome  # all Blenders work meanwhile
 
-    def _tell_progress(self) -> None:
+    def _say_queued_lines(self) -> None:
         while not self._lines.empty():
             self._say(self._lines.get())
 
@@ -151,7 +151,7 @@ class Pool:
             blender.close()
 
 
-def _next_job(queues: Sequence[deque[int]], i: int) -> int | None:
+def _pop_or_steal_job(queues: Sequence[deque[int]], i: int) -> int | None:
     """Take the next job of a queue; an empty queue takes half of the longest one's jobs."""
     if not queues[i]:
         longest = max(queues, key=len)

@@ -20,7 +20,7 @@ from cyclopts import Parameter
 from PIL.PngImagePlugin import PngImageFile
 
 from hulldown.base.arguments import Positive
-from hulldown.base.child import Child, Stopped, memory_limit
+from hulldown.base.child import Child, Stopped, process_memory_limit
 from hulldown.base.errors import HulldownError
 from hulldown.base.outside import MAX_DATA_BYTES, parse_json, read_file
 from hulldown.reading.confinement import landlock
@@ -75,7 +75,7 @@ class Allowance:
         self.took: list[float] = []  # seconds of the jobs that are done
 
     @property
-    def job_s(self) -> float:
+    def job_time_limit_s(self) -> float:
         """Time limit of the next job in seconds."""
         if self.limits.job_s is not None:
             return self.limits.job_s
@@ -85,7 +85,7 @@ class Allowance:
     @property
     def memory(self) -> float:
         """Bytes of memory for each Blender."""
-        return memory_limit(self.limits.memory_bytes, self.blenders)
+        return process_memory_limit(self.limits.memory_bytes, self.blenders)
 
     @property
     def threads(self) -> int:
@@ -169,7 +169,7 @@ class Blender:
                     reply, content = self._attempt_job(job)
                     return Outcome(reply.seconds, content, restarts=self._restarts, made_by=self._made_by)
                 except Lost as lost:
-                    self._end_lost(lost)
+                    self._close_lost_process(lost)
                     reasons.append(str(lost))
                 except AttemptFailed as failure:
                     self._say(str(failure))
@@ -181,7 +181,7 @@ class Blender:
 
     def _attempt_job(self, job: OutputJob) -> tuple[Reply, bytes]:
         began = time.monotonic()
-        reply = self._send_job(job, self._allowance.job_s)
+        reply = self._send_and_await_reply(job, self._allowance.job_time_limit_s)
         self._allowance.took.append(time.monotonic() - began)
         if reply.failed:
             raise AttemptFailed(reply.failed)
@@ -202,9 +202,9 @@ class Blender:
             try:
                 self._launch_process()
                 version = self._next_reply(MAX_START_S).ready
-                reply = self._send_job(StartJob(self._device, self._number, self._allowance.threads), MAX_START_S)
+                reply = self._send_and_await_reply(StartJob(self._device, self._number, self._allowance.threads), MAX_START_S)
             except Lost as lost:
-                self._end_lost(lost)
+                self._close_lost_process(lost)
                 if attempt < MAX_ATTEMPTS:
                     continue
                 problem = f"Blender has not started {attempt} times running: {lost}"
@@ -248,7 +248,7 @@ class Blender:
         except OSError as error:
             raise HulldownError(f"cannot be started: {error.strerror}", path=command[0]) from None
 
-    def _send_job(self, job: Job, seconds: float) -> Reply:
+    def _send_and_await_reply(self, job: Job, seconds: float) -> Reply:
         assert self._child is not None
         self._child.write(pickle.dumps(job))
         return self._next_reply(seconds)
@@ -270,12 +270,12 @@ class Blender:
                     raise Lost(over) from None
                 continue
             if reply is None:
-                raise Lost(f"Blender {self._child.last_words()}")
+                raise Lost(f"Blender {self._child.describe_end()}")
             if reply.unusable:
                 raise HulldownError(f"Blender cannot be used: {reply.unusable}", remedy=reply.remedy)
             return reply
 
-    def _end_lost(self, lost: Lost) -> None:
+    def _close_lost_process(self, lost: Lost) -> None:
         self.close()
         self._restarts += 1
         self._say(f"{lost}; it is started again")
@@ -313,7 +313,7 @@ def _output_content(job: OutputJob) -> bytes:
     return read_file(output, lambda problem: AttemptFailed(f"what Blender wrote {problem}"), most=MAX_DATA_BYTES)
 
 
-def without_notes(data: bytes) -> bytes:
+def png_without_notes(data: bytes) -> bytes:
     """Remove text, date, and EXIF chunks (PNG, section 5), so that equal pictures are equal files."""
     if not data.startswith(PNG_SIGNATURE):
         raise ValueError("data: expected a PNG file, got something else")

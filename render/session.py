@@ -14,17 +14,24 @@ from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.outputs import UNFINISHED_NAME
 from hulldown.dataset.coco import LOGS_NAME, CocoDataset
-from hulldown.dataset.provenance import Failure, Provenance, add_provenance, read_failures, read_provenance, write_failures
-from hulldown.dataset.row_records import Segmenter, image_record, plan_categories
-from hulldown.dataset.store.placed_pictures import path_inside, picture_writing, publish_picture
+from hulldown.dataset.provenance import (
+    Failure,
+    Provenance,
+    add_provenance,
+    read_failures,
+    read_provenance_by_plan,
+    write_failures,
+)
+from hulldown.dataset.row_records import Segmenter, plan_category_records, row_image_fields
+from hulldown.dataset.store.placed_pictures import explain_picture_write_errors, move_picture_to_dataset, require_path_inside
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
 from hulldown.plan.row import Row
 from hulldown.render.blender.messages import RenderJob
-from hulldown.render.jobs import planned_job
+from hulldown.render.jobs import make_planned_row_job
 from hulldown.render.outline import Outline, Part, file_stamp
 from hulldown.render.pool import Pool
-from hulldown.render.process import Outcome, without_notes
+from hulldown.render.process import Outcome, png_without_notes
 
 if TYPE_CHECKING:
     from hulldown.render.cluster_pool import ClusterPool
@@ -62,29 +69,29 @@ class Session:
         self.made_by: dict[str, list[str]] = {}
         self._plan, self._plan_stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
         self._segmenter = Segmenter.of_plan(plan, library)
-        dataset.add_categories(plan_categories(plan, library.shapes), keypoints=True)
+        dataset.add_categories(plan_category_records(plan, library.shapes), keypoints=True)
         reservation = self._reservation = dataset.reserve(
             outline.key, images=len(outline.rows), annotations=int(outline.labels.sum())
         )
-        rows, firsts = part.part_rows(outline), outline.first_annotations(reservation).tolist()
+        rows, firsts = part.part_rows(outline), outline.first_annotation_ids(reservation).tolist()
         self._pending_images: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
         for _, index, labels, planned in rows:
             if not dataset.finished(name := reservation.file_name(planned)):
                 self._pending_images[index] = name, firsts[index]
                 of_labels = range(firsts[index], firsts[index] + labels)
-                dataset.check_free(name, reservation.image_offset + index + 1, of_labels)
+                dataset.refuse_taken_ids(name, reservation.image_offset + index + 1, of_labels)
         names = {name for name, _ in self._pending_images.values()}
         self.images, self.already = len(rows), len(rows) - len(self._pending_images)
         self._progress = progress
         self._pool: Pool | ClusterPool | None = None
         self._folder = dataset.folder
-        self.unfinished = path_inside(self._folder, UNFINISHED_NAME).absolute()
+        self.unfinished = require_path_inside(self._folder, UNFINISHED_NAME).absolute()
         # Failures of other plans, and of images outside this run. Damage is found before Blender starts.
         self._failures = [failure for failure in read_failures(self._folder) if failure.file_name not in names]
-        read_provenance(self._folder)
+        read_provenance_by_plan(self._folder)
         self._recorded: dict[str, list[str]] = {}
 
-    def report_line(self, line: str) -> None:
+    def report_progress(self, line: str) -> None:
         """Report progress to the caller."""
         workers = self._pool.working if self._pool else 0
         self._progress(RenderProgress(self.already + self.rendered, len(self.failed), self.images, line, workers))
@@ -100,7 +107,7 @@ class Session:
             time.sleep(wait)  # the Blender of a run that was just killed may write a picture before it ends, too
         self.unfinished.mkdir()
         self._pool = pool
-        self.report_line("")
+        self.report_progress("")
         try:
             with pool:
                 for index, outcome in pool.results(list(self._pending_images), self._make_job):
@@ -115,10 +122,10 @@ class Session:
         news = {name: sorted({*self.made_by.get(name, ()), value}) for name, value in outcome.made_by.items()}
         self.made_by = {**self.made_by, **news}
         if not outcome.reasons:
-            self._store_picture(index, outcome)
+            self._store_picture_and_labels(index, outcome)
             self._failed_in_a_row = 0
             return
-        self._set_aside(index, outcome.reasons)
+        self._set_image_aside(index, outcome.reasons)
         self._failed_in_a_row += len(outcome.reasons)
         if self._failed_in_a_row >= MAX_FAILURES_IN_A_ROW:
             raise HulldownError(
@@ -160,32 +167,32 @@ class Session:
 
     def _make_job(self, index: int) -> RenderJob:
         row = self._read_row(index)
-        return planned_job(self._plan, row, self._library, self._output_path(row))
+        return make_planned_row_job(self._plan, row, self._library, self._output_path(row))
 
-    def _store_picture(self, index: int, outcome: Outcome) -> None:
+    def _store_picture_and_labels(self, index: int, outcome: Outcome) -> None:
         row = self._read_row(index)
         picture = self._output_path(row)
         name, first = self._pending_images[index]
         records = self._segmenter.records(row)
         self._write_failures_once()
         self._record_provenance()
-        content = without_notes(outcome.content)
-        with picture_writing(self._folder, name):
+        content = png_without_notes(outcome.content)
+        with explain_picture_write_errors(self._folder, name):
             picture.write_bytes(content)
-        publish_picture(picture, self._folder, name)
+        move_picture_to_dataset(picture, self._folder, name)
         image_id = self._reservation.image_offset + index + 1
         about = {"id": image_id, "file_name": name, "device": outcome.made_by["devices"]}
         self._dataset.append(
-            {**about, PICTURE_HASH_KEY: hashlib.sha256(content).hexdigest(), **image_record(row)},
+            {**about, PICTURE_HASH_KEY: hashlib.sha256(content).hexdigest(), **row_image_fields(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1
-        self.report_line("")
+        self.report_progress("")
 
-    def _set_aside(self, index: int, reasons: Sequence[str]) -> None:
+    def _set_image_aside(self, index: int, reasons: Sequence[str]) -> None:
         name, _ = self._pending_images[index]
         self._failures.append(Failure(index=index, file_name=name, reasons=list(reasons)))
         if self.begun:
             write_failures(self._folder, self._failures)
         self.failed.append(name)
-        self.report_line(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")
+        self.report_progress(f"{name}: given up after {len(reasons)} attempts: {reasons[-1]}")

@@ -17,16 +17,16 @@ from typing import TYPE_CHECKING
 from hulldown.base.arguments import AnyPath
 from hulldown.base.child import Stopped
 from hulldown.base.errors import HulldownError
-from hulldown.base.terminal import is_interactive, print_message, titled_bar
-from hulldown.cluster.scheduler import Scheduler, needing_dask
+from hulldown.base.terminal import is_interactive, one_bar_for_all_titles, print_message
+from hulldown.cluster.scheduler import Scheduler, explain_missing_dask
 from hulldown.dataset.coco import LOGS_NAME, CocoDataset
 from hulldown.dataset.provenance import FAILURES_NAME
-from hulldown.dataset.store.placed_pictures import path_inside
+from hulldown.dataset.store.placed_pictures import require_path_inside
 from hulldown.dataset.table import Dataset
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
-from hulldown.render.jobs import readable_paths
+from hulldown.render.jobs import blender_readable_paths
 from hulldown.render.outline import WHOLE_PLAN, Outline, Part
 from hulldown.render.pool import DEFAULT_ENGINE, Device, Engine, Pool
 from hulldown.render.process import Confinement
@@ -101,7 +101,7 @@ def render_plan(
     """
     scheduler = Scheduler(scheduler) if isinstance(scheduler, str) else scheduler
     engine = Engine(workers=workers, device=device, scheduler=scheduler)
-    report = render_remaining(plan, folder, engine=engine, part=part, cache=cache, progress=progress)
+    report = render_remaining_images(plan, folder, engine=engine, part=part, cache=cache, progress=progress)
     if report.interrupted:
         raise KeyboardInterrupt
     if report.failed:
@@ -113,17 +113,17 @@ def _make_pool(
     engine: Engine, logs: Path, library: Library, session: Session, stopping: Callable[[], bool]
 ) -> Pool | ClusterPool:
     if engine.scheduler is None:
-        confinement = Confinement(session.unfinished, readable_paths(library))
-        return Pool(logs, engine, say=session.report_line, stopping=stopping, confinement=confinement)
-    with needing_dask():
+        confinement = Confinement(session.unfinished, blender_readable_paths(library))
+        return Pool(logs, engine, say=session.report_progress, stopping=stopping, confinement=confinement)
+    with explain_missing_dask():
         from hulldown.render.cluster_pool import ClusterPool
-    return ClusterPool(engine.scheduler, engine, library, say=session.report_line, stopping=stopping)
+    return ClusterPool(engine.scheduler, engine, library, say=session.report_progress, stopping=stopping)
 
 
 @contextlib.contextmanager
-def render_bar() -> Iterator[Callable[[RenderProgress], None]]:
+def render_progress_bar() -> Iterator[Callable[[RenderProgress], None]]:
     """Show a bar on stderr with messages above it; yield the function that `render_plan` calls."""
-    with titled_bar(unit="images") as advance:
+    with one_bar_for_all_titles(unit="images") as advance:
 
         def show(progress: RenderProgress) -> None:
             if progress.line:
@@ -134,7 +134,7 @@ def render_bar() -> Iterator[Callable[[RenderProgress], None]]:
         yield show
 
 
-def render_remaining(
+def render_remaining_images(
     plan: AnyPath,
     output: AnyPath,
     library: Library | None = None,
@@ -166,8 +166,10 @@ def render_remaining(
         Time and memory for reading an asset.
     """
     if progress is None and is_interactive():
-        with render_bar() as bar:
-            return render_remaining(plan, output, library, engine=engine, part=part, cache=cache, limits=limits, progress=bar)
+        with render_progress_bar() as bar:
+            return render_remaining_images(
+                plan, output, library, engine=engine, part=part, cache=cache, limits=limits, progress=bar
+            )
     start = time.monotonic()
     plan = read_plan(plan)
     folder = Path(output)
@@ -181,11 +183,11 @@ def render_remaining(
         session: Session | None = None
         try:
             session = Session(plan, outline, dataset, library, part=part, progress=tell)
-            session.render(_make_pool(engine, path_inside(folder, LOGS_NAME), library, session, stopping))
+            session.render(_make_pool(engine, require_path_inside(folder, LOGS_NAME), library, session, stopping))
         except Stopped:
             interrupted = True
             if session is not None and not session.begun:
-                _leave_no_trace(dataset, keep_logs=had_logs)
+                _undo_open_and_logs(dataset, keep_logs=had_logs)
         except HulldownError as error:
             if session is not None and session.begun:
                 raise
@@ -193,7 +195,7 @@ def render_remaining(
             logged = error.path is not None and Path(error.path).is_relative_to(folder / LOGS_NAME)
             started = session is not None and bool(session.made_by)
             keep_logs = had_logs or (logged and started)
-            _leave_no_trace(dataset, keep_logs=keep_logs)
+            _undo_open_and_logs(dataset, keep_logs=keep_logs)
             if logged and not keep_logs:
                 raise type(error)(error.problem, remedy=error.remedy) from error
             raise
@@ -209,7 +211,7 @@ def render_remaining(
     )
 
 
-def _leave_no_trace(dataset: CocoDataset, *, keep_logs: bool) -> None:
+def _undo_open_and_logs(dataset: CocoDataset, *, keep_logs: bool) -> None:
     """Undo the opening of a dataset, so that the next run, perhaps of a corrected plan, finds it unchanged."""
     if not keep_logs:
         shutil.rmtree(dataset.folder / LOGS_NAME, ignore_errors=True)

@@ -9,25 +9,25 @@ from pathlib import Path
 
 from hulldown.base.arguments import AnyPath, Count
 from hulldown.base.errors import DatasetError, HulldownError
-from hulldown.base.outside import MAX_DATA_BYTES, json_with_repeats, read_file
+from hulldown.base.outside import MAX_DATA_BYTES, json_and_repeated_keys, read_file
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.record_checks import (
     Finding,
-    check_cameras,
-    check_journal,
-    check_labels,
-    check_names,
-    check_reservations,
+    find_camera_problems,
+    find_journal_changes,
+    find_label_problems,
+    find_name_problems,
+    find_record_problems,
+    find_reservation_problems,
     finding_lines,
     read_folder,
-    sound_images,
-    unusable_records,
+    sound_images_by_id,
 )
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, COCO_NAME, JOURNAL_NAME
 from hulldown.dataset.store.journal import lacks_newline
 from hulldown.dataset.usable_labels import misread_boxes
-from hulldown.dataset.verification.check_pictures import check_pictures
-from hulldown.dataset.verification.check_plan import check_planned
+from hulldown.dataset.verification.check_pictures import find_picture_problems
+from hulldown.dataset.verification.check_plan import find_plan_differences
 from hulldown.plan.library import Library, load_planned_library
 from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
@@ -100,29 +100,29 @@ def verify_dataset(
     library = kept(assets or (lambda: load_planned_library(read_plan(plan or ""), cache=cache, limits=limits)))
     folder = Path(dataset)
     coco = read_folder(folder)
-    sound = sound_images(coco)
-    findings = Findings(unusable_records(coco["categories"], coco["images"], coco["annotations"]))
-    findings += check_names(coco)
-    findings += check_cameras(coco["images"])
-    findings += check_labels(coco["categories"], sound.values())
+    sound = sound_images_by_id(coco)
+    findings = Findings(find_record_problems(coco["categories"], coco["images"], coco["annotations"]))
+    findings += find_name_problems(coco)
+    findings += find_camera_problems(coco["images"])
+    findings += find_label_problems(coco["categories"], sound.values())
     findings += [Finding("error", "boxes", "; ".join(of)) for of in misread_boxes(sound.values())]
-    findings += check_reservations(coco)
-    findings += check_journal(coco, folder / JOURNAL_NAME)
+    findings += find_reservation_problems(coco)
+    findings += find_journal_changes(coco, folder / JOURNAL_NAME)
     if plan is not None:
-        findings += check_planned(coco, read_plan(plan), None if fast else library)
-    findings += _check_keys(folder)
+        findings += find_plan_differences(coco, read_plan(plan), None if fast else library)
+    findings += _find_repeated_keys(folder)
     if lacks_newline(folder / JOURNAL_NAME):
         problem = "its last line is cut off: its image is not in the dataset; render again"
         findings.append(Finding("warning", JOURNAL_NAME, problem))
     with progress_bar("checking", progress) as advance:
-        findings += check_pictures(folder, coco, sound, fast=fast, progress=advance)
+        findings += find_picture_problems(folder, coco, sound, fast=fast, progress=advance)
     if masks is not None and plan is not None:
         findings.masks = verify_masks(folder, plan, library(), count=masks)
         findings += findings.masks.findings
     return findings
 
 
-def _check_keys(folder: Path) -> Iterator[Finding]:
+def _find_repeated_keys(folder: Path) -> Iterator[Finding]:
     path = next((path for name in (ANNOTATIONS_NAME, COCO_NAME) if (path := folder / name).exists()), None)
     if path is None:
         if (folder / JOURNAL_NAME).exists():
@@ -131,7 +131,7 @@ def _check_keys(folder: Path) -> Iterator[Finding]:
         return
     refuse = partial(DatasetError, path=path)
     try:
-        _, repeated = json_with_repeats(read_file(path, refuse, most=MAX_DATA_BYTES))
+        _, repeated = json_and_repeated_keys(read_file(path, refuse, most=MAX_DATA_BYTES))
     except ValueError as error:  # it changed meanwhile
         raise refuse(f"isn't valid JSON ({error})") from None
     for key, times in repeated.items():

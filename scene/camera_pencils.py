@@ -50,26 +50,26 @@ class CameraPencils(RayBatch):
         return len(self.low) * self.count
 
     @cached_property
-    def _rays(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-        return self._frame_rays(self.world_from_camera, np.arange(len(self)), np.arange(len(self.low)))
+    def _origins_and_directions(self) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
+        return self._rays_in_frames(self.world_from_camera, np.arange(len(self)), np.arange(len(self.low)))
 
     @property
     def origins(self) -> Float[np.ndarray, "k 3"]:
         """Origins on the near planes."""
-        return self._rays[0]
+        return self._origins_and_directions[0]
 
     @property
     def directions(self) -> Float[np.ndarray, "k 3"]:
         """Directions of unit depth."""
-        return self._rays[1]
+        return self._origins_and_directions[1]
 
-    def world_blocks(self, asked: Bool[np.ndarray, " k"]) -> Iterator[RayBlock]:
+    def asked_ray_blocks(self, asked: Bool[np.ndarray, " k"]) -> Iterator[RayBlock]:
         """Yield the asked rays in coherent blocks."""
         index = np.flatnonzero(asked)
         for some in (index[i : i + BATCH_RAYS] for i in range(0, len(index), BATCH_RAYS)):
             yield RayBlock(some, self.origins[some], self.directions[some])
 
-    def instance_pairs(
+    def ray_instance_pairs(
         self, tree: BoxTree, bounds: Float[np.ndarray, "i 2 3"], reach: Float[np.ndarray, " k"]
     ) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
         """Yield rays with the instances whose boxes cover them in their camera's window."""
@@ -88,25 +88,25 @@ class CameraPencils(RayBatch):
         part, instance = tree.overlapping_pairs(low.reshape(-1, 3), high.reshape(-1, 3))
         k = len(bounds)
         view, instance = np.divmod(np.unique(part // BEAM_LENGTHS * k + instance), k)
-        local = transform_points(self._camera_from_world[view], _bounds_corners(bounds, instance))
-        box, nearest = box_at_unit_depth(local), local[..., 2].min(axis=1)
+        local = transform_points(self._camera_from_world[view], _padded_bounds_corners(bounds, instance))
+        box, nearest = bound_points_at_unit_depth(local), local[..., 2].min(axis=1)
         order, size = np.lexsort((nearest, view)), max(1, RAY_PAIRS_PER_BLOCK // self.count)
         for batch in rank_batches(view[order]):
             for block in (order[batch[i : i + size]] for i in range(0, len(batch), size)):
-                pair, ray = self._rays_through_boxes(box[block], view[block])
+                pair, ray = self._box_ray_pairs(box[block], view[block])
                 pair = block[pair]
                 # From the near plane to a box it's at least the box's depth less the plane's; once more, for rounding.
                 ahead = far[view[pair], ray] > nearest[pair] - 2.0 * NEAR_M
                 yield view[pair[ahead]] * self.count + ray[ahead], instance[pair[ahead]]
 
-    def poses_for_blocks(
+    def cameras_and_local_poses(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, "m 4 4"]]:
         """Return poses in the cameras' frames."""
         camera = np.arange(len(self.low)) if row is None else row
         return camera, compose_affine(self._camera_from_world[camera], world_from_vehicle)
 
-    def blocks_near_hull(
+    def local_rays_near_hull(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "m 4 4"],
@@ -115,19 +115,19 @@ class CameraPencils(RayBatch):
     ) -> Iterator[LocalRayBlock]:
         """Yield the asked rays through the box of the points in their camera's window."""
         assert camera is not None
-        pose, ray = self._rays_through_boxes(box_at_unit_depth(transform_points(poses, points)), camera)
+        pose, ray = self._box_ray_pairs(bound_points_at_unit_depth(transform_points(poses, points)), camera)
         points_from_camera = invert_rigid(poses)
         kept = np.flatnonzero(asked[camera[pose] * self.count + ray])
         for some in (kept[i : i + BATCH_RAYS] for i in range(0, len(kept), BATCH_RAYS)):
             of, number = pose[some], ray[some]
-            rays = self._frame_rays(points_from_camera, of * self.count + number, camera)
+            rays = self._rays_in_frames(points_from_camera, of * self.count + number, camera)
             yield LocalRayBlock(camera[of] * self.count + number, of, *rays)
 
     @cached_property
     def _camera_from_world(self) -> Float[np.ndarray, "n 4 4"]:
         return invert_rigid(self.world_from_camera)
 
-    def _frame_rays(
+    def _rays_in_frames(
         self, frame_from_camera: Float[np.ndarray, "m 4 4"], which: Int[np.ndarray, " k"], camera: Int[np.ndarray, " m"]
     ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
         """Origins and directions of the rays with these ascending indices: i is ray i % r of frame i // r."""
@@ -151,7 +151,7 @@ class CameraPencils(RayBatch):
         low, across, down = np.moveaxis(rows, 1, 0)
         return np.stack([low, low + across, low + across + down, low + down], 1)
 
-    def _rays_through_boxes(
+    def _box_ray_pairs(
         self, box: Float[np.ndarray, "p 2 2"], view: Int[np.ndarray, " p"]
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
         """Return all pairs of a box, given by its corners at unit depth, and a ray of its camera through it."""
@@ -181,18 +181,18 @@ class PixelRays:
     def __len__(self) -> int:
         return self.camera.lenses.width * self.camera.lenses.height
 
-    def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
+    def ray_piece_makers(self) -> Sequence[Callable[[], RayPiece]]:
         """Return bands of tiles; beyond the picture's last row and column, tiles repeat them."""
         rows, columns = (
             np.arange(-(-n // TILE_SIDE_PX) * TILE_SIDE_PX).clip(max=n - 1).reshape(-1, TILE_SIDE_PX)
             for n in (self.camera.lenses.height, self.camera.lenses.width)
         )
-        return [partial(self._band, band, columns) for band in rows]
+        return [partial(self._tile_band_piece, band, columns) for band in rows]
 
-    def _band(self, band: Int[np.ndarray, " t"], columns: Int[np.ndarray, "b t"]) -> RayPiece:
+    def _tile_band_piece(self, band: Int[np.ndarray, " t"], columns: Int[np.ndarray, "b t"]) -> RayPiece:
         width = self.camera.lenses.width
         pixel = (band[:, None] * width + columns[:, None, :]).reshape(-1, TILE_SIDE_PX * TILE_SIDE_PX)
-        at = self.camera.lenses.at_unit_depth(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
+        at = self.camera.lenses.unit_points_from_pixels(np.stack([pixel % width, pixel // width], axis=-1) + 0.5)
         u, v = np.ascontiguousarray(np.moveaxis(at, -1, 0))  # NumPy takes extremes along it many times faster
         low = np.stack([u.min(axis=1), v.min(axis=1)], axis=1)
         extent = np.maximum(np.stack([u.max(axis=1), v.max(axis=1)], axis=1) - low, 1e-300)
@@ -201,7 +201,7 @@ class PixelRays:
         return RayPiece(pixel.ravel(), pencils, (NEAR_M * np.sqrt(1.0 + u * u + v * v)).ravel())
 
 
-def box_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.ndarray, "p 2 2"]:
+def bound_points_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.ndarray, "p 2 2"]:
     """Return corners of a box around the projected points; infinite if a point is nearer than the near plane."""
     # Points first: NumPy takes extremes over a short last axis many times slower.
     x, y, depth = np.ascontiguousarray(points_camera.transpose(2, 1, 0))
@@ -214,7 +214,7 @@ def box_at_unit_depth(points_camera: Float[np.ndarray, "p k 3"]) -> Float[np.nda
     return box
 
 
-def _bounds_corners(bounds: Float[np.ndarray, "k 2 3"], instance: Int[np.ndarray, " p"]) -> Float[np.ndarray, "p 8 3"]:
+def _padded_bounds_corners(bounds: Float[np.ndarray, "k 2 3"], instance: Int[np.ndarray, " p"]) -> Float[np.ndarray, "p 8 3"]:
     """Return corners of instances' bounds, grown by more than rounding, in the world."""
     corners = np.where(BOX_CORNERS > 0.0, bounds[instance, None, 1], bounds[instance, None, 0])
     pad = 1e-5 * np.ptp(bounds[instance], axis=1) + 1e-9

@@ -21,7 +21,7 @@ MIN_TRANSMITTANCE = 1e-3  # a ray with less counts as blocked
 MIN_PLANE_COSINE = 1e-4  # from here on a hit is where the ray meets the face's plane in float64
 
 
-def make_caster(mesh: Mesh) -> RayCaster:
+def make_ray_caster(mesh: Mesh) -> RayCaster:
     """Return a ray caster for a mesh; one without holes is as fast as `RayCaster`."""
     if mesh.cutouts is None:
         return RayCaster(mesh)
@@ -42,11 +42,11 @@ class CutoutCaster(RayCaster):
         whole = np.ones(len(mesh.faces), dtype=bool)
         whole[mesh.cutouts.face[cuts != Cut.OPAQUE]] = False
         self._opaque_face = np.flatnonzero(whole)
-        self._opaque = RayCaster(mesh.of_faces(self._opaque_face)) if len(self._opaque_face) else None
+        self._opaque = RayCaster(mesh.take_mesh_faces(self._opaque_face)) if len(self._opaque_face) else None
         self._mixed_face = mesh.cutouts.face[cuts == Cut.MIXED]
         self._mixed: RayCaster | None = None
         if len(self._mixed_face):
-            mixed = mesh.of_faces(self._mixed_face)
+            mixed = mesh.take_mesh_faces(self._mixed_face)
             self._mixed, self._texture = RayCaster(mixed), _Textured(mixed)
             low, high = mixed.bounds
             # As RayCaster centers it, which gives the size of what float32 cannot tell apart.
@@ -59,7 +59,7 @@ class CutoutCaster(RayCaster):
         if self._opaque is not None:
             met = self._opaque.cast(start, along, max_distance=reach)
             distance, face = met.distance, np.where(met.hit, self._opaque_face[met.face], -1).astype(np.int32)
-        left, at, mixed = self._trace_mixed(start, along, np.minimum(reach, distance), hard=True)
+        left, at, mixed = self._trace_mixed_faces(start, along, np.minimum(reach, distance), hard=True)
         stopped = np.flatnonzero(left == 0.0)
         distance[stopped], face[stopped] = at[stopped], self._mixed_face[mixed[stopped]]
         return RayHits(distance, face)
@@ -68,15 +68,15 @@ class CutoutCaster(RayCaster):
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Bool[np.ndarray, " n"]:
         """Return whether anything that hides blocks each ray; arguments as for `RayCaster.cast`."""
-        return self._transmitted(origins, directions, max_distance, hard=True) == 0.0
+        return self._transmittance_along_rays(origins, directions, max_distance, hard=True) == 0.0
 
     def transmittance(
         self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf
     ) -> Float[np.ndarray, " n"]:
         """Return the share of light along each ray that gets through; arguments are as for `RayCaster.cast`."""
-        return self._transmitted(origins, directions, max_distance, hard=False)
+        return self._transmittance_along_rays(origins, directions, max_distance, hard=False)
 
-    def _transmitted(
+    def _transmittance_along_rays(
         self, origins: ArrayLike, directions: ArrayLike, max_distance: ArrayLike, *, hard: bool
     ) -> Float[np.ndarray, " n"]:
         start, along, reach = checked_rays(origins, directions, max_distance)
@@ -84,10 +84,10 @@ class CutoutCaster(RayCaster):
         if self._opaque is not None:
             left[self._opaque.occluded(start, along, max_distance=reach)] = 0.0
         free = np.flatnonzero(left)
-        left[free] = self._trace_mixed(start[free], along[free], reach[free], hard=hard)[0]
+        left[free] = self._trace_mixed_faces(start[free], along[free], reach[free], hard=hard)[0]
         return left
 
-    def _trace_mixed(
+    def _trace_mixed_faces(
         self, start: Float[np.ndarray, "n 3"], along: Float[np.ndarray, "n 3"], reach: Float[np.ndarray, " n"], *, hard: bool
     ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Int[np.ndarray, " n"]]:
         """Return the light that mixed faces leave on rays of unit direction, and their last hits' distance and face."""
@@ -104,7 +104,7 @@ class CutoutCaster(RayCaster):
             rays, face = rays[on], met.face[on]
             at = from_start[rays] + met.distance[on]
             again = face == last[rays]
-            opacity, step = self._hit_opacity(face, start[rays], along[rays], at)
+            opacity, step = self._hit_opacity_and_step(face, start[rays], along[rays], at)
             if hard:
                 opacity = (opacity >= HIT_OPACITY).astype(np.float64)
             opacity[again] = 0.0
@@ -116,7 +116,7 @@ class CutoutCaster(RayCaster):
             rays = rays[share > 0.0]
         return left, distance, hit
 
-    def _hit_opacity(
+    def _hit_opacity_and_step(
         self,
         face: Int[np.ndarray, " k"],
         start: Float[np.ndarray, "k 3"],
@@ -177,10 +177,10 @@ class Solidity:
         assert cutouts is not None
         self._place = np.full(len(mesh.faces), -1)
         self._place[cutouts.face] = np.arange(len(cutouts.face))
-        self._texture = _Textured(mesh.of_faces(cutouts.face))
+        self._texture = _Textured(mesh.take_mesh_faces(cutouts.face))
         self._hiding = [TexelCounts(alpha, lambda opacity: opacity >= HIT_OPACITY) for alpha in cutouts.maps]
 
-    def may_be_solid(
+    def maybe_solid_mask(
         self, face: Int[np.ndarray, " p"], middle: Float[np.ndarray, "p 3"], half_sides: Float[np.ndarray, "p 3 3"]
     ) -> Bool[np.ndarray, " p"]:
         """Return whether a face may reach `HIT_OPACITY` somewhere in a box; true for faces without a texture.

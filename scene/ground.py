@@ -9,7 +9,7 @@ from jaxtyping import Bool, Float, Int
 from numpy.typing import ArrayLike
 
 from hulldown.scene.ray_caster import RayCaster, RayHits
-from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, ray_reaches
+from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, max_distance_per_ray
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,8 +51,8 @@ class Ground:
 
     def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
         """Return the first face along each ray."""
-        hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
-        for ray, start, along in rays.world_blocks(reach > -np.inf):
+        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
+        for ray, start, along in rays.asked_ray_blocks(reach > -np.inf):
             met = self.caster.cast(start, along, max_distance=reach[ray])
             hits.distance[ray], hits.face[ray] = met.distance, met.face
         hits.kind[hits.hit], hits.instance[hits.hit] = SurfaceKind.GROUND, 0
@@ -60,15 +60,15 @@ class Ground:
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
         """Return whether the ground blocks each ray."""
-        hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
-        for ray, start, along in rays.world_blocks(reach > -np.inf):
+        hidden, reach = np.zeros(len(rays), dtype=bool), max_distance_per_ray(rays, max_distance)
+        for ray, start, along in rays.asked_ray_blocks(reach > -np.inf):
             hidden[ray] = self.caster.occluded(start, along, max_distance=reach[ray])
         return hidden
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
         """Return how much light gets through along each ray."""
-        passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
-        for ray, start, along in rays.world_blocks(reach > -np.inf):
+        passed, reach = np.ones(len(rays)), max_distance_per_ray(rays, max_distance)
+        for ray, start, along in rays.asked_ray_blocks(reach > -np.inf):
             passed[ray] = self.caster.transmittance(start, along, max_distance=reach[ray])
         return passed
 

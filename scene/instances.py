@@ -12,9 +12,9 @@ from hulldown.base.arrays import checked_array
 from hulldown.geometry.boxtree import BoxTree
 from hulldown.geometry.meshes import Mesh, unit_normals
 from hulldown.geometry.transforms import invert_affine, transform_points
-from hulldown.scene.cutouts import MIN_TRANSMITTANCE, make_caster
+from hulldown.scene.cutouts import MIN_TRANSMITTANCE, make_ray_caster
 from hulldown.scene.ray_caster import RayCaster
-from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, ray_reaches
+from hulldown.scene.rays import Hits, RayBatch, SurfaceKind, max_distance_per_ray
 
 # Ratio of least to largest stretch below which an instance has no inverse that keeps float32 rays apart.
 MIN_DETERMINANT_SHARE = 1e-6
@@ -48,7 +48,7 @@ class InstancedScene:
             self.world_from_instance[i] = np.eye(4)
         self.meshes = tuple(every)
         self.instance_from_world = invert_affine(self.world_from_instance)
-        self._casters = {i: make_caster(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
+        self._casters = {i: make_ray_caster(self.meshes[i]) for i in np.unique(self.instance_mesh).tolist()}
         self._tree = BoxTree(_pad_bounds(self.bounds))
 
     def overlapping_pairs(
@@ -59,10 +59,10 @@ class InstancedScene:
 
     def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
         """Return the first face along each ray; faces are those of the instance's own mesh."""
-        hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
-        for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
+        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
+        for ray, instance in rays.ray_instance_pairs(self._tree, self.bounds, reach):
             distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
-            for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):
+            for caster, rows, inside, inward, scale in self._rays_by_mesh(rays, ray, instance):
                 met = caster.cast(inside, inward, max_distance=reach[ray[rows]] * scale)
                 distance[rows], face[rows] = met.distance / scale, met.face
             # The nearest of each ray; of equals, the instance that comes first.
@@ -77,9 +77,9 @@ class InstancedScene:
 
     def occlusion(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
         """Return whether anything blocks each ray."""
-        hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
-        for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
-            for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):
+        hidden, reach = np.zeros(len(rays), dtype=bool), max_distance_per_ray(rays, max_distance)
+        for ray, instance in rays.ray_instance_pairs(self._tree, self.bounds, reach):
+            for caster, rows, inside, inward, scale in self._rays_by_mesh(rays, ray, instance):
                 at = ray[rows]
                 hidden[at[caster.occluded(inside, inward, max_distance=reach[at] * scale)]] = True
             reach[ray[hidden[ray]]] = -np.inf
@@ -87,11 +87,11 @@ class InstancedScene:
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
         """Return how much light gets through along each ray."""
-        passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
-        for ray, instance in rays.instance_pairs(self._tree, self.bounds, reach):
+        passed, reach = np.ones(len(rays)), max_distance_per_ray(rays, max_distance)
+        for ray, instance in rays.ray_instance_pairs(self._tree, self.bounds, reach):
             at, number = np.unique(ray, return_inverse=True)
             light = np.ones(len(at))
-            for caster, rows, inside, inward, scale in self._mesh_rays(rays, ray, instance):
+            for caster, rows, inside, inward, scale in self._rays_by_mesh(rays, ray, instance):
                 share = caster.transmittance(inside, inward, max_distance=reach[ray[rows]] * scale)
                 np.multiply.at(light, number[rows], share)
             passed[at] *= light
@@ -109,7 +109,7 @@ class InstancedScene:
         turned = self.world_from_instance[hits.instance, :3, :3]
         return unit_normals(np.einsum("nij,nkj->nki", turned, triangles))
 
-    def _mesh_rays(
+    def _rays_by_mesh(
         self, rays: RayBatch, ray: Int[np.ndarray, " p"], instance: Int[np.ndarray, " p"]
     ) -> Iterator[tuple[RayCaster, np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
         """For each mesh met: its caster, the pairs that meet it, and their rays and stretch in the mesh's frame."""
@@ -129,7 +129,7 @@ def _instance_bounds(
 ) -> Float[np.ndarray, "k 2 3"]:
     bounds = np.empty((len(poses), 2, 3))
     for mesh in np.unique(instance_mesh):
-        x, y, z = meshes[mesh].vertices[meshes[mesh].extreme_vertices()].T.copy()
+        x, y, z = meshes[mesh].vertices[meshes[mesh].extreme_vertex_indices()].T.copy()
         of_mesh = np.flatnonzero(instance_mesh == mesh)
         block = max(1, (1 << 18) // len(x))
         for batch in (of_mesh[i : i + block] for i in range(0, len(of_mesh), block)):

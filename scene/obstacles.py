@@ -34,7 +34,7 @@ SKYWARD_DIRECTIONS = _skyward_directions(48)
 MIN_FREE_RAYS = 4  # needed if the first is blocked; below a wide sheet, two level ones are free
 
 
-def boxes_touch(
+def box_pair_touch_mask(
     half_a: Float[np.ndarray, "p 3"], half_b: Float[np.ndarray, "p 3"], a_from_b: Float[np.ndarray, "p 4 4"]
 ) -> Bool[np.ndarray, " p"]:
     """Return whether two boxes, each about the origin of its own frame, touch (Gottschalk et al., OBBTree, 1996)."""
@@ -55,7 +55,7 @@ def boxes_touch(
     return ~apart
 
 
-def triangles_touch_box(
+def triangle_box_touch_mask(
     corners: Sequence[Sequence[Float[np.ndarray, " p"]]], half: Sequence[Float[np.ndarray, " p"]]
 ) -> Bool[np.ndarray, " p"]:
     """Return whether each triangle, in the frame of its box about the origin, touches it (Akenine-Moeller, 2001)."""
@@ -109,7 +109,7 @@ class Obstacles:
         self._solid = np.ones(len(scene.bounds), dtype=bool) if solid is None else solid
         self._triangles: dict[int, tuple[BoxTree, Float[np.ndarray, "3 3 f"], Solidity | None]] = {}
 
-    def touches_boxes(
+    def blocked_box_mask(
         self, half: Float[np.ndarray, "n 3"], world_from_box: Float[np.ndarray, "n 4 4"]
     ) -> Bool[np.ndarray, " n"]:
         """Return whether each box touches an opaque part of a triangle, or one instance encloses it on all sides."""
@@ -122,14 +122,14 @@ class Obstacles:
         which = self._scene.instance_mesh[instance]
         for number in np.unique(which):
             of_mesh = np.flatnonzero((which == number) & ~touched[box])
-            self._touch_mesh(int(number), half, world_from_box, box[of_mesh], instance[of_mesh], touched)
+            self._mark_boxes_touching_mesh(int(number), half, world_from_box, box[of_mesh], instance[of_mesh], touched)
         within = ((bounds[:, 0] <= center[box]) & (center[box] <= bounds[:, 1])).all(axis=1)
         inside = np.unique(box[within])
         inside = inside[~touched[inside]]
-        touched[inside] = self._is_enclosed(world_from_box[inside])
+        touched[inside] = self._enclosed_mask(world_from_box[inside])
         return touched
 
-    def sees_sky(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def skylit_mask(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether light reaches each world point: the ray upward is free, or `MIN_FREE_RAYS` others."""
         is_open = np.zeros(len(point), dtype=bool)
         free = np.zeros(len(point), dtype=int)
@@ -146,14 +146,14 @@ class Obstacles:
             is_open |= free >= (1 if begin == 0 else MIN_FREE_RAYS)
         return is_open
 
-    def stands_on_obstacle(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
+    def above_obstacle_mask(self, point: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
         """Return whether the first thing below each point is an obstacle; domes around the ground don't count."""
         met = self._scene.first_hits(RayList(point, np.tile([0.0, 0.0, -1.0], (len(point), 1))))
         near, hit = met.distance <= ENCLOSURE_REACH_M, np.flatnonzero(met.instance >= 0)
         near[hit] |= ~self._around[met.instance[hit]]
         return near
 
-    def _touch_mesh(
+    def _mark_boxes_touching_mesh(
         self,
         number: int,
         half: Float[np.ndarray, "n 3"],
@@ -184,14 +184,14 @@ class Obstacles:
                 which, faces = pair[left[i : i + BOX_PAIRS_PER_BLOCK]], face[left[i : i + BOX_PAIRS_PER_BLOCK]]
                 into = moves[:, :, which]
                 moved = [[row[0] * x + row[1] * y + row[2] * z + row[3] for row in into] for x, y, z in triangles[:, :, faces]]
-                touching = triangles_touch_box(moved, list(sizes[:, box[which]]))
+                touching = triangle_box_touch_mask(moved, list(sizes[:, box[which]]))
                 if solidity is not None:
                     pose = mesh_from_box[which[touching]]
                     sides = pose[:, :3, :3] * half[box[which[touching]]][:, None]
-                    touching[touching] = solidity.may_be_solid(faces[touching], pose[:, :3, 3], sides)
+                    touching[touching] = solidity.maybe_solid_mask(faces[touching], pose[:, :3, 3], sides)
                 touched[box[which[touching]]] = True
 
-    def _is_enclosed(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
+    def _enclosed_mask(self, world_from_box: Float[np.ndarray, "n 4 4"]) -> Bool[np.ndarray, " n"]:
         around = np.full(len(world_from_box), -1)
         left = np.arange(len(world_from_box))
         # Upward first, since most boxes in the open have nothing above them.

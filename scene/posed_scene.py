@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 
 from hulldown.assets.scenery import Scenery
 from hulldown.base.columns import put_rows
-from hulldown.scene.cutouts import make_caster
+from hulldown.scene.cutouts import make_ray_caster
 from hulldown.scene.ground import Ground, Plane
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.posed_vehicle import PosedVehicle
 from hulldown.scene.ray_caster import RayCaster
-from hulldown.scene.rays import Hits, RayBatch, RayPiece, RaySet, RayTarget, ray_reaches
+from hulldown.scene.rays import Hits, RayBatch, RayPiece, RaySet, RayTarget, max_distance_per_ray
 
 NO_OBSTACLES = InstancedScene([], [], [])
 
@@ -43,7 +43,7 @@ class Scene:
         """Return a scenery without vehicles; missing ground is the plane `fallback_z` of the file's frame, if given."""
         ground: RayCaster | Plane | None = None
         if scenery.ground is not None:
-            ground = make_caster(scenery.ground)
+            ground = make_ray_caster(scenery.ground)
         elif fallback_z is not None:
             ground = Plane(fallback_z - float(scenery.origin[2]))
         return cls(ground, InstancedScene(scenery.obstacle_meshes, scenery.instance_mesh, scenery.world_from_instance))
@@ -58,7 +58,7 @@ class Scene:
 
     def first_hits(self, rays: RaySet, *, max_distance: ArrayLike = np.inf, threads: int = 1) -> Hits:
         """Return each ray's first surface, with `threads` threads; on ties ground, then obstacles, then vehicles."""
-        hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
+        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
 
         def trace(piece: Callable[[], RayPiece]) -> None:
             ray, batch, lead = piece()
@@ -66,29 +66,29 @@ class Scene:
             put_rows(hits, ray, replace(found, distance=found.distance + lead))
 
         if threads == 1:
-            for piece in rays.ray_pieces():
+            for piece in rays.ray_piece_makers():
                 trace(piece)
             return hits
         with ThreadPoolExecutor(threads) as pool:
-            list(pool.map(trace, rays.ray_pieces()))
+            list(pool.map(trace, rays.ray_piece_makers()))
         return hits
 
     def occlusion(self, rays: RaySet, *, max_distance: ArrayLike = np.inf) -> Bool[np.ndarray, " n"]:
         """Return whether anything blocks each ray."""
-        hidden, reach = np.zeros(len(rays), dtype=bool), ray_reaches(rays, max_distance)
-        for ray, batch, lead in (piece() for piece in rays.ray_pieces()):
+        hidden, reach = np.zeros(len(rays), dtype=bool), max_distance_per_ray(rays, max_distance)
+        for ray, batch, lead in (piece() for piece in rays.ray_piece_makers()):
             left = reach[ray] - lead
-            for _, target in self._targets():
+            for _, target in self._numbered_targets():
                 left[target.occlusion(batch, max_distance=left)] = -np.inf
             hidden[ray] = (left == -np.inf) & (reach[ray] > -np.inf)
         return hidden
 
     def transmittance(self, rays: RaySet, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
         """Return the product of what faces let through along each ray, as in Cycles."""
-        passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
-        for ray, batch, lead in (piece() for piece in rays.ray_pieces()):
+        passed, reach = np.ones(len(rays)), max_distance_per_ray(rays, max_distance)
+        for ray, batch, lead in (piece() for piece in rays.ray_piece_makers()):
             light, left = np.ones(len(batch)), reach[ray] - lead
-            for _, target in self._targets():
+            for _, target in self._numbered_targets():
                 light *= target.transmittance(batch, max_distance=left)
                 left[light == 0.0] = -np.inf
             passed[ray] = light
@@ -100,7 +100,7 @@ class Scene:
 
     def _batch_hits(self, rays: RayBatch, reach: Float[np.ndarray, " n"]) -> Hits:
         hits = Hits.missed(len(rays))
-        for number, target in self._targets():
+        for number, target in self._numbered_targets():
             found = target.first_hits(rays, max_distance=reach)
             closer = np.flatnonzero(found.distance < hits.distance)
             found = found.take(closer)
@@ -112,7 +112,7 @@ class Scene:
         hits.normal[np.einsum("ij,ij->i", hits.normal, rays.directions) > 0.0] *= -1.0
         return hits
 
-    def _targets(self) -> Iterator[tuple[int | None, RayTarget]]:
+    def _numbered_targets(self) -> Iterator[tuple[int | None, RayTarget]]:
         if self.ground is not None:
             yield None, Ground(self.ground)
         yield None, self.obstacles

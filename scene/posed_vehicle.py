@@ -12,12 +12,12 @@ from numpy.typing import ArrayLike
 from scipy.spatial import HalfspaceIntersection, QhullError
 
 from hulldown.assets.vehicle import Articulation, VehicleShape
-from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.hulls import extreme_point_indices
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import compose_affine, invert_rigid
-from hulldown.scene.cutouts import make_caster
+from hulldown.scene.cutouts import make_ray_caster
 from hulldown.scene.ray_caster import RayCaster
-from hulldown.scene.rays import Hits, LocalRayBlock, RayBatch, SurfaceKind, ray_reaches
+from hulldown.scene.rays import Hits, LocalRayBlock, RayBatch, SurfaceKind, max_distance_per_ray
 
 MAX_HULL_VERTICES = 64  # larger hulls are simplified
 
@@ -40,14 +40,15 @@ class VehicleCaster:
         self.shape = shape
         self.face_part = face_part = shape.vertex_part[shape.mesh.faces[:, 0]]
         self.parts = tuple(
-            _make_part(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i]) for i in np.unique(face_part)
+            _part_from_faces(int(i), shape.mesh, np.flatnonzero(face_part == i), shape.part_names[i])
+            for i in np.unique(face_part)
         )
 
     @cached_property
-    def at_rest(self) -> tuple[VehiclePart, ...]:
+    def parts_at_rest(self) -> tuple[VehiclePart, ...]:
         """The vehicle at rest as one part, which is faster for vehicles without articulation."""
         mesh = self.shape.mesh
-        return self.parts if len(self.parts) == 1 else (_make_part(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
+        return self.parts if len(self.parts) == 1 else (_part_from_faces(0, mesh, np.arange(len(mesh.faces)), mesh.name),)
 
     def parts_with_poses(
         self,
@@ -57,7 +58,7 @@ class VehicleCaster:
         """Return the parts to cast against, and their poses in n cameras' frames."""
         poses = self.shape.vehicle_from_parts(articulation)
         if (poses == np.eye(4)).all():
-            return [(part, camera_from_vehicle) for part in self.at_rest]
+            return [(part, camera_from_vehicle) for part in self.parts_at_rest]
         return [(part, compose_affine(camera_from_vehicle, poses[..., part.index, :, :])) for part in self.parts]
 
 
@@ -94,7 +95,7 @@ class PosedVehicle:
             turned = [turned[i] for i in kept.tolist()]
         return PosedVehicle(self.caster, self.world_from_vehicle[kept], turned, row)
 
-    def parts_in_cameras(
+    def cameras_and_posed_parts(
         self, world_from_camera: Float[np.ndarray, "n 4 4"]
     ) -> tuple[Int[np.ndarray, " k"], list[tuple[VehiclePart, Float[np.ndarray, "k 4 4"]]]]:
         """Return the camera of each pose, and the parts to cast against with their poses in the cameras' frames."""
@@ -104,8 +105,8 @@ class PosedVehicle:
 
     def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
         """Return the first face of the shape's mesh along each ray, which meets the poses of its camera."""
-        hits, reach = Hits.missed(len(rays)), ray_reaches(rays, max_distance)
-        for part, (at, pose, origins, directions) in self._part_blocks(rays, reach > -np.inf):
+        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
+        for part, (at, pose, origins, directions) in self._part_ray_blocks(rays, reach > -np.inf):
             met = part.caster.cast(origins, directions, max_distance=np.minimum(reach[at], hits.distance[at]))
             # Farthest first, so that of several poses the nearest is written last.
             order = np.argsort(-met.distance, kind="stable")
@@ -123,9 +124,9 @@ class PosedVehicle:
 
     def transmittance(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Float[np.ndarray, " n"]:
         """Return how much light gets through along each ray."""
-        passed, reach = np.ones(len(rays)), ray_reaches(rays, max_distance)
+        passed, reach = np.ones(len(rays)), max_distance_per_ray(rays, max_distance)
         asked = reach > -np.inf
-        for part, (at, _, origins, directions) in self._part_blocks(rays, asked):
+        for part, (at, _, origins, directions) in self._part_ray_blocks(rays, asked):
             np.multiply.at(passed, at, part.caster.transmittance(origins, directions, max_distance=reach[at]))
             asked[at] = passed[at] > 0.0
         return passed
@@ -137,11 +138,11 @@ class PosedVehicle:
         turned = parts[hits.instance, hits.part, :3, :3]
         return np.einsum("nij,nj->ni", turned, shape.mesh.normals(hits.face))
 
-    def _part_blocks(self, rays: RayBatch, asked: Bool[np.ndarray, " n"]) -> Iterator[tuple[VehiclePart, LocalRayBlock]]:
+    def _part_ray_blocks(self, rays: RayBatch, asked: Bool[np.ndarray, " n"]) -> Iterator[tuple[VehiclePart, LocalRayBlock]]:
         """Yield parts, and in their frames the asked rays that may meet them; `asked` may change between blocks."""
-        camera, poses = rays.poses_for_blocks(self.world_from_vehicle, self.row)
+        camera, poses = rays.cameras_and_local_poses(self.world_from_vehicle, self.row)
         for part, pose in self.caster.parts_with_poses(poses, self.articulation):
-            for block in rays.blocks_near_hull(part.around, pose, camera, asked):
+            for block in rays.local_rays_near_hull(part.around, pose, camera, asked):
                 yield part, block
 
 
@@ -166,8 +167,8 @@ def bounding_points(vertices: Float[np.ndarray, "k 3"]) -> Float[np.ndarray, "c 
     return corners + middle
 
 
-def _make_part(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> VehiclePart:
+def _part_from_faces(index: int, mesh: Mesh, face: Int[np.ndarray, " f"], name: str) -> VehiclePart:
     # Only the vertices that the faces use: others would move the center that rays are traced about.
-    part = replace(mesh.of_faces(face), name=name)
-    hull = part.vertices[extreme_points(part.vertices)]
-    return VehiclePart(index, make_caster(part), face, hull, bounding_points(hull))
+    part = replace(mesh.take_mesh_faces(face), name=name)
+    hull = part.vertices[extreme_point_indices(part.vertices)]
+    return VehiclePart(index, make_ray_caster(part), face, hull, bounding_points(hull))

@@ -59,7 +59,7 @@ class RayCaster:
     """
 
     def __init__(self, mesh: Mesh) -> None:
-        low, high = bounds_within_reach(mesh)
+        low, high = checked_mesh_bounds(mesh)
         self._center = 0.5 * (low + high)
         self._radius = 0.5 * math.sqrt(sum(side * side for side in (high - low).tolist()))
         self._top = np.float32((high - self._center)[2])
@@ -115,13 +115,13 @@ class RayCaster:
 
     def top_face(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Int[np.ndarray, " k"]:
         """Return the topmost face under each point, or -1, in float32; without checks, sorting, and threads."""
-        return self._embree_scene.run(self._start_above(x, y), _DOWN_DIRECTION)
+        return self._embree_scene.run(self._origins_above_mesh(x, y), _DOWN_DIRECTION)
 
     def first_face_below(
         self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"], z: Float[np.ndarray, " k"]
     ) -> Int[np.ndarray, " k"]:
         """Return the first face under each point, at any height; arguments as for `top_face`."""
-        origins = self._start_above(x, y)
+        origins = self._origins_above_mesh(x, y)
         np.subtract(z, self._center[2], out=origins[:, 2], casting="same_kind")
         return self._embree_scene.run(origins, _DOWN_DIRECTION)
 
@@ -130,7 +130,7 @@ class RayCaster:
         """Twice the largest rounding error of a coordinate, in meters."""
         return float(np.spacing(np.float32(self._radius)))
 
-    def _start_above(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Float32[np.ndarray, "k 3"]:
+    def _origins_above_mesh(self, x: Float[np.ndarray, " k"], y: Float[np.ndarray, " k"]) -> Float32[np.ndarray, "k 3"]:
         # Just above the highest vertex: the start height costs digits of the distance.
         origins = np.empty((len(x), 3), dtype=np.float32)
         with np.errstate(over="ignore"):
@@ -150,7 +150,7 @@ class RayCaster:
         entry = (relative + skipped[:, None] * unit).astype(np.float32)
         along, reach = unit.astype(np.float32), np.minimum(limit - skipped, _UNLIMITED_DISTANCE).astype(np.float32)
         passing = relative if len(start) < _MIN_SORTED_RAYS else relative + np.maximum(nearest, 0.0)[:, None] * unit
-        for i in coherent_blocks(passing):
+        for i in coherent_index_blocks(passing):
             yield i, entry[i], along[i], reach[i], skipped[i]
 
 
@@ -177,7 +177,7 @@ def checked_rays(
     return start, along / length[:, None], np.broadcast_to(reach, length.shape)
 
 
-def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
+def checked_mesh_bounds(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
     """Return the mesh's bounds; raise ValueError if its coordinates are too large to compute with."""
     bounds = mesh.bounds
     if np.abs(bounds).max() > _MAX_COORDINATE:
@@ -188,7 +188,7 @@ def bounds_within_reach(mesh: Mesh) -> Float[np.ndarray, "2 3"]:
 _DOWN_DIRECTION = np.array([[0, 0, -1]], dtype=np.float32)
 
 
-def coherent_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:
+def coherent_index_blocks(points: Float[np.ndarray, "n d"]) -> Iterator[Int[np.ndarray, " k"]]:
     """Yield indices of points in blocks along a Morton curve over the two widest axes, by 16-bit keys (radix sort)."""
     n = len(points)
     if n < _MIN_SORTED_RAYS:

@@ -92,7 +92,7 @@ class RaySet(Protocol):
 
     def __len__(self) -> int: ...
 
-    def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
+    def ray_piece_makers(self) -> Sequence[Callable[[], RayPiece]]:
         """Return functions that make the set's batches."""
         ...
 
@@ -118,28 +118,28 @@ class RayBatch(ABC):
     def __len__(self) -> int:
         return len(self.origins)
 
-    def ray_pieces(self) -> Sequence[Callable[[], RayPiece]]:
+    def ray_piece_makers(self) -> Sequence[Callable[[], RayPiece]]:
         """Return the batch alone."""
         return [lambda: RayPiece(np.arange(len(self)), self, 0.0)]
 
     @abstractmethod
-    def world_blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
+    def asked_ray_blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
         """Yield the asked rays in the world."""
 
     @abstractmethod
-    def instance_pairs(
+    def ray_instance_pairs(
         self, tree: BoxTree, bounds: Float[np.ndarray, "k 2 3"], reach: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
         """Yield rays and instances, by the tree of their boxes, that may meet, nearest first; callers lower `reach`."""
 
     @abstractmethod
-    def poses_for_blocks(
+    def cameras_and_local_poses(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " k"] | None, Float[np.ndarray, "m 4 4"]]:
-        """Return the camera of each pose, and the poses in the frames in which `blocks_near_hull` expects them."""
+        """Return the camera of each pose, and the poses in the frames in which `local_rays_near_hull` expects them."""
 
     @abstractmethod
-    def blocks_near_hull(
+    def local_rays_near_hull(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "k 4 4"],
@@ -181,7 +181,7 @@ class RayList(RayBatch):
         taken.camera = None if self.camera is None else self.camera[rows]
         return taken
 
-    def world_blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
+    def asked_ray_blocks(self, asked: Bool[np.ndarray, " n"]) -> Iterator[RayBlock]:
         """Yield the asked rays."""
         if asked.all():
             yield RayBlock(np.arange(len(self)), self.origins, self.directions)
@@ -189,21 +189,21 @@ class RayList(RayBatch):
             rows = np.flatnonzero(asked)
             yield RayBlock(rows, self.origins[rows], self.directions[rows])
 
-    def instance_pairs(
+    def ray_instance_pairs(
         self, tree: BoxTree, bounds: Float[np.ndarray, "k 2 3"], reach: Float[np.ndarray, " n"]
     ) -> Iterator[tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"]]]:
         """Yield each ray with the instances whose boxes it crosses."""
         asked = np.flatnonzero(reach > -np.inf)
         for begin in range(0, len(asked), RAYS_PER_BLOCK):
             rows = asked[begin : begin + RAYS_PER_BLOCK]
-            ray, instance, entry = tree.crossed_boxes(self.origins[rows], self.unit_directions[rows], reach[rows])
+            ray, instance, entry = tree.ray_box_crossings(self.origins[rows], self.unit_directions[rows], reach[rows])
             order = np.lexsort((instance, entry, ray))
             ray, instance, entry = rows[ray[order]], instance[order], entry[order]
             for batch in rank_batches(ray):
                 on = batch[entry[batch] <= reach[ray[batch]]]
                 yield ray[on], instance[on]
 
-    def poses_for_blocks(
+    def cameras_and_local_poses(
         self, world_from_vehicle: Float[np.ndarray, "k 4 4"], row: Int[np.ndarray, " k"] | None
     ) -> tuple[Int[np.ndarray, " k"] | None, Float[np.ndarray, "k 4 4"]]:
         """Return poses in the world, as they are."""
@@ -211,7 +211,7 @@ class RayList(RayBatch):
             raise ValueError(f"vehicle: expected one pose, or the row of each, got {len(world_from_vehicle)}")
         return row, world_from_vehicle
 
-    def blocks_near_hull(
+    def local_rays_near_hull(
         self,
         points: Float[np.ndarray, "c 3"],
         poses: Float[np.ndarray, "k 4 4"],
@@ -259,6 +259,6 @@ class RayTarget(Protocol):
         ...
 
 
-def ray_reaches(rays: RaySet, max_distance: ArrayLike) -> Float[np.ndarray, " n"]:
+def max_distance_per_ray(rays: RaySet, max_distance: ArrayLike) -> Float[np.ndarray, " n"]:
     """Return how far each ray looks, as a new array."""
     return np.array(np.broadcast_to(np.asarray(max_distance, dtype=np.float64), len(rays)))

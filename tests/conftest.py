@@ -93,12 +93,12 @@ def blender(tmp_path_factory: pytest.TempPathFactory) -> str:
 
 @pytest.fixture
 def render(blender: str) -> Callable[..., RenderReport]:
-    """`render_remaining` for plans of render_plans.py, with a stand-in for Blender."""
+    """`render_remaining_images` for plans of render_plans.py, with a stand-in for Blender."""
     from hulldown.render.pool import Engine
-    from hulldown.render.supervisor import render_remaining
+    from hulldown.render.supervisor import render_remaining_images
     from hulldown.tests.builders.render_plans import CUBES
 
-    return partial(render_remaining, library=CUBES, engine=Engine(blender=blender))
+    return partial(render_remaining_images, library=CUBES, engine=Engine(blender=blender))
 
 
 @pytest.fixture(scope="session")

@@ -14,7 +14,7 @@ from torchvision.ops import box_convert
 
 from hulldown.base.files import replace_file
 from hulldown.training.detectors.detector import WEIGHTS_NAME
-from hulldown.training.detectors.detr import DetrDetector, detr_contents, normalize_pictures, starting_module
+from hulldown.training.detectors.detr import DetrDetector, detr_checkpoint_contents, normalize_for_detr, starting_module
 from hulldown.training.fitting import Trainee
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.extra import silence_libraries
@@ -26,13 +26,13 @@ with silence_libraries():
     from rfdetr.utilities.tensors import collate_fn
 
 
-def collate_examples(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
+def collate_detr_examples(batch: Sequence[Example]) -> tuple[Any, list[dict[str, Tensor]]]:
     """Return the pictures of a batch, and their targets, as RF-DETR's own collation makes them."""
-    pictures, targets = collate_fn([_detr_target(k, example) for k, example in enumerate(batch)])
+    pictures, targets = collate_fn([_detr_picture_and_target(k, example) for k, example in enumerate(batch)])
     return pictures, list(targets)
 
 
-def _detr_target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
+def _detr_picture_and_target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
     height, width = example.picture.shape[1:]
     boxes = box_convert(example.xyxy, "xyxy", "cxcywh")
     target = {
@@ -44,7 +44,7 @@ def _detr_target(k: int, example: Example) -> tuple[Tensor, dict[str, Tensor]]:
         "orig_size": torch.tensor([height, width]),
         "size": torch.tensor([height, width]),
     }
-    return normalize_pictures(example.picture), target
+    return normalize_for_detr(example.picture), target
 
 
 def detr_trainee(settings: Settings, classes: Sequence[str], device: torch.device, folder: Path) -> Trainee:
@@ -55,14 +55,14 @@ def detr_trainee(settings: Settings, classes: Sequence[str], device: torch.devic
 
     def save(network: Any, run: Path) -> None:
         content = io.BytesIO()  # PyTorch hides the reason of a full disk
-        torch.save(detr_contents(module, classes, network), content)
+        torch.save(detr_checkpoint_contents(module, classes, network), content)
         replace_file(run / WEIGHTS_NAME, content.getbuffer())
 
     return Trainee(
         module,
         RFDETREMACallback(decay=train_config.ema_decay, tau=train_config.ema_tau),
         partial(build_trainer, train_config, model_config),
-        collate=collate_examples,
+        collate=collate_detr_examples,
         detector=lambda network: DetrDetector(network, module.postprocess, names, resolution, device),
         save=save,
     )

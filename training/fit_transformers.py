@@ -16,13 +16,13 @@ from torchvision.ops import box_convert
 from hulldown.training.detectors.detector import WEIGHTS_FOLDER
 from hulldown.training.detectors.transformers_detector import (
     TransformersDetector,
-    normalized_pictures,
-    save_transformers,
-    starting_network,
+    normalize_for_transformers,
+    save_transformers_weights,
+    starting_network_and_processor,
 )
 from hulldown.training.fitting import RFDETREMACallback, Trainee
 from hulldown.training.inputs.data import Example
-from hulldown.training.inputs.settings import Settings, rate_factor
+from hulldown.training.inputs.settings import Settings, learning_rate_factor
 
 Batch = tuple[Tensor, list[dict[str, Tensor]]]
 MAX_GRADIENT_NORM = 0.1  # as D-FINE was trained
@@ -51,13 +51,13 @@ class TransformersModule(pl.LightningModule):
         settings = self._settings
         trained = [one for one in self.model.parameters() if one.requires_grad]
         optimizer = torch.optim.AdamW(trained, lr=settings.learning_rate, weight_decay=settings.weight_decay)
-        rates = LambdaLR(optimizer, partial(rate_factor, settings=settings, steps=settings.steps))
+        rates = LambdaLR(optimizer, partial(learning_rate_factor, settings=settings, steps=settings.steps))
         return {"optimizer": optimizer, "lr_scheduler": {"scheduler": rates, "interval": "step"}}
 
 
-def collate_examples(processor: Any, batch: Sequence[Example]) -> Batch:
+def collate_transformers_examples(processor: Any, batch: Sequence[Example]) -> Batch:
     """Return the pictures of a batch, and labels: boxes as center and size, in shares of the picture."""
-    pictures = normalized_pictures(torch.stack([example.picture for example in batch]), processor)
+    pictures = normalize_for_transformers(torch.stack([example.picture for example in batch]), processor)
     sides = torch.tensor(pictures.shape[:1:-1]).repeat(2)
     labels = [
         {"class_labels": example.class_index, "boxes": box_convert(example.xyxy, "xyxy", "cxcywh") / sides} for example in batch
@@ -68,16 +68,16 @@ def collate_examples(processor: Any, batch: Sequence[Example]) -> Batch:
 def transformers_trainee(settings: Settings, classes: Sequence[str], device: torch.device) -> Trainee:
     """Return a network to train, from the weights that the settings name."""
     pl.seed_everything(settings.seed % 2**32, verbose=False)
-    network, processor = starting_network(settings, classes)
+    network, processor = starting_network_and_processor(settings, classes)
 
     def save(trained: Any, folder: Path) -> None:
-        save_transformers(trained, processor, folder / WEIGHTS_FOLDER)
+        save_transformers_weights(trained, processor, folder / WEIGHTS_FOLDER)
 
     return Trainee(
         TransformersModule(network, settings),
         RFDETREMACallback(),
         partial(pl.Trainer, accelerator="gpu" if device.type == "cuda" else "cpu", gradient_clip_val=MAX_GRADIENT_NORM),
-        collate=partial(collate_examples, processor),
+        collate=partial(collate_transformers_examples, processor),
         detector=lambda trained: TransformersDetector(trained, processor, device),
         save=save,
     )

@@ -23,14 +23,14 @@ from pytorch_lightning.callbacks import ModelCheckpoint
 from torch.utils.data import DataLoader
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import atomic_writer, open_regular
-from hulldown.training.detectors.detector import DAMAGE_ERRORS, Detector, RunFigures, first_line, load_tensors
+from hulldown.base.files import atomic_writer, open_regular_file
+from hulldown.training.detectors.detector import DAMAGE_ERRORS, Detector, RunFigures, first_error_line, load_tensors
 from hulldown.training.evaluation.average_precision import AP_NAMES
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.inputs.data import Batches, DrawnExamples, Example
 from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings
-from hulldown.training.predict import validation_figures
+from hulldown.training.predict import validation_aps
 from hulldown.training.run_folder import RunFolder
 
 with silence_libraries():
@@ -68,7 +68,7 @@ class Training:
 def fit_network(trainee: Trainee, training: Training) -> RunFigures:
     """Train a network, or continue from the checkpoint, and write its weights."""
     started, settings, checkpoint = time.monotonic(), training.settings, training.folder.checkpoint
-    done = _steps_done(checkpoint, trainee.module) if checkpoint.exists() else None
+    done = _load_checkpoint_steps(checkpoint, trainee.module) if checkpoint.exists() else None
     batches = Batches(len(training.examples), batch=settings.batch, first=(done or 0) * settings.accumulate)
     loader = _ErrorRaisingLoader(
         training.examples, batch_sampler=batches, collate_fn=partial(_collate_or_error, trainee.collate),
@@ -96,9 +96,9 @@ def fit_network(trainee: Trainee, training: Training) -> RunFigures:
     except SystemExit:  # raised by Lightning on Ctrl-C
         raise KeyboardInterrupt from None
     except DAMAGE_ERRORS as error:
-        if done is None or recorder.began:  # else it's the checkpoint, of which `_steps_done` read two values
+        if done is None or recorder.began:  # else it's the checkpoint, of which `_load_checkpoint_steps` read two values
             raise
-        raise _damaged(checkpoint, error) from None
+        raise _damaged_checkpoint_error(checkpoint, error) from None
     network: Any = trainee.module.model
     network.load_state_dict(recorder.best_weights or trainee.average.get_ema_model_state_dict())
     trainee.save(network, training.folder.path)
@@ -161,7 +161,7 @@ class Recorder(pl.Callback):
         rate = max(group["lr"] for group in trainer.optimizers[0].param_groups)
         found = {"train/loss": loss, "train/learning_rate": rate}
         if training.valid is not None and self._step in self._due:
-            found |= {f"valid/{key}": value for key, value in self._validated(training.valid).items()}
+            found |= {f"valid/{key}": value for key, value in self._validate_averaged_weights(training.valid).items()}
         for logger in trainer.loggers:
             logger.log_metrics(found, self._step)
         training.progress("training", self._step, self._steps)
@@ -169,11 +169,11 @@ class Recorder(pl.Callback):
         self.seconds.append(time.monotonic() - self._last)
         self._last = time.monotonic()
 
-    def _validated(self, valid: Labels) -> dict[str, float]:
+    def _validate_averaged_weights(self, valid: Labels) -> dict[str, float]:
         weights = self._trainee.average.get_ema_model_state_dict()
         assert weights is not None
         self._averaged.load_state_dict(weights)
-        measured = validation_figures(self._trainee.detector(self._averaged), valid)
+        measured = validation_aps(self._trainee.detector(self._averaged), valid)
         found = {key: measured[key] for key in AP_NAMES}
         if self._training.settings.keep == "end":
             self.best = found
@@ -221,18 +221,18 @@ def _run_loggers(kind: str | None, folder: Path) -> list[pl_loggers.Logger]:
         raise HulldownError(f"logger = {kind!r}: {package} isn't installed", remedy=f"pip install {kind}") from None
 
 
-def _steps_done(checkpoint: Path, module: pl.LightningModule) -> int:
+def _load_checkpoint_steps(checkpoint: Path, module: pl.LightningModule) -> int:
     try:
-        with open_regular(checkpoint) as file:
+        with open_regular_file(checkpoint) as file:
             found: Any = load_tensors(file)
         module.load_state_dict(found["state_dict"])
         if type(steps := found["global_step"]) is not int or steps < 0:
             raise ValueError(f"global_step is {steps!r:.40}")
         return steps
     except DAMAGE_ERRORS as error:
-        raise _damaged(checkpoint, error) from None
+        raise _damaged_checkpoint_error(checkpoint, error) from None
 
 
-def _damaged(checkpoint: Path, error: BaseException) -> HulldownError:
-    problem, remedy = f"is damaged ({first_line(error)})", "delete it, and training begins anew"
+def _damaged_checkpoint_error(checkpoint: Path, error: BaseException) -> HulldownError:
+    problem, remedy = f"is damaged ({first_error_line(error)})", "delete it, and training begins anew"
     return HulldownError(problem, path=checkpoint, remedy=remedy)

@@ -23,10 +23,10 @@ from jaxtyping import UInt8
 from hulldown.annotate.records import Image
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import open_regular
+from hulldown.base.files import open_regular_file
 from hulldown.base.outside import describe_path
 from hulldown.dataset.foreign_labels import PICTURE_SUFFIXES, foreign_reader
-from hulldown.dataset.store.document import COCO_NAME, is_own
+from hulldown.dataset.store.document import COCO_NAME, is_hulldown_dataset
 from hulldown.training.evaluation.labels import Labels, read_labels
 
 if TYPE_CHECKING:
@@ -64,9 +64,9 @@ class Pictures:
 
     def read(self, indices: Sequence[int]) -> Iterator[Picture]:
         """Yield RGB pictures, (h, w, 3), at ascending indices."""
-        yield from read_frames(self.path, indices) if self.video else self._files(indices)
+        yield from read_frames(self.path, indices) if self.video else self._read_files(indices)
 
-    def _files(self, indices: Sequence[int]) -> Iterator[Picture]:
+    def _read_files(self, indices: Sequence[int]) -> Iterator[Picture]:
         def read(k: int) -> Picture:
             return read_pixels(self.folder / self.images[k].file_name, self.images[k].size)
 
@@ -86,11 +86,11 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     if len(paths) == 1 and _has_records(first):
         return Pictures.of(read_labels(first))
     if len(paths) == 1 and first.suffix.lower() in VIDEO_SUFFIXES:
-        video = read_video(first)
+        video = probe_video(first)
         record = {"file_name": first.name, "width": video.width, "height": video.height}
         frames = [Image.of({"id": k + 1, "frame": k, **record}, ()) for k in range(video.frames)]
         return Pictures(first, first.parent, frames, {}, video)
-    files = sorted({file.absolute() for path in paths for file in _list_files(str(path))})
+    files = sorted({file.absolute() for path in paths for file in _list_picture_files(str(path))})
     folder = Path(os.path.commonpath([file.parent for file in files]))
     images = []
     for number, file in enumerate(files, 1):
@@ -101,12 +101,12 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
 
 
 def _has_records(path: Path) -> bool:
-    if path.suffix == ".json" or is_own(path) or (path / COCO_NAME).exists():
+    if path.suffix == ".json" or is_hulldown_dataset(path) or (path / COCO_NAME).exists():
         return True
     return path.is_dir() and foreign_reader(path) is not None
 
 
-def _list_files(path: str) -> list[Path]:
+def _list_picture_files(path: str) -> list[Path]:
     if os.path.isdir(path):
         found = [file for file in Path(path).rglob("*") if file.suffix.lower() in PICTURE_SUFFIXES and file.is_file()]
     elif os.path.exists(path):
@@ -137,7 +137,7 @@ class Video(NamedTuple):
     fps: float
 
 
-def read_video(path: Path) -> Video:
+def probe_video(path: Path) -> Video:
     """Decode a video to count its frames; a warning names those that are lost."""
     import cv2
 
@@ -174,7 +174,7 @@ def _open_video(path: Path) -> Iterator[cv2.VideoCapture]:
 
     quiet = vars(cv2).get("setLogLevel") or vars(cv2.utils)["logging"].setLogLevel  # moved in OpenCV 4.14
     quiet(0)
-    with DatasetError.raise_for_system("cannot be read", path=path, remedy="name a video"), open_regular(path) as file:
+    with DatasetError.replace_os_errors("cannot be read", path=path, remedy="name a video"), open_regular_file(path) as file:
         start = file.read(64)
         if not any(start.startswith(begins, at) for at, begins in VIDEO_CONTAINERS):
             raise DatasetError(f"isn't a video ({', '.join(VIDEO_SUFFIXES)})", path=path, remedy=_REMEDY)

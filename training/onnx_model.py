@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import HulldownError
 from hulldown.base.files import replace_file
-from hulldown.base.outputs import claim_file
+from hulldown.base.outputs import require_replaceable_file
 from hulldown.training.detectors.detector import find_weights
-from hulldown.training.inputs.extra import require_extra, silence_libraries
+from hulldown.training.inputs.extra import require_training_extra, silence_libraries
 from hulldown.training.predict import load_detector
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     >>> export_model("run", "model.onnx")["classes"]  # doctest: +SKIP
     ['tank', 'truck']
     """
-    require_extra()
+    require_training_extra()
     import onnx
 
     from hulldown.training.detectors.transformers_detector import TransformersDetector
@@ -55,13 +55,13 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     output = Path(output)
     if output.suffix.lower() != ".onnx":
         raise HulldownError("doesn't end in .onnx", path=output, remedy="name it model.onnx, for example")
-    claim_file(output, "a network", PRODUCER_FIELD)
+    require_replaceable_file(output, "a network", PRODUCER_FIELD)
     weights = find_weights(Path(run))
     detector = load_detector(weights, "cpu")
     if isinstance(detector, TransformersDetector):
-        content, normalized = _export_transformers(detector), bool(detector.processor.do_normalize)
+        content, normalized = _transformers_onnx_bytes(detector), bool(detector.processor.do_normalize)
     else:
-        content, normalized = _export_detr(weights), True
+        content, normalized = _detr_onnx_bytes(weights), True
     model = onnx.load_from_string(content)
     model.producer_name = "hulldown"
     about: dict[str, object] = {
@@ -76,7 +76,7 @@ def export_model(run: AnyPath, output: AnyPath) -> dict[str, object]:
     return about
 
 
-def _export_transformers(detector: TransformersDetector) -> bytes:
+def _transformers_onnx_bytes(detector: TransformersDetector) -> bytes:
     import torch
 
     width, height = detector.size
@@ -101,7 +101,7 @@ def _export_transformers(detector: TransformersDetector) -> bytes:
     return content.getvalue()
 
 
-def _export_detr(weights: Path) -> bytes:
+def _detr_onnx_bytes(weights: Path) -> bytes:
     with tempfile.TemporaryDirectory() as folder, silence_libraries():
         from rfdetr import RFDETR
 

@@ -18,25 +18,25 @@ import orjson
 from cyclopts import Parameter
 from PIL import Image
 
-from hulldown.annotate.drawing import Overlay, draw_boxes
-from hulldown.base.arguments import AnyPath, Count, Overlap, make_parser
+from hulldown.annotate.drawing import Overlay, picture_with_labels
+from hulldown.base.arguments import AnyPath, Count, Overlap, make_option_parser
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import atomic_writer, open_in_place, open_regular, replace_file
-from hulldown.base.outputs import OutputError, OutputFolder, OutputLock, claim_file
+from hulldown.base.files import atomic_writer, open_file_to_append, open_regular_file, replace_file
+from hulldown.base.outputs import OutputError, OutputFolder, OutputLock, require_replaceable_file
 from hulldown.base.outside import file_sha256, parse_json
 from hulldown.base.terminal import progress_bar
-from hulldown.training.detectors.detector import Detector, chosen_device, find_weights, weights_digest
-from hulldown.training.evaluation.average_precision import AP_NAMES, average_precision
+from hulldown.training.detectors.detector import Detector, find_weights, usable_torch_device, weights_digest
+from hulldown.training.evaluation.average_precision import AP_NAMES, coco_summary
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import (
     INFO_SUFFIX,
     NewCategory,
     PredictionInfo,
     Predictions,
-    read_checked_predictions,
+    predictions_from_results,
 )
 from hulldown.training.input_pictures import Pictures, find_pictures
-from hulldown.training.inputs.extra import require_extra
+from hulldown.training.inputs.extra import require_training_extra
 from hulldown.training.run_folder import starting_weights
 
 UNFINISHED_SUFFIX = ".unfinished"  # a file next to the results, with a line for each finished image
@@ -47,7 +47,7 @@ START_RIVALS = "start"  # as rivals, the weights that a run started from
 DEFAULT_SCORE_THRESHOLD = 0.5  # for counted and drawn detections
 
 
-def tile_size(text: str) -> tuple[int, int]:
+def parse_tile_size(text: str) -> tuple[int, int]:
     """Parse "WxH" as width and height."""
     width, height = map(int, text.lower().split("x"))
     if min(width, height) < 32:
@@ -55,7 +55,7 @@ def tile_size(text: str) -> tuple[int, int]:
     return width, height
 
 
-TILE_PARSER = make_parser("WxH of at least 32, such as 640x480", tile_size, metavar="WxH")
+TILE_PARSER = make_option_parser("WxH of at least 32, such as 640x480", parse_tile_size, metavar="WxH")
 
 
 class Result(TypedDict):
@@ -83,25 +83,26 @@ class Predicted:
 
 def load_detector(path: Path | str, device: str = "auto") -> Detector:
     """Return the detector of a run folder, or of weights: a file of RF-DETR, or a folder of transformers."""
-    require_extra()
+    require_training_extra()
     path = find_weights(Path(path))
-    chosen = chosen_device(device)
+    chosen = usable_torch_device(device)
     if path.is_dir():
-        from hulldown.training.detectors.transformers_detector import load_transformers
+        from hulldown.training.detectors.transformers_detector import load_transformers_detector
 
-        return load_transformers(path, device=chosen)
-    from hulldown.training.detectors.detr import load_checkpoint
+        return load_transformers_detector(path, device=chosen)
+    from hulldown.training.detectors.detr import load_detr_detector
 
-    return load_checkpoint(path, device=chosen)
+    return load_detr_detector(path, device=chosen)
 
 
-def _contest_detector(detector: Detector, weights: Path, device: str) -> Detector:
+def _load_contested_detector(detector: Detector, weights: Path, device: str) -> Detector:
     from hulldown.training.detectors.rivals import ContestedDetector
-    from hulldown.training.detectors.transformers_detector import load_transformers
+    from hulldown.training.detectors.transformers_detector import load_transformers_detector
 
     at_hub = not weights.exists() and len(weights.parts) == 2
     return ContestedDetector(
-        detector, load_transformers(weights, device=chosen_device(device)) if at_hub else load_detector(weights, device)
+        detector,
+        load_transformers_detector(weights, device=usable_torch_device(device)) if at_hub else load_detector(weights, device),
     )
 
 
@@ -160,36 +161,36 @@ def predict_detections(
     >>> predict("run", "photographs", "predictions.json").images  # doctest: +SKIP
     120
     """
-    require_extra()
+    require_training_extra()
     output = Path(output)
     info_file, unfinished = (output.with_name(output.name + suffix) for suffix in (INFO_SUFFIX, UNFINISHED_SUFFIX))
     named = [pictures] if isinstance(pictures, str | os.PathLike) else list(pictures)
     inputs = [Path(run), *map(Path, named)]
     ours = info_file.exists() or unfinished.exists()  # results have no place for a mark of their own
-    claim_file(info_file, "a list of pictures", INFO_MARK, inputs=inputs)
-    claim_file(output, "detections", RESULTS_MARK if ours else b"", inputs=inputs)
+    require_replaceable_file(info_file, "a list of pictures", INFO_MARK, inputs=inputs)
+    require_replaceable_file(output, "detections", RESULTS_MARK if ours else b"", inputs=inputs)
     found = find_pictures(named)
     detector = load_detector(Path(run), device)
-    ids, unknown = _category_ids(detector.classes, found)
+    ids, unknown = _category_ids_and_unknown(detector.classes, found)
     rival_weights = None if rivals is None else starting_weights(Path(run)) if str(rivals) == START_RIVALS else Path(rivals)
     key = _results_key(Path(run), found, detector.classes, tile, rival_weights)
     if rival_weights is not None:
-        detector = _contest_detector(detector, rival_weights, device)
+        detector = _load_contested_detector(detector, rival_weights, device)
     if tile is not None:
         from hulldown.training.detectors.tiled import TiledDetector
 
         detector = TiledDetector(detector, tile, batch=batch)
     with ExitStack() as stack:
-        stack.enter_context(OutputLock.of_file(output, "file of detections"))
+        stack.enter_context(OutputLock.acquire_for_file(output, "file of detections"))
         if drawn is not None:
             if Path(drawn).resolve() == found.folder.resolve():
                 raise OutputError("has the pictures", path=Path(drawn), remedy="name an empty folder by --draw")
             stack.enter_context(OutputFolder(Path(drawn), "drawings", inputs=inputs))
-        done = _read_unfinished(unfinished, key, content := _content_hashes(found))
+        done = _resume_unfinished_results(unfinished, key, content := _content_hasher(found))
         already = len(done)
         left = [k for k, image in enumerate(found.images) if image.id not in done]
-        with progress_bar("predicting", progress) as advance, open_in_place(unfinished) as file:
-            for some in _detect_batches(detector, found, ids, left, batch):
+        with progress_bar("predicting", progress) as advance, open_file_to_append(unfinished) as file:
+            for some in _detect_in_batches(detector, found, ids, left, batch):
                 file.write(_result_lines(some, content))
                 file.flush()
                 done |= some
@@ -204,28 +205,28 @@ def predict_detections(
         for path, value in ((output, results), (info_file, info)):
             replace_file(path, orjson.dumps(value) + b"\n")
         if drawn is not None:
-            _draw_detections(found, done, names, Path(drawn), threshold)
+            _write_drawn_pictures(found, done, names, Path(drawn), threshold)
         unfinished.unlink()
     counts = Counter(names[one["category_id"]] for one in results if one["score"] >= threshold)
     return Predicted(len(found.images), len(results), already, unknown, dict(counts))
 
 
-def validation_figures(detector: Detector, labels: Labels) -> dict[str, float]:
+def validation_aps(detector: Detector, labels: Labels) -> dict[str, float]:
     """Return a detector's AP, AP50, and AP75 over all classes, as by `evaluate`; 0 if undefined."""
-    summary = average_precision(labels, predict_labeled(detector, labels))
+    summary = coco_summary(labels, detect_in_labeled_pictures(detector, labels))
     return {key: float(np.nan_to_num(summary[key])) for key in AP_NAMES}
 
 
-def predict_labeled(detector: Detector, labels: Labels) -> Predictions:
+def detect_in_labeled_pictures(detector: Detector, labels: Labels) -> Predictions:
     """Return the detections in a dataset's pictures."""
     pictures = Pictures.of(labels)
-    ids, _ = _category_ids(detector.classes, pictures)
-    batches = _detect_batches(detector, pictures, ids, range(len(labels.images)), BATCH_PICTURES)
+    ids, _ = _category_ids_and_unknown(detector.classes, pictures)
+    batches = _detect_in_batches(detector, pictures, ids, range(len(labels.images)), BATCH_PICTURES)
     results = [one for batch in batches for found in batch.values() for one in found]
-    return read_checked_predictions(results, labels, path=labels.path, name="validation")
+    return predictions_from_results(results, labels, path=labels.path, name="validation")
 
 
-def _detect_batches(
+def _detect_in_batches(
     detector: Detector, pictures: Pictures, ids: Sequence[int], indices: Sequence[int], batch: int
 ) -> Iterator[dict[int, ImageResults]]:
     pixels = pictures.read(indices)
@@ -241,7 +242,7 @@ def _detect_batches(
         yield done
 
 
-def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
+def _category_ids_and_unknown(classes: Sequence[str], pictures: Pictures) -> tuple[list[int], tuple[str, ...]]:
     """Return by name the dataset's id of each of the detector's classes, and new, higher ids for missing ones."""
     by_name = pictures.category_ids
     if not by_name:
@@ -258,14 +259,14 @@ def _category_ids(classes: Sequence[str], pictures: Pictures) -> tuple[list[int]
     return [by_name[name] if name in by_name else new[name] for name in classes], unknown
 
 
-def _draw_detections(
+def _write_drawn_pictures(
     pictures: Pictures, found: Mapping[int, ImageResults], names: Mapping[int, str], folder: Path, threshold: float
 ) -> None:
     def labeled() -> Iterator[tuple[str, Image.Image]]:
         for image, pixels in zip(pictures.images, pictures.read(range(len(pictures.images))), strict=True):
             boxes = [(np.array(one["bbox"]), one["category_id"], one["score"]) for one in found[image.id]]
             shown = [Overlay(box, k, f"{names[k]} {score:.2f}") for box, k, score in boxes if score >= threshold]
-            yield image.file_name, draw_boxes(Image.fromarray(pixels), shown)
+            yield image.file_name, picture_with_labels(Image.fromarray(pixels), shown)
 
     if (video := pictures.video) is not None:
         from supervision import VideoInfo, VideoSink
@@ -294,7 +295,7 @@ def _results_key(
     return digest.hexdigest()
 
 
-def _content_hashes(pictures: Pictures) -> Callable[[int], str | None]:
+def _content_hasher(pictures: Pictures) -> Callable[[int], str | None]:
     """Return a function from an image's id to the hash of its file; None if it can't be read."""
     files = {image.id: pictures.folder / image.file_name for image in pictures.images}
 
@@ -308,10 +309,10 @@ def _content_hashes(pictures: Pictures) -> Callable[[int], str | None]:
     return lambda image: file_digest(pictures.path if pictures.video else files[image])
 
 
-def _read_unfinished(path: Path, key: str, content: Callable[[int], str | None]) -> dict[int, ImageResults]:
+def _resume_unfinished_results(path: Path, key: str, content: Callable[[int], str | None]) -> dict[int, ImageResults]:
     """Return an interrupted call's results with this key by image, without truncated lines and changed images."""
     done: dict[int, ImageResults] = {}
-    with suppress(FileNotFoundError, ValueError, KeyError), open_regular(path) as before:
+    with suppress(FileNotFoundError, ValueError, KeyError), open_regular_file(path) as before:
         for line in before if parse_json(before.readline(), object) == key else ():
             image, digest, found = parse_json(line, tuple[int, str | None, ImageResults])
             if digest == content(image):

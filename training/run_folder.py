@@ -57,14 +57,14 @@ class RunFolder:
         replace_file(path, text.encode() + b"\n")
 
 
-def finished_run(path: Path, config: RunConfig) -> Run | None:
+def finished_run_with_config(path: Path, config: RunConfig) -> Run | None:
     """Return the contents of run.json of a finished run; a run with another config is refused."""
     folder = RunFolder(path)
     if not folder.config.exists():
         return None
     refuse = partial(ConfigError, path=folder.config, remedy="name a new folder")
     before = read_json(folder.config, RunConfig, refuse, what="the config of a run")
-    was, now = (dict(_flatten_value(msgspec.to_builtins(value))) for value in (before, config))
+    was, now = (dict(_flat_key_values(msgspec.to_builtins(value))) for value in (before, config))
     for key in sorted({*was, *now}):
         if was.get(key) != now.get(key):
             raise ConfigError(
@@ -76,7 +76,7 @@ def finished_run(path: Path, config: RunConfig) -> Run | None:
 
 def starting_weights(run: Path) -> Path:
     """Return where a run's training started: a path, or a name at the Hugging Face hub."""
-    from hulldown.training.detectors.detr import own_weights
+    from hulldown.training.detectors.detr import pretrained_weights_path
     from hulldown.training.detectors.transformers_detector import D_FINE_NANO
 
     refuse = partial(ConfigError, path=run / CONFIG_NAME, remedy="name a run, or weights pretrained on COCO")
@@ -84,12 +84,12 @@ def starting_weights(run: Path) -> Path:
     if (named := settings.get("weights")) is not None:
         return Path(str(named))
     model = str(settings.get("model"))
-    return Path(D_FINE_NANO) if model == "small" else own_weights(model)
+    return Path(D_FINE_NANO) if model == "small" else pretrained_weights_path(model)
 
 
-def _flatten_value(value: object, key: str = "") -> Iterator[tuple[str, object]]:
+def _flat_key_values(value: object, key: str = "") -> Iterator[tuple[str, object]]:
     if isinstance(value, dict):
         for name, inner in value.items():
-            yield from _flatten_value(inner, f"{key}.{name}" if key else name)
+            yield from _flat_key_values(inner, f"{key}.{name}" if key else name)
     else:
         yield key, value

@@ -11,18 +11,20 @@ from typing import Annotated
 import orjson
 
 from hulldown.annotate.records import Image
-from hulldown.base.arguments import AnyPath, make_parser
+from hulldown.base.arguments import AnyPath, make_option_parser
 from hulldown.base.errors import DatasetError
 from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.exports.split import shuffle_key
-from hulldown.dataset.images import group_positions
-from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.images import group_images_by_position
+from hulldown.dataset.record_checks import read_usable_dataset
 from hulldown.dataset.store.document import ANNOTATIONS_NAME, write_coco_document
-from hulldown.dataset.store.placed_pictures import link_or_copy, resolve_own_picture
+from hulldown.dataset.store.placed_pictures import link_or_copy_file, resolve_own_picture
 
 DEFAULT_FRACTIONS = (1.0, 0.5, 0.25, 0.1, 0.05)
-FRACTIONS_PARSER = make_parser("shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,...")
+FRACTIONS_PARSER = make_option_parser(
+    "shares such as 1,0.5,0.25", lambda text: tuple(map(float, text.split(","))), metavar="A,B,..."
+)
 
 
 def subset_name(fraction: float) -> str:
@@ -30,16 +32,16 @@ def subset_name(fraction: float) -> str:
     return f"{100 * fraction:.10g}"
 
 
-def nested_subsets(
+def nested_subset_ids(
     images: Sequence[Image], fractions: Sequence[float], *, seed: int = 0, stratified: bool = False
 ) -> list[list[int]]:
     """Return image ids of each share, prefixes of one order by seed and names, of whole positions, at least one."""
-    groups = group_positions(images)
+    groups = group_images_by_position(images)
     for members in groups.values():
         members.sort(key=lambda image: image.file_name)
     order = sorted(groups.values(), key=lambda members: shuffle_key(members[0].file_name, seed))
     if stratified:
-        order = _spread_classes(order)
+        order = _reorder_groups_evenly(order)
     ids = [image.id for members in order for image in members]
     ends = list(accumulate(map(len, order)))
     # By decimal value: 0.05 of 420 is 21, although 0.05 isn't exact in binary.
@@ -85,10 +87,10 @@ def write_subsets(
     names = [subset_name(fraction) for fraction in fractions]
     if repeated := [name for name in names if names.count(name) > 1]:
         raise DatasetError(f"fraction {float(repeated[0]) / 100:g} is given twice", remedy="name each fraction once")
-    found = read_usable(dataset)
+    found = read_usable_dataset(dataset)
     if not found.images:
         raise DatasetError("has no images", path=dataset, remedy="name a dataset that has some")
-    subsets = nested_subsets(found.images, fractions, seed=seed, stratified=stratified)
+    subsets = nested_subset_ids(found.images, fractions, seed=seed, stratified=stratified)
     sizes = [len(ids) for ids in subsets]
     chosen = {name: set(ids) for name, ids in zip(names, subsets, strict=True)}
     done, total = 0, sum(sizes)
@@ -96,14 +98,14 @@ def write_subsets(
     with (
         OutputFolder(out, "subsets", (), inputs=[dataset]) as target,
         progress_bar("linking images") as advance,
-        target.all_or_nothing() as unfinished,
+        target.stage_content() as unfinished,
     ):
         for name, ids in chosen.items():
             images = [image for image in found.images if image.id in ids]
             for image in images:
                 source, linked = resolve_own_picture(dataset, image.file_name), unfinished / name / image.file_name
                 linked.parent.mkdir(parents=True, exist_ok=True)
-                link_or_copy(source, linked)
+                link_or_copy_file(source, linked)
                 done += 1
                 advance(done, total)
             records = [orjson.dumps(image.record) for image in images]
@@ -113,7 +115,7 @@ def write_subsets(
     return dict(zip(names, sizes, strict=True))
 
 
-def _spread_classes(order: Sequence[list[Image]]) -> list[list[Image]]:
+def _reorder_groups_evenly(order: Sequence[list[Image]]) -> list[list[Image]]:
     """Order groups so that classes are evenly spread: the i-th of n groups of a kind is at (i + 1/2) / n."""
     kinds: dict[tuple[int, ...], list[list[Image]]] = {}
     for members in order:

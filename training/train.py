@@ -15,18 +15,24 @@ import numpy as np
 from cyclopts import Parameter
 from msgspec.structs import replace
 
-from hulldown.base.arguments import AnyPath, make_check
+from hulldown.base.arguments import AnyPath, make_option_check
 from hulldown.base.errors import ConfigError
 from hulldown.base.files import replace_file
 from hulldown.base.outputs import OutputFolder
-from hulldown.base.terminal import is_interactive, progress_bars
+from hulldown.base.terminal import is_interactive, one_bar_per_title
 from hulldown.base.terminal import print_message as show_line
-from hulldown.training.detectors.detector import Run, RunFigures, RunSource, chosen_device, weights_digest
+from hulldown.training.detectors.detector import Run, RunFigures, RunSource, usable_torch_device, weights_digest
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.inputs.extra import require_extra, silence_libraries
+from hulldown.training.inputs.extra import require_training_extra, silence_libraries
 from hulldown.training.inputs.settings import SettingOptions, Settings, load_settings
-from hulldown.training.inputs.sources import LabeledPictures, check_source_pictures, follow_masks, read_sources, shared_pictures
-from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, finished_run
+from hulldown.training.inputs.sources import (
+    LabeledPictures,
+    describe_shared_pictures,
+    hash_source_pictures,
+    read_classes_and_sources,
+    should_follow_masks,
+)
+from hulldown.training.run_folder import CONFIG_NAME, RunConfig, RunData, RunFolder, finished_run_with_config
 
 if TYPE_CHECKING:
     import torch
@@ -39,12 +45,14 @@ VERSIONED_PACKAGES = ("torch", "torchvision", "pytorch-lightning", "rfdetr", "tr
             "opencv-python-headless", "numpy")  # fmt: skip
 
 
-def _split_name(text: str) -> tuple[str, str]:
+def _parse_named_folder(text: str) -> tuple[str, str]:
     name, _, folder = text.partition("=")
     return name, folder
 
 
-NamedFolder: TypeAlias = Annotated[str, make_check("NAME=DIR, such as real=photographs", lambda text: all(_split_name(text)))]
+NamedFolder: TypeAlias = Annotated[
+    str, make_option_check("NAME=DIR, such as real=photographs", lambda text: all(_parse_named_folder(text)))
+]
 if TYPE_CHECKING:
     SettingsLike: TypeAlias = Settings | Mapping[str, object] | None
 else:
@@ -111,33 +119,33 @@ def train_detector(
     if not isinstance(settings, Settings):
         changes = vars(settings) if isinstance(settings, SettingOptions) else settings or {}
         settings = load_settings(None if config is None else Path(config), changes)
-    require_extra()
+    require_training_extra()
     # Not at the top: this module can be imported without the extra.
     from hulldown.training.inputs.augment import Augmenter
-    from hulldown.training.inputs.data import DrawnExamples, make_draws, source_shares
+    from hulldown.training.inputs.data import DrawnExamples, fill_source_shares, make_draws
 
     if progress is None and is_interactive():
-        with progress_bars() as bars:
+        with one_bar_per_title() as bars:
             return train_detector(
                 data, output, settings=settings, valid=valid, workers=workers, device=device,
                 checkpoint_every_s=checkpoint_every_s, progress=bars, say=say,
             )  # fmt: skip
     progress = progress or (lambda what, done, total: None)
     out = Path(output)
-    named = data.items() if isinstance(data, Mapping) else [_split_name(text) for text in data]
+    named = data.items() if isinstance(data, Mapping) else [_parse_named_folder(text) for text in data]
     if len(data) > len(data := dict(named)):
         raise ConfigError("two datasets have the same name", remedy="write --data NAME=DIR with other names")
     if settings.keep == "best" and valid is None:
         raise ConfigError('keep = "best" needs a dataset to validate on', remedy="add --valid DIR")
     Augmenter(settings.augmentation)  # refuses a wrong file before anything is written
-    chosen = chosen_device(device)
-    classes, sources = read_sources(data)
-    shares = source_shares({source.name: len(source) for source in sources}, settings.shares)
-    held_back = read_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
+    chosen = usable_torch_device(device)
+    classes, sources = read_classes_and_sources(data)
+    shares = fill_source_shares({source.name: len(source) for source in sources}, settings.shares)
+    held_back = read_classes_and_sources({"valid": valid}, classes=classes)[1] if valid is not None else ()
     labels = read_labels(Path(valid)) if valid is not None else None
-    settings = settings.model_copy(update={"masks": follow_masks(settings.masks, sources)})
-    checked = check_source_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
-    for shared in [pair for one in held_back for source in sources for pair in shared_pictures(source, one, checked)]:
+    settings = settings.model_copy(update={"masks": should_follow_masks(settings.masks, sources)})
+    checked = hash_source_pictures([*sources, *held_back], progress=partial(progress, "checking pictures"))
+    for shared in [pair for one in held_back for source in sources for pair in describe_shared_pictures(source, one, checked)]:
         say(f"warning: {shared}: the result on it flatters")
     start = Path(settings.weights or "none")
     run_config = RunConfig(
@@ -147,7 +155,7 @@ def train_detector(
         valid=RunData(len(held_back[0]), checked["valid"].sha256) if held_back else None,
         weights_sha256=weights_digest(start) if start.exists() else None,
     )
-    if (run := finished_run(out, run_config)) is not None:
+    if (run := finished_run_with_config(out, run_config)) is not None:
         say(f"{out}: is finished already")
         return run
     from hulldown.training.fitting import Training, fit_network
@@ -157,14 +165,14 @@ def train_detector(
         trainee = prepare_trainee(settings, classes, chosen, out)
         folder = RunFolder(out)
         folder.write(run_config)
-        run = _describe_run(settings, classes, data, sources, draws, chosen)
+        run = _new_run_record(settings, classes, data, sources, draws, chosen)
         folder.write(run)
         text = json.dumps(settings.augmentation, indent=2)  # as Albumentations' `save` writes it
         replace_file(out / AUGMENTATION_NAME, f"{text}\n".encode())
         size = (settings.resolution, settings.resolution)
         examples = DrawnExamples(sources, draws, size, settings.augmentation, masks=bool(settings.masks))
         training = Training(
-            settings, examples, folder, device=chosen, workers=_worker_count() if workers is None else workers,
+            settings, examples, folder, device=chosen, workers=_default_worker_count() if workers is None else workers,
             checkpoint_every_s=checkpoint_every_s, valid=labels, progress=progress,
         )  # fmt: skip
         run = replace(run, status="finished", figures=fit_network(trainee, training))
@@ -184,11 +192,11 @@ def prepare_trainee(settings: Settings, classes: Sequence[str], device: torch.de
     return detr_trainee(settings, classes, device, folder)
 
 
-def _worker_count() -> int:
+def _default_worker_count() -> int:
     return max(1, min(8, len(os.sched_getaffinity(0)) - 1 if hasattr(os, "sched_getaffinity") else 1))
 
 
-def _describe_run(
+def _new_run_record(
     settings: Settings, classes: tuple[str, ...], data: Mapping[str, str | os.PathLike[str]],
     sources: Sequence[LabeledPictures], draws: Draws, device: torch.device,
 ) -> Run:  # fmt: skip

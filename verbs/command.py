@@ -17,7 +17,7 @@ from rich.table import Table
 
 from hulldown.base.code import package_version
 from hulldown.base.terminal import print_message, print_warning
-from hulldown.verbs.output import DONE, print_report, show_json
+from hulldown.verbs.output import DONE, print_json, print_lines_and_tables
 
 VERB_GROUPS = {"study": "Measure the worth of synthetic images when photographs are few."}
 PYTHON_PARAMETERS = ("assets", "library", "progress", "say")  # they aren't options of a verb
@@ -63,9 +63,9 @@ class Verb:
             given = signature.bind(*arguments, **options)
             answer = self.answer(function(*given.args, **given.kwargs), **_named_arguments(given, asked))
             if json:
-                show_json(answer.result)
+                print_json(answer.result)
             else:
-                print_report(*answer.shown)
+                print_lines_and_tables(*answer.shown)
             for line in answer.said:
                 print_message(line)
             for line in answer.warnings:
@@ -73,7 +73,7 @@ class Verb:
             return answer.code
 
         last = inspect.Parameter("json", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=JSON_OPTION)
-        options = [_make_option(one) for name, one in signature.parameters.items() if name not in PYTHON_PARAMETERS]
+        options = [_command_parameter(one) for name, one in signature.parameters.items() if name not in PYTHON_PARAMETERS]
         options.sort(key=lambda one: one.kind)  # an output that isn't positional follows the inputs
         run.__doc__, run.__annotations__ = function.__doc__, {}
         vars(run)["__signature__"] = inspect.Signature([*options, last], return_annotation=int)
@@ -85,7 +85,7 @@ def _named_arguments(given: inspect.BoundArguments, names: Sequence[str]) -> dic
     return {name: given.arguments[name] for name in names}
 
 
-def _make_option(parameter: inspect.Parameter) -> inspect.Parameter:
+def _command_parameter(parameter: inspect.Parameter) -> inspect.Parameter:
     if parameter.name == "output":
         parameter = parameter.replace(annotation=Annotated[parameter.annotation, Parameter(alias="-o")])
     elif parameter.default is inspect.Parameter.empty:
@@ -99,12 +99,12 @@ def _shown_default(value: object) -> str | None:
     return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
-def named_verb(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
+def find_verb_name(words: Sequence[str], verbs: Mapping[str, Verb]) -> str | None:
     """Return the verb that the words begin with; None if there is none."""
     return next((name for name in verbs if list(words[: len(name.split())]) == name.split()), None)
 
 
-def parser_problem(error: CycloptsError) -> str:
+def describe_parser_error(error: CycloptsError) -> str:
     """Describe in one line what is wrong with a command's words."""
     if isinstance(error, MissingArgumentError) and (argument := error.argument) and not error.tokens_so_far:
         name = argument.names[0].lstrip("-").upper()
@@ -118,12 +118,12 @@ def parser_problem(error: CycloptsError) -> str:
 
 def run_command(words: Sequence[str], verbs: Mapping[str, Verb]) -> int:
     """Run a verb, or show help, and return the exit code."""
-    app = command_line(words, verbs)
+    app = make_command_app(words, verbs)
     code: int | None = app(words, exit_on_error=False, print_error=False, result_action="return_value")
     return code or DONE
 
 
-def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
+def make_command_app(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
     """Return the command; only the verb in `words` is imported, and the list of verbs has the others."""
     app = App(
         name="hulldown",
@@ -133,7 +133,7 @@ def command_line(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
         default_parameter=Parameter(negative=(), show_default=_shown_default),
         suppress_keyboard_interrupt=False,
     )
-    wanted = named_verb(words, verbs)
+    wanted = find_verb_name(words, verbs)
     for place, (name, verb) in enumerate(verbs.items()):
         *groups, last = name.split()
         room = app

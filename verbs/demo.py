@@ -50,18 +50,18 @@ def run_demo(*, output: AnyPath = "hulldown-demo") -> int:
     return DONE
 
 
-def _demo_answer(code: int, output: AnyPath) -> VerbOutput:
+def _demo_output(code: int, output: AnyPath) -> VerbOutput:
     written = f"look at {Path(output) / 'contact_sheet.png'}; the dataset is {Path(output) / 'dataset/annotations.json'}"
     return VerbOutput(result=output, said=[] if code else [written], code=code)
 
 
-def _show_diagnosis(diagnosis: Diagnosis) -> VerbOutput:
+def _doctor_output(diagnosis: Diagnosis) -> VerbOutput:
     problems = [f"problem: {problem}" for problem in diagnosis.problems]
     shown = problems or ["all well: this machine can plan and render"]
     return VerbOutput(result=diagnosis, shown=[diagnosis.table(), *shown], code=FOUND if problems else DONE)
 
 
 VERBS = {
-    "doctor": Verb("render.doctor:diagnose_machine", _show_diagnosis),
-    "demo": Verb("verbs.demo:run_demo", _demo_answer, resumes=True),
+    "doctor": Verb("render.doctor:diagnose_machine", _doctor_output),
+    "demo": Verb("verbs.demo:run_demo", _demo_output, resumes=True),
 }

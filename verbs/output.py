@@ -24,7 +24,7 @@ DONE, FOUND, MISTAKE, STOPPED = 0, 1, 2, 130  # exit codes
 
 
 @contextmanager
-def warnings_in_one_line() -> Iterator[None]:
+def show_one_line_warnings() -> Iterator[None]:
     """Show Python's warnings like other messages, without their place in the code."""
     with warnings.catch_warnings():
         warnings.simplefilter("always", UserWarning)
@@ -46,7 +46,7 @@ def silence_stdout() -> None:
 
 
 @contextmanager
-def _naming_stdout() -> Iterator[None]:
+def _name_stdout_in_errors() -> Iterator[None]:
     try:
         yield
     except OSError as error:
@@ -54,8 +54,8 @@ def _naming_stdout() -> Iterator[None]:
         raise
 
 
-@_naming_stdout()
-def print_report(*results: str | Table) -> None:
+@_name_stdout_in_errors()
+def print_lines_and_tables(*results: str | Table) -> None:
     """Print lines and tables on stdout: lines aren't broken in a narrow terminal, nor tables in a file or pipe."""
     for result in results:
         if isinstance(result, str):
@@ -66,14 +66,14 @@ def print_report(*results: str | Table) -> None:
             Terminal(file=STDOUT_TERMINAL.file, width=MAX_TABLE_WIDTH, highlight=False).print(result)
 
 
-@_naming_stdout()
-def show_json(result: object) -> None:
+@_name_stdout_in_errors()
+def print_json(result: object) -> None:
     """Print a result on stdout as JSON."""
-    sys.stdout.write(json.dumps(result, indent=2, default=_plain_value) + "\n")
+    sys.stdout.write(json.dumps(result, indent=2, default=_value_for_json) + "\n")
     sys.stdout.flush()
 
 
-def _plain_value(value: object) -> object:
+def _value_for_json(value: object) -> object:
     if isinstance(value, msgspec.Struct):
         return msgspec.to_builtins(value)
     return dataclasses.asdict(value) if dataclasses.is_dataclass(value) and not isinstance(value, type) else str(value)

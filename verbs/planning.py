@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from hulldown.planning.inputs.inspection import Inspection
 
 
-def _show_project(config: Path) -> VerbOutput:
+def _init_output(config: Path) -> VerbOutput:
     return VerbOutput(result=config, said=[f"wrote {config}; next: hulldown inspect or plan it"])
 
 
-def _show_inspection(found: Inspection) -> VerbOutput:
+def _inspect_output(found: Inspection) -> VerbOutput:
     shown: list[str | Table] = []
     for report in found.reports:
         shown += [report.table(), *report.lines()]
@@ -33,7 +33,7 @@ def _show_inspection(found: Inspection) -> VerbOutput:
     )
 
 
-def _show_plan(plan: Plan) -> VerbOutput:
+def _plan_output(plan: Plan) -> VerbOutput:
     summary, page = plan.summary, plan.path.with_suffix(".html")
     return VerbOutput(
         result=summary.to_json(),
@@ -45,24 +45,24 @@ def _show_plan(plan: Plan) -> VerbOutput:
     )
 
 
-def _show_differences(found: Sequence[str]) -> VerbOutput:
+def _check_output(found: Sequence[str]) -> VerbOutput:
     return VerbOutput(result=found, shown=found, said=[f"{len(found)} findings"], code=FOUND if found else DONE)
 
 
-def _show_sheet(picture: Path) -> VerbOutput:
+def _preview_output(picture: Path) -> VerbOutput:
     return VerbOutput(result=picture, said=[f"wrote {picture}"])
 
 
-def _show_passes(images: Mapping[str, int], output: AnyPath) -> VerbOutput:
+def _passes_output(images: Mapping[str, int], output: AnyPath) -> VerbOutput:
     said = f"wrote {', '.join(images)} of {max(images.values())} images into {output}"
     return VerbOutput(result=images, said=[said])
 
 
 VERBS = {
-    "init": Verb("demo.project:create_project", _show_project, resumes=True),
-    "inspect": Verb("planning.inputs.inspection:inspect_files", _show_inspection),
-    "plan": Verb("planning.write:plan_dataset", _show_plan, resumes=True),
-    "check": Verb("planning.check:check_plan", _show_differences),
-    "preview": Verb("plan.pictures.preview:preview_sheet", _show_sheet),
-    "passes": Verb("plan.pictures.passes:write_passes", _show_passes, resumes=True),
+    "init": Verb("demo.project:create_project", _init_output, resumes=True),
+    "inspect": Verb("planning.inputs.inspection:inspect_files", _inspect_output),
+    "plan": Verb("planning.write:plan_dataset", _plan_output, resumes=True),
+    "check": Verb("planning.check:check_plan", _check_output),
+    "preview": Verb("plan.pictures.preview:write_preview_sheet", _preview_output),
+    "passes": Verb("plan.pictures.passes:write_passes", _passes_output, resumes=True),
 }

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hulldown.render.verify import Findings
 
 
-def _show_render(report: RenderReport, output: AnyPath) -> VerbOutput:
+def _render_output(report: RenderReport, output: AnyPath) -> VerbOutput:
     done = (
         f"{report.rendered} images rendered, {report.already} were there, {len(report.failed)} failed "
         f"in {report.seconds:.0f} s; next: hulldown verify {output}"
@@ -30,15 +30,15 @@ def _show_render(report: RenderReport, output: AnyPath) -> VerbOutput:
     )
 
 
-def _scene(path: Path) -> VerbOutput:
+def _blend_output(path: Path) -> VerbOutput:
     return VerbOutput(result=path, said=[f"wrote {path}; open it in Blender, and press F12 for the picture"])
 
 
-def _show_cluster(_: None) -> VerbOutput:
+def _cluster_output(_: None) -> VerbOutput:
     return VerbOutput(result=None)
 
 
-def _show_join(joined: Joined, output: AnyPath) -> VerbOutput:
+def _join_output(joined: Joined, output: AnyPath) -> VerbOutput:
     missing = f"{joined.missing} planned images are not there yet, {joined.failed} of them given up"
     return VerbOutput(
         result=joined,
@@ -47,7 +47,7 @@ def _show_join(joined: Joined, output: AnyPath) -> VerbOutput:
     )
 
 
-def _show_findings(found: Findings, dataset: AnyPath) -> VerbOutput:
+def _verify_output(found: Findings, dataset: AnyPath) -> VerbOutput:
     errors = sum(finding.severity == "error" for finding in found)
     masks = f", {len(found.masks.rows)} masks rendered" if found.masks else ""
     return VerbOutput(
@@ -58,22 +58,22 @@ def _show_findings(found: Findings, dataset: AnyPath) -> VerbOutput:
     )
 
 
-def _show_page(comparison: Comparison | None, output: AnyPath) -> VerbOutput:
+def _report_output(comparison: Comparison | None, output: AnyPath) -> VerbOutput:
     rows = comparison.rows() if comparison else []
     lines = [f"{distance}  {title} ({keys})" for title, distance, keys in rows]
     return VerbOutput(result=comparison and comparison.distances(), shown=lines, said=[f"wrote {output}"])
 
 
-def _show_export(counts: Mapping[str, int], output: AnyPath) -> VerbOutput:
+def _export_output(counts: Mapping[str, int], output: AnyPath) -> VerbOutput:
     return VerbOutput(result=counts, said=[f"wrote {output}: " + ", ".join(f"{n} {name}" for name, n in counts.items())])
 
 
 VERBS = {
-    "render": Verb("render.supervisor:render_remaining", _show_render, resumes=True),
-    "blend": Verb("render.export_scene:export_scene", _scene),
-    "cluster": Verb("cluster.scheduler:run_cluster", _show_cluster),
-    "join": Verb("dataset.join:join_datasets", _show_join, resumes=True),
-    "verify": Verb("render.verify:verify_dataset", _show_findings),
-    "report": Verb("dataset.reports.dataset_report:report_dataset", _show_page),
-    "export": Verb("dataset.exports.export:export_dataset", _show_export),
+    "render": Verb("render.supervisor:render_remaining_images", _render_output, resumes=True),
+    "blend": Verb("render.export_scene:export_scene", _blend_output),
+    "cluster": Verb("cluster.scheduler:run_local_cluster", _cluster_output),
+    "join": Verb("dataset.join:join_datasets", _join_output, resumes=True),
+    "verify": Verb("render.verify:verify_dataset", _verify_output),
+    "report": Verb("dataset.reports.dataset_report:report_dataset", _report_output),
+    "export": Verb("dataset.exports.export:export_dataset", _export_output),
 }

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hulldown.base.color import LUMINANCE_WEIGHTS
-from hulldown.camera.response import off_daylight
+from hulldown.camera.response import distance_from_daylight
 from hulldown.weather.precipitation import Sizes, rain_sizes, snow_sizes
 
 CONTRAST_THRESHOLD = 0.02  # of an object at the distance of the visibility; -ln 0.02 = 3.912
@@ -160,11 +160,11 @@ def airlight_radiance(kind: str, sky: np.ndarray) -> np.ndarray:
         return sky
     # Fog is white under a blue sky, since many scatterings mix all light, and orange in an evening's.
     low, high = FOG_COLOR_UV
-    kept = np.clip((off_daylight(sky, warmest=WARMEST_GRAY_FOG_K) - low) / (high - low), 0.0, 1.0)
+    kept = np.clip((distance_from_daylight(sky, warmest=WARMEST_GRAY_FOG_K) - low) / (high - low), 0.0, 1.0)
     return np.asarray(luminance + kept * (sky - luminance))
 
 
-def even_sky(sky: np.ndarray) -> np.ndarray:
+def even_sky_radiance(sky: np.ndarray) -> np.ndarray:
     """Return the radiance (3,) of an even sky that lights level ground as `sky` does, whose first row is the zenith."""
     elevation = math.pi / 2 - (np.arange(len(sky)) + 0.5) / len(sky) * math.pi
     weight = np.clip(np.sin(elevation), 0.0, None) * np.cos(elevation)

@@ -75,7 +75,7 @@ class Streaks:
     gain: np.ndarray  # factor on the opacity, of discs that are drawn wider than they are
 
 
-def symmetric_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> PrecipitationView:
+def precipitation_view(world_from_camera: np.ndarray, intrinsics: Intrinsics, exposure_s: float) -> PrecipitationView:
     """Return a symmetric view that contains a camera's image, whose principal point may be off-center."""
     half = intrinsics.half_tangents
     pixel = 2.0 * half[0] / intrinsics.width if intrinsics.pinhole is None else 1.0 / intrinsics.pinhole[0]
@@ -101,13 +101,13 @@ def snow_sizes(extinction: float) -> Sizes:
     return Sizes(edges / 1000.0, number, 0.8 * middle**0.16, FLUTTER_M_S)
 
 
-def drops_in_view(sizes: Sizes, view: PrecipitationView, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
+def sample_drops_in_view(sizes: Sizes, view: PrecipitationView, wind_m_s: tuple[float, float], *, seed: int) -> Drops:
     """Draw drops that are large enough in the image to be seen, uniform in the air in front of the camera."""
     rng = np.random.default_rng([seed, DROPS_STREAM])
     speed = np.hypot(sizes.fall, math.hypot(*wind_m_s))
     behind = float(speed.max()) * view.exposure_s / 2.0 / min(view.half)  # streaks reach into the image from outside
-    reach = _class_reaches(sizes, speed, view, behind)
-    count = rng.poisson(sizes.number * _pyramid_volume(view, reach, behind))
+    reach = _size_class_reaches(sizes, speed, view, behind)
+    count = rng.poisson(sizes.number * _view_pyramid_volumes(view, reach, behind))
     of = np.repeat(np.arange(len(count)), count)
     u = rng.random((len(of), 4))
     near, far = (NEAREST_M + behind) ** 3, (reach[of] + behind) ** 3
@@ -119,12 +119,12 @@ def drops_in_view(sizes: Sizes, view: PrecipitationView, wind_m_s: tuple[float, 
     return Drops(centers, sizes.edges[of] + u[:, 3] * np.diff(sizes.edges)[of], velocities)
 
 
-def _pyramid_volume(view: PrecipitationView, reach: np.ndarray, behind: float) -> np.ndarray:
+def _view_pyramid_volumes(view: PrecipitationView, reach: np.ndarray, behind: float) -> np.ndarray:
     """Return the volume of the view pyramid between the nearest and farthest drop; its apex is `behind` the eye."""
     return 4.0 / 3.0 * view.half[0] * view.half[1] * np.maximum((reach + behind) ** 3 - (NEAREST_M + behind) ** 3, 0.0)
 
 
-def _class_reaches(sizes: Sizes, speed: np.ndarray, view: PrecipitationView, behind: float) -> np.ndarray:
+def _size_class_reaches(sizes: Sizes, speed: np.ndarray, view: PrecipitationView, behind: float) -> np.ndarray:
     distances = np.geomspace(NEAREST_M, FARTHEST_M, 100)
     radius = (sizes.edges[1:] + sizes.edges[:-1])[:, None] / 2.0 / math.sqrt(2.0)
     wide = np.maximum(radius, MIN_DISC_RADIUS_PX * view.pixel * distances)
@@ -136,7 +136,7 @@ def _class_reaches(sizes: Sizes, speed: np.ndarray, view: PrecipitationView, beh
         reach = distances[np.maximum(seen - 1, 0)]
         met = np.where(distances <= reach[:, None], 4.0 * wide**2 * (way + 1.0), 0.0)  # area of quads, by distance
         crowd = sizes.number @ (met[:, 1:] @ np.diff(distances))
-        if sizes.number @ _pyramid_volume(view, reach, behind) <= MAX_DROPS and crowd <= MAX_QUADS_PER_RAY:
+        if sizes.number @ _view_pyramid_volumes(view, reach, behind) <= MAX_DROPS and crowd <= MAX_QUADS_PER_RAY:
             break
     return reach
 

@@ -9,7 +9,7 @@ from msgspec import Meta
 
 from hulldown.annotate.label_type import LabelType
 from hulldown.annotate.record_fields import MAX_BOX_OVERHANG_PX, PICTURE_HASH_KEY, TEXT_ROUNDING_PX, Box
-from hulldown.annotate.records import Category, Image, Label, overhang_px
+from hulldown.annotate.records import Category, Image, Label, box_overhang_px
 
 
 class SurfaceBox(LabelType):
@@ -21,7 +21,7 @@ class SurfaceBox(LabelType):
         """Find a box outside of its image, or of its amodal box."""
         x, y, w, h = label.bbox.tolist()
         limit = TEXT_ROUNDING_PX if PICTURE_HASH_KEY in image.record else MAX_BOX_OVERHANG_PX
-        if overhang_px(label.bbox, *image.size) > limit:
+        if box_overhang_px(label.bbox, *image.size) > limit:
             yield f"bbox {label.record['bbox']} leaves its image of {image.width} x {image.height}"
         if self.bbox_amodal is not None:
             a, b, c, d = self.bbox_amodal

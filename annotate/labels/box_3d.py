@@ -83,7 +83,7 @@ class BoxInCamera(LabelType):
         box = Box3D(
             *((np.round(values, DECIMAL_DIGITS) + 0.0).tolist() for values in (center, high - low, rotation))
         )  # no -0.0
-        corners = np.round(box_corners(box, vehicle.camera.lenses), PIXEL_DIGITS) + 0.0
+        corners = np.round(box_3d_corner_pixels(box, vehicle.camera.lenses), PIXEL_DIGITS) + 0.0
         return {
             "distance": round(distance, DECIMAL_DIGITS),
             "azimuth_seen": round(float(arctan2(left, ahead)[0]), DECIMAL_DIGITS),
@@ -107,12 +107,12 @@ class BoxInCamera(LabelType):
         if self.bbox_3d_corners is None or image.intrinsics is None:
             return
         given = np.array([corner or (np.nan, np.nan) for corner in self.bbox_3d_corners])
-        expected = box_corners(box, image.intrinsics)
+        expected = box_3d_corner_pixels(box, image.intrinsics)
         if not np.allclose(given, expected, rtol=1e-9, atol=MAX_CORNER_ERROR_PX, equal_nan=True):
             yield "bbox_3d_corners aren't the corners of bbox_3d"
 
 
-def box_corners(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
+def box_3d_corner_pixels(box: Box3D, intrinsics: Intrinsics) -> Float[np.ndarray, "8 2"]:
     """Return the corners of a `bbox_3d` in pixels; nan where one isn't in front of the near plane."""
     from_center = matrix_product(np.array(box.rotation), (_UNIT_CORNERS * box.size).T).T
     pixels, depth = intrinsics.project_points(np.array(box.center) + from_center)

@@ -74,7 +74,7 @@ class Keypoints(LabelType):
 def keypoints_in_image(vehicle: PosedVehicle, camera: Cameras, world: Scene) -> Float[np.ndarray, "k 3"]:
     """Pixel and COCO's v of each keypoint of a vehicle: 2 if it's visible, 1 if it's hidden, 0 outside of the image."""
     shape, world_from_vehicle = vehicle.caster.shape, vehicle.world_from_vehicle[0]
-    points = transform_points(world_from_vehicle, shape.turned_keypoints(vehicle.articulation))
+    points = transform_points(world_from_vehicle, shape.articulated_keypoints(vehicle.articulation))
     pixels, depth = camera.project(points)
     size = (camera.lenses.width, camera.lenses.height)
     with np.errstate(invalid="ignore"):
@@ -93,7 +93,7 @@ def keypoints_in_image(vehicle: PosedVehicle, camera: Cameras, world: Scene) -> 
     return keypoints
 
 
-def category_fields(
+def category_keypoint_fields(
     shapes: Iterable[VehicleShape], patterns: Sequence[str] | None, lines: Sequence[tuple[str, str]] | None, *, path: Path
 ) -> dict[str, object]:
     """Return COCO's `keypoints` and `skeleton`, the same for all categories, so an image's labels are one array."""

@@ -10,7 +10,7 @@ from jaxtyping import Bool, Float
 from msgspec import Meta
 
 from hulldown.annotate.label_type import LabeledVehicle, LabelType
-from hulldown.annotate.masks import area_and_box, covers_mask, decode_mask, encode_mask
+from hulldown.annotate.masks import covers_mask, decode_mask, encode_mask, mask_area_and_box
 from hulldown.annotate.record_fields import Side
 from hulldown.annotate.records import Category, Image, Label
 
@@ -36,7 +36,7 @@ class VisibleMask(LabelType):
         if not (mask := self.segmentation):
             return
         try:
-            pixels, box = area_and_box(mask, *image.size)
+            pixels, box = mask_area_and_box(mask, *image.size)
         except ValueError as error:
             yield str(error)
             return
@@ -44,7 +44,7 @@ class VisibleMask(LabelType):
         if isinstance(mask, Mapping) and self.area is not None and self.area != pixels:
             yield f"area is {label.record['area']}, its mask has {pixels} pixels"
 
-    def tinted_pixels(self, width: int, height: int) -> Bool[np.ndarray, "h w"] | None:
+    def pixels_to_tint(self, width: int, height: int) -> Bool[np.ndarray, "h w"] | None:
         """Return the mask's pixels."""
         return decode_mask(self.segmentation, width, height) if self.segmentation else None
 
@@ -66,7 +66,7 @@ class AmodalMask(LabelType):
         if (whole := self.segmentation_amodal) is None:
             return
         try:
-            _, box = area_and_box(whole, *image.size)
+            _, box = mask_area_and_box(whole, *image.size)
         except ValueError as error:
             yield f"segmentation_amodal: {error}"
             return
@@ -85,7 +85,7 @@ def label_area(label: Label) -> float:
 
 
 def _find_overhang(label: Label, extent: Float[np.ndarray, "4"] | None, what: str) -> Iterator[str]:
-    """Find a mask that reaches out of the label's box; `extent` is from `annotate.masks.area_and_box`."""
+    """Find a mask that reaches out of the label's box; `extent` is from `annotate.masks.mask_area_and_box`."""
     if extent is None:
         return
     x, y, w, h = label.bbox

@@ -12,10 +12,10 @@ from msgspec import Meta
 
 from hulldown.annotate.label_type import LabeledVehicle, LabelType
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.masks import encode_mask, run_ends
+from hulldown.annotate.masks import encode_mask, run_starts_and_ends
 from hulldown.annotate.record_fields import Pixel, Side
 from hulldown.annotate.records import Category, Image, Label
-from hulldown.annotate.rectangles import is_smallest_rectangle, mask_rectangle, rectangle_corners
+from hulldown.annotate.rectangles import is_smallest_rectangle, rectangle_corners, smallest_mask_rectangle
 from hulldown.base.errors import DatasetError
 
 Rectangle = tuple[Pixel, Pixel, Side, Side, Pixel]  # center x, center y, width, height, and angle
@@ -34,7 +34,7 @@ class OrientedBox(LabelType):
         if vehicle.traced is None:
             return {}
         mask = vehicle.traced.visible
-        rectangle = mask_rectangle(encode_mask(mask), mask.shape[1], mask.shape[0])
+        rectangle = smallest_mask_rectangle(encode_mask(mask), mask.shape[1], mask.shape[0])
         if rectangle is None:
             return {"obb": None}
         return {"obb": [*np.round(rectangle[:4], 6).tolist(), round(float(rectangle[4]), 9)]}
@@ -45,7 +45,7 @@ class OrientedBox(LabelType):
         if given is None or not isinstance(mask, Mapping):
             return
         try:
-            first, _ = run_ends(mask, *image.size)
+            first, _ = run_starts_and_ends(mask, *image.size)
         except ValueError:
             return  # found by the mask's check
         if not len(first):
@@ -56,13 +56,13 @@ class OrientedBox(LabelType):
             yield f"obb {list(given)} isn't the smallest rectangle around its mask"
 
 
-def visible_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
+def visible_rectangle_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
     """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box."""
     if (given := label_rectangle(label)) is not None:
         return rectangle_corners(given)
     if mask := label.read(VisibleMask).segmentation:
         try:
-            rectangle = mask_rectangle(mask, *image.size)
+            rectangle = smallest_mask_rectangle(mask, *image.size)
         except ValueError as error:
             problem, path = f"annotation {label.id}: {error}", Path(image.file_name)
             raise DatasetError(problem, path=path, remedy="check the dataset with `hulldown verify`") from None

@@ -15,23 +15,23 @@ from cyclopts import Parameter
 from hulldown.annotate import outlines
 from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.records import Label
-from hulldown.base.arguments import FROM_ZERO, AnyPath, make_parser
+from hulldown.base.arguments import FROM_ZERO, AnyPath, make_option_parser
 from hulldown.base.errors import DatasetError
 from hulldown.base.outputs import DONE_NAME, OutputFolder
 from hulldown.base.terminal import print_message, progress_bar
 from hulldown.dataset.exports.layouts import coco_folders, huggingface, kitti, voc, yolo
-from hulldown.dataset.exports.layouts.splits import ExportedImage, Splits, flat_names, sound_pictures
-from hulldown.dataset.exports.split import SPLIT_NAMES, assign_splits
-from hulldown.dataset.record_checks import read_usable
-from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, clip_labels
+from hulldown.dataset.exports.layouts.splits import ExportedImage, Splits, checked_paths_and_hashes, unique_flat_file_names
+from hulldown.dataset.exports.split import SPLIT_NAMES, split_name_by_image_id
+from hulldown.dataset.record_checks import read_usable_dataset
+from hulldown.dataset.usable_labels import ALL_LABELS, LabelFloors, images_with_clipped_labels
 
 # The function that writes each layout into an existing folder; docs/exports.md lists their readers.
 LAYOUTS: Mapping[str, Callable[[Splits, Path], None]] = {
     "coco": coco_folders.write_coco_folders,
     "yolo": yolo.write_yolo,
     "rfdetr-yolo": partial(yolo.write_yolo, split_first=True),
-    "yolo-obb": partial(yolo.write_yolo, lines=yolo.corner_lines),
-    "yolo-pose": yolo.write_pose,
+    "yolo-obb": partial(yolo.write_yolo, lines=yolo.oriented_box_lines),
+    "yolo-pose": yolo.write_yolo_pose,
     "voc": voc.write_voc,
     "kitti": kitti.write_kitti,
     "huggingface": huggingface.write_huggingface,
@@ -40,14 +40,14 @@ WITH_POLYGONS = ("coco", "yolo", "rfdetr-yolo", "huggingface")
 POLYGONS_WITHIN_PX = 0.3
 
 
-def _three_shares(text: str) -> tuple[float, float, float]:
+def _parse_split_shares(text: str) -> tuple[float, float, float]:
     train, valid, test = map(float, text.split(","))
     if not (min(train, valid, test) >= 0 and abs(train + valid + test - 1.0) <= 1e-6):
         raise ValueError(text)
     return train, valid, test
 
 
-SPLIT_PARSER = make_parser("three shares that add up to 1, such as 0.7,0.2,0.1", _three_shares, metavar="A,B,C")
+SPLIT_PARSER = make_option_parser("three shares that add up to 1, such as 0.7,0.2,0.1", _parse_split_shares, metavar="A,B,C")
 
 
 def export_dataset(
@@ -119,25 +119,25 @@ def export_dataset(
     folder, out = Path(dataset), Path(output)
     within = POLYGONS_WITHIN_PX if polygons is True else float(polygons)
     allowed = [Path(each) for each in allow_links]
-    document = read_usable(folder, allowed)
-    images = clip_labels(document.images, folder=folder, clip=clip)
-    split_of = assign_splits(images, fractions=fractions)
-    pictures = sound_pictures(folder, images, allowed)
+    document = read_usable_dataset(folder, allowed)
+    images = images_with_clipped_labels(document.images, folder=folder, clip=clip)
+    split_of = split_name_by_image_id(images, fractions=fractions)
+    pictures = checked_paths_and_hashes(folder, images, allowed)
     items: dict[str, list[ExportedImage]] = {split: [] for split in SPLIT_NAMES}
-    for image, name, (picture, digest) in zip(images, flat_names(images), pictures, strict=True):
+    for image, name, (picture, digest) in zip(images, unique_flat_file_names(images), pictures, strict=True):
         kept = floors.kept_labels(image.labels)
         if polygons is not False:
-            kept = [_outline_label(label, image.size, within) for label in kept]
+            kept = [_label_with_polygons(label, image.size, within) for label in kept]
         items[split_of[image.id]].append(ExportedImage(image.labeled(kept), name, picture, digest))
     categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
     splits = Splits(folder, document.head, categories, items)
     key = _export_key(layout, splits)
     with OutputFolder(out, "export", [DONE_NAME], inputs=[folder]) as target:
-        if target.is_done(key):
+        if target.finish_earlier_run(key):
             print_message(f"{out}: is complete already")
             return counts
-        with progress_bar("linking images", progress) as advance, target.all_or_nothing(key) as unfinished:
+        with progress_bar("linking images", progress) as advance, target.stage_content(key) as unfinished:
             LAYOUTS[layout](replace(splits, progress=advance), unfinished)
     return counts
 
@@ -151,7 +151,7 @@ def _export_key(layout: str, splits: Splits) -> str:
     return key.hexdigest()
 
 
-def _outline_label(label: Label, size: tuple[int, int], within: float) -> Label:
+def _label_with_polygons(label: Label, size: tuple[int, int], within: float) -> Label:
     """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
     if label.crowd or not (mask := label.read(VisibleMask).segmentation):
         return label

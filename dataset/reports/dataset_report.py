@@ -25,17 +25,17 @@ from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
 from hulldown.base.indices import even_sample
-from hulldown.base.outputs import claim_file
+from hulldown.base.outputs import require_replaceable_file
 from hulldown.base.terminal import progress_bar
 from hulldown.dataset.attributes import BOX_SIZE_SCALE, SCALES, camera_poses, pose_array
 from hulldown.dataset.photographs import Photographs, read_photographs
 from hulldown.dataset.reports.charts import (
-    draw_azimuths,
-    draw_histogram,
-    draw_shares,
-    place_map,
-    places_in_pictures,
-    two_histograms,
+    azimuth_chart,
+    camera_map_chart,
+    comparison_histogram_chart,
+    histogram_chart,
+    label_position_chart,
+    name_count_chart,
 )
 from hulldown.dataset.reports.page import Tile, render_page
 from hulldown.dataset.table import CONDITION_TITLES, Dataset
@@ -92,7 +92,7 @@ def report_dataset(
         dataset = Dataset.of_plan(plan, lambda i: artist.picture(plan[i], width=THUMBNAIL_WIDTH_PX, labels=False))
     if not dataset.images:
         raise DatasetError("has no images yet", path=source, remedy="render some first")
-    claim_file(out, "a page", PAGE_MARK)
+    require_replaceable_file(out, "a page", PAGE_MARK)
     comparison = None
     if photographs is not None:
         comparison = compare_with_photographs(dataset, read_photographs(Path(photographs)), pixels=source.is_dir())
@@ -149,16 +149,18 @@ def _label_charts(dataset: Dataset) -> dict[str, Figure]:
     for scale in (BOX_SIZE_SCALE, *SCALES):
         if np.isfinite(values := labels[scale.name]).any():
             title = f"{scale.title}, {scale.unit}" if scale.unit else scale.title
-            charts[title] = draw_histogram(title, values, log=scale.name in ("box_size", "distance"))
+            charts[title] = histogram_chart(title, values, log=scale.name in ("box_size", "distance"))
     if np.isfinite(labels["azimuth"]).any():
-        charts["side seen"] = draw_azimuths(labels["azimuth"])
+        charts["side seen"] = azimuth_chart(labels["azimuth"])
     sizes = np.stack([images["width"], images["height"]], axis=1)[labels["image"]]
     if len(sizes):
         centers = np.stack([labels["x"] + labels["width"] / 2, labels["y"] + labels["height"] / 2], axis=1)
-        charts["label positions"] = places_in_pictures(centers / sizes)
-    charts |= {title: draw_shares(title, images[key]) for key, title in CONDITION_TITLES.items() if (images[key] != "").any()}
+        charts["label positions"] = label_position_chart(centers / sizes)
+    charts |= {
+        title: name_count_chart(title, images[key]) for key, title in CONDITION_TITLES.items() if (images[key] != "").any()
+    }
     if np.isfinite(images["strength"]).any():
-        charts["strength of light"] = draw_histogram("strength of light", images["strength"])
+        charts["strength of light"] = histogram_chart("strength of light", images["strength"])
     return charts
 
 
@@ -169,7 +171,7 @@ def _scenery_maps(dataset: Dataset) -> dict[str, Figure]:
     vehicles = pose_array([None if first is None else first.world_from_vehicle for first in firsts])[:, :2, 3]
     known = np.isfinite(cameras).all(axis=1)
     return {
-        f"map of {name}": place_map(name, *(side[known & (scenery == name)] for side in (cameras, vehicles)))
+        f"map of {name}": camera_map_chart(name, *(side[known & (scenery == name)] for side in (cameras, vehicles)))
         for name in np.unique(scenery[known]).tolist()
         if name
     }
@@ -178,15 +180,18 @@ def _scenery_maps(dataset: Dataset) -> dict[str, Figure]:
 def _image_tile(dataset: Dataset, i: int) -> Tile:
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(labels["image"] == i)
-    values = {"class": _listed_names(labels["category"][rows]) or ["none"], "vehicle": _listed_names(labels["vehicle"][rows])}
-    values |= {title: _listed_names(images[key][[i]]) for key, title in CONDITION_TITLES.items()}
-    values["side seen"] = _listed_names(labels["side"][rows])
-    lines = [", ".join(_image_text(dataset, row)) for row in rows.tolist()] or ["no labels"]
+    values = {
+        "class": _sorted_unique_names(labels["category"][rows]) or ["none"],
+        "vehicle": _sorted_unique_names(labels["vehicle"][rows]),
+    }
+    values |= {title: _sorted_unique_names(images[key][[i]]) for key, title in CONDITION_TITLES.items()}
+    values["side seen"] = _sorted_unique_names(labels["side"][rows])
+    lines = [", ".join(_label_caption_parts(dataset, row)) for row in rows.tolist()] or ["no labels"]
     lines.append(", ".join(filter(None, (str(images[key][i]) for key in CONDITION_TITLES))))
-    return Tile(_encode_thumbnail(dataset, i), [dataset.images[i].file_name, *filter(None, lines)], values)
+    return Tile(_labeled_thumbnail_jpeg(dataset, i), [dataset.images[i].file_name, *filter(None, lines)], values)
 
 
-def _image_text(dataset: Dataset, row: int) -> list[str]:
+def _label_caption_parts(dataset: Dataset, row: int) -> list[str]:
     labels = dataset.labels
     caption = [str(labels["category"][row]), str(labels["vehicle"][row])]
     caption.append(f"{labels['width'][row]:.0f} x {labels['height'][row]:.0f} px")
@@ -197,7 +202,7 @@ def _image_text(dataset: Dataset, row: int) -> list[str]:
     return [each for each in caption if each]
 
 
-def _encode_thumbnail(dataset: Dataset, i: int) -> bytes:
+def _labeled_thumbnail_jpeg(dataset: Dataset, i: int) -> bytes:
     image, file = dataset.images[i], io.BytesIO()
     small = dataset.picture(i, labels=False).convert("RGB")
     small.thumbnail((THUMBNAIL_WIDTH_PX, small.height), Pictures.Resampling.LANCZOS)
@@ -210,7 +215,7 @@ def _encode_thumbnail(dataset: Dataset, i: int) -> bytes:
     return file.getvalue()
 
 
-def _listed_names(values: np.ndarray) -> list[str]:
+def _sorted_unique_names(values: np.ndarray) -> list[str]:
     return sorted({value for value in values.tolist() if value})
 
 
@@ -255,7 +260,7 @@ class Comparison:
     def charts(self) -> dict[str, Figure]:
         """Histograms of dataset and photographs for each feature, by description."""
         return {
-            f"{REPORT_FEATURES[name].title}: this dataset and the photographs": two_histograms(
+            f"{REPORT_FEATURES[name].title}: this dataset and the photographs": comparison_histogram_chart(
                 REPORT_FEATURES[name].title, own, self.wanted[name], log=REPORT_FEATURES[name].log
             )
             for name, own in self.own.items()
@@ -264,22 +269,22 @@ class Comparison:
 
 def compare_with_photographs(dataset: Dataset, photographs: Photographs, *, pixels: bool) -> Comparison:
     """Compare a dataset or plan with photographs, feature by feature; features of pictures only if `pixels` is true."""
-    boxes = dataset_boxes(dataset)
+    boxes = boxes_as_photographs(dataset)
     for each in (photographs, boxes):
         if not len(each.image):
             raise DatasetError("has no boxes to compare", path=each.path, remedy="label some pictures")
-    own, wanted = _box_values(boxes), _box_values(photographs)
+    own, wanted = _box_feature_values(boxes), _box_feature_values(photographs)
     folder = photographs.path.parent
-    files = [path for name in photographs.file_names if (path := _picture_inside(folder, name)) is not None]
+    files = [path for name in photographs.file_names if (path := _picture_path_inside(folder, name)) is not None]
     if pixels and not files:
         warnings.warn(f"{folder}: no pictures of the photographs; only boxes are compared", stacklevel=2)
     elif pixels:
-        own |= _light_values(lambda i: dataset.picture(i, labels=False).convert("RGB"), len(dataset))
-        wanted |= _light_values(lambda i: Pictures.fromarray(read_pixels(files[i])), len(files))
+        own |= _light_feature_values(lambda i: dataset.picture(i, labels=False).convert("RGB"), len(dataset))
+        wanted |= _light_feature_values(lambda i: Pictures.fromarray(read_pixels(files[i])), len(files))
     return Comparison(own, wanted)
 
 
-def dataset_boxes(dataset: Dataset) -> Photographs:
+def boxes_as_photographs(dataset: Dataset) -> Photographs:
     """Return the boxes of a dataset or a plan in the form of photographs, without crowds."""
     labels, images = dataset.labels, dataset.of_images
     rows = np.flatnonzero(~labels["crowd"])
@@ -302,7 +307,7 @@ def brightness_and_contrast(picture: Pictures.Image) -> tuple[float, float]:
     return float(luma.mean()), float(luma.std())
 
 
-def _box_values(photographs: Photographs) -> Values:
+def _box_feature_values(photographs: Photographs) -> Values:
     x, y = photographs.center.T
     cut = photographs.cut.any(axis=1)
     columns = {"height": photographs.height, "x": x, "y": y, "aspect": photographs.aspect, "cut": cut}
@@ -311,7 +316,7 @@ def _box_values(photographs: Photographs) -> Values:
     return values | {"count": photographs.count.astype(np.float64)}
 
 
-def _light_values(picture: Callable[[int], Pictures.Image], count: int) -> Values:
+def _light_feature_values(picture: Callable[[int], Pictures.Image], count: int) -> Values:
     chosen = even_sample(count, MAX_MEASURED_PICTURES).tolist()
     found = []
     with progress_bar("comparing", None) as advance:
@@ -321,6 +326,6 @@ def _light_values(picture: Callable[[int], Pictures.Image], count: int) -> Value
     return dict(zip(("brightness", "contrast"), np.array(found).T, strict=True))
 
 
-def _picture_inside(folder: Path, name: str) -> Path | None:
+def _picture_path_inside(folder: Path, name: str) -> Path | None:
     path = folder / name
     return path if name and path.is_file() and path.resolve().is_relative_to(folder.resolve()) else None

@@ -20,12 +20,20 @@ import orjson
 from hulldown.annotate.coco_types import Coco, Record
 from hulldown.base.code import package_version
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import stays_inside
-from hulldown.base.outside import MAX_DATA_BYTES, convert_value, describe_path, json_parts, json_records, parse_json, read_file
+from hulldown.base.files import is_safe_relative_path
+from hulldown.base.outside import (
+    MAX_DATA_BYTES,
+    convert_value,
+    describe_path,
+    json_records,
+    parse_json,
+    raw_json_values,
+    read_file,
+)
 from hulldown.dataset.foreign_labels import foreign_reader, refuse_known_folder
-from hulldown.dataset.store.entries import normal_name
-from hulldown.dataset.store.journal import last_merged, read_journal, replace_journal
-from hulldown.dataset.store.reservations import Reservation, read_reservations
+from hulldown.dataset.store.entries import normal_file_name
+from hulldown.dataset.store.journal import last_merged_line_number, open_replacement_file, read_journal
+from hulldown.dataset.store.reservations import Reservation, coco_reservations
 
 ANNOTATIONS_NAME = "annotations.json"
 JOURNAL_NAME = "journal.jsonl"
@@ -61,7 +69,7 @@ class Records:
         self.ids.add(record["id"])
         self.highest = max(self.highest, record["id"])
 
-    def in_order(self, offsets: Iterable[int]) -> Iterator[bytes]:
+    def ordered_record_bytes(self, offsets: Iterable[int]) -> Iterator[bytes]:
         """Return records; those above the lowest offset are sorted by id, since images may finish in any order."""
         lowest = min(offsets, default=math.inf)
         return (record for _, record in sorted(self.rows, key=lambda row: max(row[0], lowest)))
@@ -79,13 +87,13 @@ class Document:
         self.pending = 0
 
     @property
-    def category_ids(self) -> dict[str, int]:
+    def category_ids_by_name(self) -> dict[str, int]:
         """The id of each name; of two equal names the first, so that reopening doesn't change the choice."""
         return {str(record.get("name")): record["id"] for record in reversed(self.categories)}
 
-    def new_categories(self, records: Iterable[Record]) -> list[Record]:
+    def numbered_new_categories(self, records: Iterable[Record]) -> list[Record]:
         """Return records with the next ids for new names, each once."""
-        known = self.category_ids
+        known = self.category_ids_by_name
         new: dict[str, Record] = {}
         for record in records:
             if record["name"] not in known:
@@ -97,15 +105,15 @@ class Document:
         """Apply a line of the journal."""
         for category in line.get("categories", ()):
             name, number = category["name"], category["id"]
-            if self.category_ids.get(name) == number:
+            if self.category_ids_by_name.get(name) == number:
                 continue
-            if name in self.category_ids or any(c["id"] == number for c in self.categories) or type(number) is not int:
+            if name in self.category_ids_by_name or any(c["id"] == number for c in self.categories) or type(number) is not int:
                 raise ValueError(f"category {name!r} with id {number}")
             self.categories.append(category)
         if "run" in line:
             self.add_reservation(convert_value(line["run"], Reservation))
         image = line.get("image")
-        if image is None or normal_name(image["file_name"]) in self.file_names:
+        if image is None or normal_file_name(image["file_name"]) in self.file_names:
             return
         if not all(isinstance(record["id"], int) for record in (image, *line["annotations"])):
             raise TypeError(f"ids of {image['file_name']!r}")
@@ -114,7 +122,7 @@ class Document:
 
     def add(self, image: Record, annotations: Iterable[Record]) -> None:
         """Add an image and its annotations."""
-        self.file_names.add(normal_name(str(image.get("file_name"))))
+        self.file_names.add(normal_file_name(str(image.get("file_name"))))
         self.images.add(image)
         for annotation in annotations:
             self.annotations.add(annotation)
@@ -128,24 +136,24 @@ class Document:
 
     def to_dict(self) -> Coco:
         """Return the document as a COCO dictionary, in the order of the file."""
-        head, *records = self._other_parts()
+        head, *records = self._head_and_record_bytes()
         images, annotations = ([orjson.loads(record) for record in of_kind] for of_kind in records)
         return cast(Coco, {**head, "images": images, "annotations": annotations})
 
     def write(self, path: Path) -> None:
         """Replace the file at `path` in one step, one record a line."""
-        with replace_journal(path) as file:
-            write_coco_document(file, *self._other_parts())
+        with open_replacement_file(path) as file:
+            write_coco_document(file, *self._head_and_record_bytes())
 
-    def _other_parts(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
+    def _head_and_record_bytes(self) -> tuple[Record, Iterator[bytes], Iterator[bytes]]:
         head, reservations = self.head, self.reservations.values()
         if reservations and isinstance(info := head.get("info", {}), dict):
             reserved = msgspec.to_builtins(list(reservations))
-            head = {**head, "info": {**rendered_info(), **info, "hulldown_runs": reserved}}
+            head = {**head, "info": {**rendered_dataset_info(), **info, "hulldown_runs": reserved}}
         return (
             {**head, "categories": self.categories},
-            self.images.in_order(reservation.image_offset for reservation in reservations),
-            self.annotations.in_order(reservation.annotation_offset for reservation in reservations),
+            self.images.ordered_record_bytes(reservation.image_offset for reservation in reservations),
+            self.annotations.ordered_record_bytes(reservation.annotation_offset for reservation in reservations),
         )
 
 
@@ -167,9 +175,9 @@ def read_document(folder: Path) -> Document:
     """Read the dataset in `folder`: its ``annotations.json`` and the later journal lines."""
     path, journal = folder / ANNOTATIONS_NAME, folder / JOURNAL_NAME
     # First, since another process may merge meanwhile: its lines are then read from the journal.
-    merged = last_merged(journal)
+    merged = last_merged_line_number(journal)
     exists = path.exists()
-    document = _read_annotations(path) if exists else Document()
+    document = _read_coco_document(path) if exists else Document()
     since: dict[str | int, tuple[int, Record]] = {}
     number = 0
     try:
@@ -180,7 +188,7 @@ def read_document(folder: Path) -> Document:
                 document.apply_line(line)
             elif "merged" not in line and (number > merged or not exists):
                 # A later line of the same name replaces: the image was deleted by hand and made again.
-                key = normal_name(line["image"]["file_name"]) if "image" in line else number
+                key = normal_file_name(line["image"]["file_name"]) if "image" in line else number
                 since.pop(key, None)
                 since[key] = number, line
         for number, later in since.values():  # noqa: B007  the error names it
@@ -197,21 +205,21 @@ def read_document(folder: Path) -> Document:
 
 
 @cache
-def rendered_info() -> dict[str, str]:
+def rendered_dataset_info() -> dict[str, str]:
     """Return COCO's `info` of rendered datasets; it has no date, so that the same plan gives the same file."""
     version = package_version("hulldown")
     by = f"hulldown {version}" if version else "hulldown"  # run from its folder
     return {"description": "Vehicles rendered by hulldown, with boxes and masks from planned poses", "version": by}
 
 
-def is_own(folder: Path) -> bool:
+def is_hulldown_dataset(folder: Path) -> bool:
     """Return whether a folder has a dataset in hulldown's form, even an unfinished one."""
     return (folder / ANNOTATIONS_NAME).exists() or (folder / JOURNAL_NAME).exists()
 
 
-def check_is_dataset(folder: Path) -> None:
+def require_hulldown_dataset(folder: Path) -> None:
     """Refuse a folder without a dataset."""
-    if not is_own(folder):
+    if not is_hulldown_dataset(folder):
         missing = f"no {ANNOTATIONS_NAME} and no {JOURNAL_NAME} here" if folder.exists() else "does not exist"
         problem = f"is {describe_path(folder)}, not a dataset" if folder.is_file() else missing
         raise DatasetError(problem, path=folder, remedy="name the folder of a dataset")
@@ -223,16 +231,16 @@ def read_coco(folder: Path | str) -> Coco:
     if folder.exists() and not folder.is_dir():
         if (kind := describe_path(folder)) not in ("a JSON file", "another file", "empty"):
             raise DatasetError(f"is {kind}, not a dataset", path=folder, remedy="name the folder of a dataset")
-        return _read_annotations(folder).to_dict()
-    if not is_own(folder):
+        return _read_coco_document(folder).to_dict()
+    if not is_hulldown_dataset(folder):
         if (folder / COCO_NAME).exists():
-            return _read_annotations(folder / COCO_NAME).to_dict()
+            return _read_coco_document(folder / COCO_NAME).to_dict()
         if len(others := [path for name in OTHER_COCO_NAMES for path in folder.glob(name)]) == 1:
-            return _with_pictures_found(_read_annotations(others[0]).to_dict(), folder, others[0].stem)
+            return _with_pictures_found(_read_coco_document(others[0]).to_dict(), folder, others[0].stem)
         if (read := foreign_reader(folder)) is not None:
             return read()
         refuse_known_folder(folder)
-        check_is_dataset(folder)
+        require_hulldown_dataset(folder)
     return read_document(folder).to_dict()
 
 
@@ -242,25 +250,25 @@ def _with_pictures_found(coco: Coco, folder: Path, stem: str) -> Coco:
     images: list[Record] = []
     for image in coco["images"]:
         name = str(image.get("file_name"))
-        name = name if stays_inside(name) else PurePosixPath(name).name  # Label Studio's are its server's paths
+        name = name if is_safe_relative_path(name) else PurePosixPath(name).name  # Label Studio's are its server's paths
         names = [f"{home}{name}" for home in ("", "data/", "images/", f"images/{split}/", f"{split}/")]
         images.append({**image, "file_name": next((each for each in names if (folder / each).is_file()), name)})
     return {**coco, "images": images}
 
 
-def _read_annotations(path: Path) -> Document:
+def _read_coco_document(path: Path) -> Document:
     """Read a COCO file record by record, which takes less than half the memory of parsing it as a whole."""
     document = Document()
     content = read_file(path, partial(_unusable_error, path), most=MAX_DATA_BYTES)
     try:
-        parts = json_parts(content)
+        parts = raw_json_values(content)
         categories, images, annotations = (
             _parse_records(parts.pop(key, NO_RECORDS), key, kind, path) for key, kind in RECORD_NOUNS.items()
         )
         document.head = {key: parse_json(memoryview(part), object) for key, part in parts.items()}
         document.categories += categories
         for image in images:
-            document.add(_with_slashes(image), ())
+            document.add(_with_slashed_file_name(image), ())
         for annotation in annotations:
             document.annotations.add(annotation)
         orjson.dumps([document.head, document.categories])
@@ -269,14 +277,14 @@ def _read_annotations(path: Path) -> Document:
     except ValueError as error:
         raise _unusable_error(path, f"isn't a COCO object ({error})") from error
     try:
-        for reservation in read_reservations(document.head):
+        for reservation in coco_reservations(document.head):
             document.add_reservation(reservation)
     except ValueError as error:
         raise _unusable_error(path, f"'info' has 'hulldown_runs' that are not as they were written ({error})") from None
     return document
 
 
-def _with_slashes(image: Record) -> Record:
+def _with_slashed_file_name(image: Record) -> Record:
     name = image.get("file_name")
     return {**image, "file_name": name.replace("\\", "/")} if isinstance(name, str) and "\\" in name else image
 

@@ -14,7 +14,7 @@ import orjson
 
 from hulldown.annotate.coco_types import Record
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import atomic_writer, open_in_place, open_regular, sync_folder
+from hulldown.base.files import atomic_writer, open_file_to_append, open_regular_file, sync_folder
 from hulldown.base.outside import parse_json
 
 MERGED_LINE = b'{"merged":true}\n'  # everything above this line is in annotations.json
@@ -26,9 +26,9 @@ class Journal:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        with DatasetError.raise_for_system("cannot be written to", path=path, remedy="put the file itself there, writable"):
-            self._file = open_in_place(path)
-        self.length = _whole_lines(path)
+        with DatasetError.replace_os_errors("cannot be written to", path=path, remedy="put the file itself there, writable"):
+            self._file = open_file_to_append(path)
+        self.length = _whole_lines_length(path)
         if self.length < path.stat().st_size:
             warnings.warn(f"{path}: the last line was cut off while it was written; that one record is dropped", stacklevel=2)
             self.truncate(self.length)
@@ -43,7 +43,7 @@ class Journal:
         if self._file.closed:
             raise ValueError(f"{self.path}: expected an open journal, got a closed one")
         problem, remedy = "the finished image could not be recorded", "free some space and run the same command again"
-        with DatasetError.raise_for_system(problem, path=self.path, remedy=remedy):
+        with DatasetError.replace_os_errors(problem, path=self.path, remedy=remedy):
             try:
                 written = 0
                 while written < len(line):
@@ -76,10 +76,10 @@ def read_journal(path: Path) -> Iterator[Record]:
             try:
                 yield parse_json(line, dict[str, object])
             except ValueError as error:
-                raise _damage_error(path, number, str(error)) from error
+                raise _damaged_line_error(path, number, str(error)) from error
 
 
-def last_merged(path: Path) -> int:
+def last_merged_line_number(path: Path) -> int:
     """Return the number of a journal's last `MERGED_LINE` line; 0 if there is none."""
     if not path.exists():
         return 0
@@ -88,24 +88,24 @@ def last_merged(path: Path) -> int:
 
 
 @contextmanager
-def replace_journal(path: Path) -> Iterator[BinaryIO]:
+def open_replacement_file(path: Path) -> Iterator[BinaryIO]:
     """Open a temporary file that replaces the file at `path` in one step when it's complete."""
     remedy = "free some space and run the same command again, which goes on from here"
-    with DatasetError.raise_for_system("cannot be written", path=path, remedy=remedy), atomic_writer(path) as file:
+    with DatasetError.replace_os_errors("cannot be written", path=path, remedy=remedy), atomic_writer(path) as file:
         yield file
 
 
 def lacks_newline(path: Path) -> bool:
     """Return whether a journal's last line is unfinished; false without a journal."""
-    return path.exists() and _whole_lines(path) < path.stat().st_size
+    return path.exists() and _whole_lines_length(path) < path.stat().st_size
 
 
 def _open_journal(path: Path) -> BinaryIO:
-    with DatasetError.raise_for_system("cannot be read", path=path, remedy="put the file itself there"):
-        return open_regular(path)
+    with DatasetError.replace_os_errors("cannot be read", path=path, remedy="put the file itself there"):
+        return open_regular_file(path)
 
 
-def _whole_lines(path: Path) -> int:
+def _whole_lines_length(path: Path) -> int:
     with _open_journal(path) as file:
         if not os.fstat(file.fileno()).st_size:
             return 0
@@ -113,7 +113,7 @@ def _whole_lines(path: Path) -> int:
             return content.rfind(b"\n") + 1
 
 
-def _damage_error(path: Path, number: int, what: str) -> DatasetError:
+def _damaged_line_error(path: Path, number: int, what: str) -> DatasetError:
     return DatasetError(
         f"line {number} is damaged ({what})",
         path=path,

@@ -11,16 +11,16 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import stays_inside, sync_folder
+from hulldown.base.files import is_safe_relative_path, sync_folder
 
 PLACING_SUFFIX = ".joining"  # a picture has it until it's renamed
 
 
-def path_inside(folder: Path, name: str) -> Path:
+def require_path_inside(folder: Path, name: str) -> Path:
     """Return `folder / name`, which must be in the folder."""
     path = folder / name
     real = path.parent.resolve() / path.name if not path.is_dir() else path.resolve()
-    if not stays_inside(name) or not real.is_relative_to(folder.resolve()):
+    if not is_safe_relative_path(name) or not real.is_relative_to(folder.resolve()):
         raise DatasetError(
             f"{name!r} leads out of the dataset, to {real}",
             path=folder,
@@ -29,10 +29,10 @@ def path_inside(folder: Path, name: str) -> Path:
     return path
 
 
-def publish_picture(picture: Path, folder: Path, name: str) -> None:
+def move_picture_to_dataset(picture: Path, folder: Path, name: str) -> None:
     """Move a finished picture to its name in the dataset, in one step and never outside the folder."""
-    final = path_inside(folder, name)
-    with picture_writing(folder, name):
+    final = require_path_inside(folder, name)
+    with explain_picture_write_errors(folder, name):
         final.parent.mkdir(parents=True, exist_ok=True)
         with picture.open("rb") as file:
             os.fsync(file.fileno())
@@ -40,19 +40,19 @@ def publish_picture(picture: Path, folder: Path, name: str) -> None:
         sync_folder(final.parent)
 
 
-def place_picture(picture: Path, folder: Path, name: str) -> None:
-    """Link or copy a picture from elsewhere into the dataset, in one step as `publish_picture`."""
-    final = path_inside(folder, name)
+def link_or_copy_picture(picture: Path, folder: Path, name: str) -> None:
+    """Link or copy a picture from elsewhere into the dataset, in one step as `move_picture_to_dataset`."""
+    final = require_path_inside(folder, name)
     temporary = final.with_name(f".{final.name}{PLACING_SUFFIX}")
-    with picture_writing(folder, name):
+    with explain_picture_write_errors(folder, name):
         if final.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
         if final.exists() and final.samefile(picture):
             return
         final.parent.mkdir(parents=True, exist_ok=True)
         temporary.unlink(missing_ok=True)
-        link_or_copy(picture, temporary)
-    publish_picture(temporary, folder, name)
+        link_or_copy_file(picture, temporary)
+    move_picture_to_dataset(temporary, folder, name)
 
 
 def resolve_own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -> Path:
@@ -76,7 +76,7 @@ def resolve_own_picture(folder: Path, name: str, allowed: Sequence[Path] = ()) -
     return real
 
 
-def refuse_links(folder: Path, names: Iterable[str], allowed: Sequence[Path] = ()) -> None:
+def refuse_outside_links(folder: Path, names: Iterable[str], allowed: Sequence[Path] = ()) -> None:
     """Refuse special files, and links out of a dataset and the allowed folders; pictures may be missing."""
     root, inside = folder.resolve(), dict[str, bool]()
     for name in names:
@@ -91,7 +91,7 @@ def refuse_links(folder: Path, names: Iterable[str], allowed: Sequence[Path] = (
             resolve_own_picture(folder, name, allowed)
 
 
-def link_or_copy(source: Path, target: Path) -> None:
+def link_or_copy_file(source: Path, target: Path) -> None:
     """Give a file another name that doesn't exist yet, as a hard link, or as a copy if the disk has none."""
     try:
         os.link(source, target)
@@ -101,7 +101,7 @@ def link_or_copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def picture_writing(folder: Path, name: str) -> AbstractContextManager[None]:
+def explain_picture_write_errors(folder: Path, name: str) -> AbstractContextManager[None]:
     """Return a context in which a picture is written; its OSErrors become `DatasetError`."""
     remedy = "make room and run the same command again, which goes on from here"
-    return DatasetError.raise_for_system(f"{name} cannot be written", path=folder, remedy=remedy)
+    return DatasetError.replace_os_errors(f"{name} cannot be written", path=folder, remedy=remedy)

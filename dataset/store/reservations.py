@@ -34,25 +34,25 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         path = PurePosixPath(file_name)
         return str(path.with_name(path.name.removeprefix(self.prefix)))
 
-    def has_image(self, image_id: int) -> bool:
+    def has_image_id(self, image_id: int) -> bool:
         """Return whether this reserves an image's id."""
         return self.image_offset < image_id <= self.image_offset + self.images
 
     def owns_image(self, image_id: int, file_name: str) -> bool:
         """Return whether an image is the plan's: this reserves both its id and its name."""
-        return self.has_image(image_id) and PurePosixPath(file_name).name.startswith(self.prefix)
+        return self.has_image_id(image_id) and PurePosixPath(file_name).name.startswith(self.prefix)
 
-    def has_annotation(self, annotation_id: int) -> bool:
+    def has_annotation_id(self, annotation_id: int) -> bool:
         """Return whether this reserves an annotation's id."""
         return self.annotation_offset < annotation_id <= self.annotation_offset + self.annotations
 
 
-def plan_key(plan: Path) -> str:
+def plan_file_key(plan: Path) -> str:
     """Return a plan's key: the SHA-256 of its file."""
     return file_sha256(plan)
 
 
-def read_reservations(coco: Record) -> list[Reservation]:
+def coco_reservations(coco: Record) -> list[Reservation]:
     """Return the reservations for plans in a COCO dictionary; ValueError if they are damaged."""
     info = coco.get("info")
     return convert_value(info.get("hulldown_runs", []) if isinstance(info, dict) else [], list[Reservation])
@@ -60,4 +60,4 @@ def read_reservations(coco: Record) -> list[Reservation]:
 
 def find_reservation(coco: Record, key: str) -> Reservation | None:
     """Return the reservation for a plan in a COCO dictionary; None if there is none."""
-    return next((reservation for reservation in read_reservations(coco) if reservation.key == key), None)
+    return next((reservation for reservation in coco_reservations(coco) if reservation.key == key), None)

@@ -23,12 +23,12 @@ from hulldown.annotate.labels.mask import VisibleMask
 from hulldown.annotate.masks import decode_mask
 from hulldown.annotate.record_fields import PICTURE_HASH_KEY
 from hulldown.annotate.records import Image
-from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, read_picture, size_problem
+from hulldown.assets.picture_files import UPRIGHT_ORIENTATION, describe_size_difference, read_picture
 from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import DatasetError
-from hulldown.base.files import stays_inside
+from hulldown.base.files import is_safe_relative_path
 from hulldown.dataset.record_checks import Finding
-from hulldown.dataset.store.entries import normal_name
+from hulldown.dataset.store.entries import normal_file_name
 from hulldown.dataset.store.placed_pictures import resolve_own_picture
 
 CHECKER_THREADS = 2  # four take half as much CPU time again, since they contend for memory and the interpreter
@@ -44,7 +44,7 @@ MAX_MAGENTA_SHARE, MAX_MAGENTA_GREEN, MIN_MAGENTA_BALANCE, MIN_MAGENTA_LEVEL = 0
 SURROUNDINGS_WIDTH_SHARE = 0.25  # of the mask's longer side
 
 
-def check_pictures(
+def find_picture_problems(
     folder: Path, coco: Coco, sound: Mapping[int, Image], *, fast: bool, progress: Callable[[int, int], None]
 ) -> Iterator[Finding]:
     """Find problems with a dataset's picture files; `sound` has its valid images by id."""
@@ -56,7 +56,9 @@ def check_pictures(
         # Chunks, so that a million results are not queued up.
         for start in range(0, len(images), 1024):
             chunk = images[start : start + 1024]
-            results = pool.map(lambda image: _check_picture(folder, image, sound.get(image["id"]), fast=fast), chunk)
+            results = pool.map(
+                lambda image: _picture_findings_and_hashes(folder, image, sound.get(image["id"]), fast=fast), chunk
+            )
             for done, (image, (findings, found, hashed)) in enumerate(zip(chunk, results, strict=True), start=start + 1):
                 yield from findings
                 hashes.append(hashed)
@@ -65,11 +67,11 @@ def check_pictures(
                 if found is not None and (second := contents.setdefault(found, name)) != name:
                     yield Finding("warning", name, f"is the same picture as {second}")
                 progress(done, len(images))
-    for i, j in near_duplicates(hashes, hashes).tolist():
+    for i, j in near_duplicate_pairs(hashes, hashes).tolist():
         first, second = str(images[i].get("file_name")), str(images[j].get("file_name"))
         if i > j and digests[i] != digests[j]:
             yield Finding("warning", first, f"shows the same as {second}: keep both in one split, or delete one")
-    known = {normal_name(str(image.get("file_name"))) for image in images}
+    known = {normal_file_name(str(image.get("file_name"))) for image in images}
     if (folder / "images").is_dir():
         present = {path.relative_to(folder).as_posix() for path in (folder / "images").rglob("*") if path.is_file()}
         if strays := sorted(present - known):
@@ -77,11 +79,11 @@ def check_pictures(
             yield Finding("warning", strays[0], f"belongs to no record{more}")
 
 
-def _check_picture(
+def _picture_findings_and_hashes(
     folder: Path, record: Record, image: Image | None, *, fast: bool
 ) -> tuple[list[Finding], str | None, Bool[np.ndarray, "256"] | None]:
     name = record.get("file_name")
-    if not stays_inside(name):  # the check of records finds it
+    if not is_safe_relative_path(name):  # the check of records finds it
         return [], None, None
     try:
         path = resolve_own_picture(folder, name)
@@ -96,9 +98,9 @@ def _check_picture(
         findings.append(Finding("warning", name, problem))
     stated = (record.get("width"), record.get("height"))
     if picture.size != stated:
-        findings.append(Finding("error", name, size_problem(picture, stated)))
-    elif picture.pixels is not None and is_rendered(record) and image is not None:
-        findings += check_appearances(image, picture.pixels)
+        findings.append(Finding("error", name, describe_size_difference(picture, stated)))
+    elif picture.pixels is not None and is_rendered_image(record) and image is not None:
+        findings += find_appearance_problems(image, picture.pixels)
         if (share := magenta_share(picture.pixels)) > MAX_MAGENTA_SHARE:
             problem = f"{100 * share:.0f} % of it is magenta, Blender's color of missing pictures: look for them, and "
             findings.append(Finding("error", name, f"{problem}render again", share))
@@ -107,11 +109,11 @@ def _check_picture(
     if recorded is not None and recorded != actual:
         problem = f"is not the picture that was recorded: its SHA-256 is {actual[:12]}..., recorded is {recorded!s:.12}..."
         findings.append(Finding("error", name, problem))
-    looked_at = picture.pixels if not is_rendered(record) else None
-    return findings, actual, None if looked_at is None else picture_hash(looked_at)
+    looked_at = picture.pixels if not is_rendered_image(record) else None
+    return findings, actual, None if looked_at is None else perceptual_hash(looked_at)
 
 
-def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
+def perceptual_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] | None:
     """Return a picture's perceptual DCT hash (Zauner, 2010, section 3.2.1); None without contrast."""
     gray = PIL.Image.fromarray(pixels).convert("L")
     if np.std(np.asarray(gray.reduce(max(1, min(gray.size) // 64)))) < MIN_TEXTURE_DEVIATION_LEVELS:
@@ -119,11 +121,11 @@ def picture_hash(pixels: UInt8[np.ndarray, "h w 3"]) -> Bool[np.ndarray, "256"] 
     return imagehash.phash(gray, hash_size=HASH_SIDE_BITS).hash.ravel()
 
 
-def near_duplicates(
+def near_duplicate_pairs(
     first: Sequence[Bool[np.ndarray, "256"] | None], second: Sequence[Bool[np.ndarray, "256"] | None]
 ) -> Int[np.ndarray, "n 2"]:
     """Return index pairs of near duplicates, (n, 2)."""
-    (rows, ones), (columns, others) = _hash_signs(first), _hash_signs(second)
+    (rows, ones), (columns, others) = _hashed_rows_and_signs(first), _hashed_rows_and_signs(second)
     found = [np.zeros((0, 2), dtype=np.int64)]
     for start in range(0, len(ones), 1024):  # blocks, so that a large dataset doesn't need a large matrix
         differing = (HASH_SIDE_BITS * HASH_SIDE_BITS - ones[start : start + 1024] @ others.T) / 2.0
@@ -132,7 +134,9 @@ def near_duplicates(
     return np.stack([rows[pairs[:, 0]], columns[pairs[:, 1]]], axis=1)
 
 
-def _hash_signs(hashes: Sequence[Bool[np.ndarray, "256"] | None]) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
+def _hashed_rows_and_signs(
+    hashes: Sequence[Bool[np.ndarray, "256"] | None],
+) -> tuple[Int[np.ndarray, " n"], Float[np.ndarray, "n 256"]]:
     """Return which pictures have a hash, and its bits as 1 and -1: their products count equal and differing bits."""
     there = {i: hashed for i, hashed in enumerate(hashes) if hashed is not None}
     bits = np.array(list(there.values()), dtype=np.float32).reshape(-1, HASH_SIDE_BITS * HASH_SIDE_BITS)
@@ -150,12 +154,12 @@ class TargetAppearance:
     brightest: float
 
 
-def is_rendered(image: Record) -> bool:
+def is_rendered_image(image: Record) -> bool:
     """Return whether an image record is of a render; photographs' records lack two keys."""
     return any(image.get(key) is not None for key in (PICTURE_HASH_KEY, "world_from_camera"))
 
 
-def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
+def find_appearance_problems(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Iterator[Finding]:
     """Find targets of a rendered picture that are black, white, or without contrast."""
     height, width = pixels.shape[:2]
     masked = []
@@ -165,10 +169,10 @@ def check_appearances(image: Image, pixels: UInt8[np.ndarray, "h w 3"]) -> Itera
     covering = sum((mask for _, mask in masked), np.zeros((height, width), dtype=np.uint16))  # labels of each pixel
     for label, mask in masked:
         if not label.crowd and (seen := target_appearance(pixels, mask, covering > mask)) is not None:
-            yield from _appearance_problems(f"{image.file_name}: annotation {label.id}", seen)
+            yield from _target_appearance_problems(f"{image.file_name}: annotation {label.id}", seen)
 
 
-def _appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding]:
+def _target_appearance_problems(where: str, seen: TargetAppearance) -> Iterator[Finding]:
     if seen.brightest < MIN_BRIGHTEST:
         yield Finding("error", where, f"its pixels are black: {seen.brightest:.1f} of 255", seen.brightest)
     elif seen.darkest > MAX_DARKEST:

@@ -11,46 +11,46 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, field_validator, model_validator
 
-from hulldown.base.arrays import are_numbers
-from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, is_absent, range_check
+from hulldown.base.arrays import are_finite_numbers
+from hulldown.plan.config.section import AtLeastZero, Pair, Patterns, Section, is_omitted_default, range_validator
 from hulldown.reading.pieces.options import DEFAULT_TEXTURE_SIZE
 
 CACHE_NAME = ".hulldown-cache"
 OWN_COLOR = "own"  # keeps a material's color in its file
 
 
-def _check_forward(value: Any) -> str | float | Pair | None:
+def _parse_forward(value: Any) -> str | float | Pair | None:
     if value is None or (isinstance(value, str) and value in ("+x", "-x", "+y", "-y")):
         return value
-    if are_numbers([value]) and -360 <= value <= 360:
+    if are_finite_numbers([value]) and -360 <= value <= 360:
         return float(value)
-    if isinstance(value, (list, tuple)) and len(value) in (2, 3) and are_numbers(value) and any(value[:2]):
+    if isinstance(value, (list, tuple)) and len(value) in (2, 3) and are_finite_numbers(value) and any(value[:2]):
         return float(value[0]), float(value[1])
     raise ValueError("expected '+x', '-x', '+y', '-y', degrees from -360 to 360, or a vector [x, y]")
 
 
-def _check_pivot(value: Any) -> str | tuple[float, ...] | None:
+def _parse_pivot(value: Any) -> str | tuple[float, ...] | None:
     if value is None or (isinstance(value, str) and value):
         return value
-    if isinstance(value, (list, tuple)) and len(value) == 3 and are_numbers(value):
+    if isinstance(value, (list, tuple)) and len(value) == 3 and are_finite_numbers(value):
         return tuple(float(x) for x in value)
     raise ValueError("expected the name of an object, or [x, y, z] in the file's axes and units")
 
 
-Forward = Annotated[str | float | Pair | None, BeforeValidator(_check_forward)]
-PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_check_pivot)]
+Forward = Annotated[str | float | Pair | None, BeforeValidator(_parse_forward)]
+PivotPoint = Annotated[str | tuple[float, float, float] | None, BeforeValidator(_parse_pivot)]
 Positive = Annotated[float, Field(gt=0)]
 _Coordinate = Annotated[float, Field(ge=-1e9, le=1e9)]
 Point = Annotated[tuple[_Coordinate, _Coordinate, _Coordinate], Field(strict=False)]
 
 
-def _check_color(value: object) -> str:
+def _parse_color(value: object) -> str:
     if isinstance(value, str) and (value == OWN_COLOR or re.fullmatch("#[0-9a-fA-F]{6}", value)):
         return value.lower()
     raise ValueError("expected a color such as '#4b5320', or 'own' for the file's")
 
 
-def _list_value(value: object) -> object:
+def _wrap_table_in_list(value: object) -> object:
     return [value] if isinstance(value, dict) else value
 
 
@@ -59,11 +59,11 @@ class PaintEntry(Section):
 
     materials: Annotated[tuple[str, ...], Field(strict=False, min_length=1)]
     """patterns of materials to paint; the first table that matches applies"""
-    colors: Annotated[tuple[Annotated[str, BeforeValidator(_check_color)], ...], Field(strict=False, min_length=1)]
+    colors: Annotated[tuple[Annotated[str, BeforeValidator(_parse_color)], ...], Field(strict=False, min_length=1)]
     """sRGB colors such as "#4b5320", of which one is drawn, or "own", the file's"""
 
 
-Paint = Annotated[tuple[PaintEntry, ...], BeforeValidator(_list_value), Field(strict=False)]
+Paint = Annotated[tuple[PaintEntry, ...], BeforeValidator(_wrap_table_in_list), Field(strict=False)]
 
 
 class FileEntry(Section):
@@ -76,7 +76,7 @@ class FileEntry(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _name_by_file(cls, data: Any) -> Any:
+    def _fill_name_from_path(cls, data: Any) -> Any:
         if isinstance(data, dict) and isinstance(path := data.get("path"), str):
             stem = (PureWindowsPath(path) if "\\" in path else PurePosixPath(path)).stem
             return {**data, "name": data.get("name") or stem}
@@ -108,20 +108,24 @@ class ModelEntry(FileEntry):
     origins or shape"""
     gun_pivot: PivotPoint = Field(default=None, examples=[[1.0, 0.0, 2.0]])
     """point that the gun rises about, in the same form"""
-    turret_limits_deg: Annotated[Pair | None, range_check(-360.0, 360.0, optional=True)] = Field(
+    turret_limits_deg: Annotated[Pair | None, range_validator(-360.0, 360.0, optional=True)] = Field(
         default=None, examples=[[-180, 180]]
     )
     """turret's turn from its direction in the file, left positive; default: [-180, 180]"""
-    gun_limits_deg: Annotated[Pair | None, range_check(-90.0, 90.0, optional=True)] = Field(default=None, examples=[[-5, 20]])
+    gun_limits_deg: Annotated[Pair | None, range_validator(-90.0, 90.0, optional=True)] = Field(
+        default=None, examples=[[-5, 20]]
+    )
     """gun's rise from its direction in the file, up positive; default: [-5, 20]"""
-    keypoints: dict[str, Point] | None = Field(default=None, examples=[{"mirror": [1.0, 0.9, 1.8]}], exclude_if=is_absent)
+    keypoints: dict[str, Point] | None = Field(
+        default=None, examples=[{"mirror": [1.0, 0.9, 1.8]}], exclude_if=is_omitted_default
+    )
     """points to label, by name: [x, y, z] in the file's axes and units; see annotate.keypoints"""
     paint: Paint = ()
     """tables of `materials`, patterns of their names, and `colors`, of which one is drawn"""
     sceneries: Patterns = ()
     """patterns of its sceneries; empty: all"""
 
-    def matches_vehicle(self, scenery: str) -> bool:
+    def allows_scenery(self, scenery: str) -> bool:
         """Return whether the vehicle may be placed on the scenery of this name."""
         return not self.sceneries or any(fnmatchcase(scenery, pattern) for pattern in self.sceneries)
 
@@ -154,10 +158,10 @@ class SceneryEntry(FileEntry):
     scale: Positive | None = Field(default=None, examples=[1.0])
     """meters per unit, or per unit of elevation; default: from the file"""
     area: tuple[float, float, float, float] | None = Field(
-        default=None, strict=False, examples=[[447000.0, 5411000.0, 449000.0, 5413000.0]], exclude_if=is_absent
+        default=None, strict=False, examples=[[447000.0, 5411000.0, 449000.0, 5413000.0]], exclude_if=is_omitted_default
     )
     """[west, south, east, north] of a GeoTIFF to read, in its coordinates; default: all"""
-    texture: str | None = Field(default=None, examples=["ortho.tif"], exclude_if=is_absent)
+    texture: str | None = Field(default=None, examples=["ortho.tif"], exclude_if=is_omitted_default)
     """a GeoTIFF's orthophoto, also a GeoTIFF; default: colors by slope"""
     ground: Patterns = ()
     """patterns of objects that are its ground"""
@@ -172,13 +176,13 @@ class SceneryEntry(FileEntry):
 
     @field_validator("area")
     @classmethod
-    def _area_has_an_inside(cls, area: tuple[float, ...] | None) -> tuple[float, ...] | None:
+    def _refuse_empty_area(cls, area: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if area and not (area[0] < area[2] and area[1] < area[3]):
             raise ValueError("expected [west, south, east, north] with west < east and south < north")
         return area
 
     @model_validator(mode="after")
-    def _is_geotiff(self) -> SceneryEntry:
+    def _refuse_geotiff_keys(self) -> SceneryEntry:
         if (self.area or self.texture) and not self.path.lower().endswith((".tif", ".tiff")):
             raise ValueError("`area` and `texture` are for GeoTIFFs (.tif)")
         return self
@@ -206,7 +210,7 @@ class AssetsSection(Section):
         return (*self.vehicles, *self.distractors, *self.sceneries)
 
     @model_validator(mode="after")
-    def _names_are_unique(self) -> AssetsSection:
+    def _refuse_asset_conflicts(self) -> AssetsSection:
         vehicles = "vehicles and distractors" if self.distractors else "vehicles"
         for kind, names in (
             (vehicles, [entry.name for entry in (*self.vehicles, *self.distractors)]),

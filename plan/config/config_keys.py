@@ -48,11 +48,11 @@ class DocumentedKey:
     meaning: str
 
 
-def section_keys(section: type[Section]) -> list[DocumentedKey]:
+def documented_section_keys(section: type[Section]) -> list[DocumentedKey]:
     """Return a section's keys, without its subsections, in the order of the schema."""
     declared = section.model_json_schema()["properties"]
     return [
-        _key_row(name, field, declared[name])
+        _documented_key(name, field, declared[name])
         for name, field in section.model_fields.items()
         if not (isinstance(field.annotation, type) and issubclass(field.annotation, Section))
     ]
@@ -74,19 +74,19 @@ def toml_value(value: object) -> str:
     return tomlkit.item(value).as_string()
 
 
-def _key_row(name: str, field: FieldInfo, declared: JsonSchemaValue) -> DocumentedKey:
+def _documented_key(name: str, field: FieldInfo, declared: JsonSchemaValue) -> DocumentedKey:
     default = None if field.is_required() or field.default is None else field.default
     return DocumentedKey(
         name=name,
         default=None if default is None or (name == "name" and default == "") else toml_value(default),
         example=toml_value(field.examples[0]) if field.examples else None,
         required=field.is_required(),
-        allowed=_allowed_values(declared),
+        allowed=_allowed_values_text(declared),
         meaning=" ".join((field.description or "").split()),
     )
 
 
-def _allowed_values(declared: JsonSchemaValue) -> str:
+def _allowed_values_text(declared: JsonSchemaValue) -> str:
     """Return the range or the choices in a key's JSON schema; empty for a key of several types."""
     (kind, *others) = [kind for kind in declared.get("anyOf", [declared]) if kind != {"type": "null"}]
     if others:
@@ -123,31 +123,31 @@ def config_text(
 ) -> str:
     """Return a config for these assets, every key explained; `notes` and `proposals` are comments by name or path."""
     given, others = {**_GIVEN, **values}, config_sections()
-    of_assets = [key for key in section_keys(others.pop("assets")) if key.name not in _LISTED_KEYS]
+    of_assets = [key for key in documented_section_keys(others.pop("assets")) if key.name not in _LISTED_KEYS]
     blocks = [
         "# hulldown config. Every key has its default here, except in [budget]; delete what you don't want to change.\n"
         "# Paths are relative to this file's folder. A range is [low, high]; one number is a range of one value.\n",
-        _key_lines(section_keys(Config), "", given),
+        _pop_key_lines(documented_section_keys(Config), "", given),
         "[assets]\n"
-        + _key_lines(of_assets, "assets", given)
-        + f"hdris = {_pattern_list(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
-        *(_entry_comments(kind) for kind in ENTRY_SECTIONS),
+        + _pop_key_lines(of_assets, "assets", given)
+        + f"hdris = {_pattern_list_text(hdris, notes)}  # patterns of .exr or .hdr files: light and backdrop\n",
+        *(_asset_kind_comments(kind) for kind in ENTRY_SECTIONS),
         *(
-            _as_comments(notes.get(name := str(entry.get("name", entry["path"])), ()))
+            _comment_lines(notes.get(name := str(entry.get("name", entry["path"])), ()))
             + _entry_text(f"assets.{kind}", entry)
-            + _as_comments([f"{key} = {toml_value(value)}" for key, value in proposals.get(name, {}).items()])
+            + _comment_lines([f"{key} = {toml_value(value)}" for key, value in proposals.get(name, {}).items()])
             for kind, listed in (("vehicles", vehicles), ("distractors", distractors), ("sceneries", sceneries))
             for entry in listed
         ),
-        _as_comments(remarks),
-        *(f"[{name}]\n" + _key_lines(section_keys(kind), name, given) for name, kind in others.items()),
+        _comment_lines(remarks),
+        *(f"[{name}]\n" + _pop_key_lines(documented_section_keys(kind), name, given) for name, kind in others.items()),
     ]
     if given:
         raise ValueError(f"values: the config has no key {min(given)!r}")
     return "\n".join(block for block in blocks if block)
 
 
-def _key_lines(keys: Sequence[DocumentedKey], section: str, given: dict[str, object]) -> str:
+def _pop_key_lines(keys: Sequence[DocumentedKey], section: str, given: dict[str, object]) -> str:
     """Return a line for each key, commented out if it has no default; used values are removed from `given`."""
     pairs = []
     for key in keys:
@@ -172,30 +172,30 @@ def _align_comments(pairs: Sequence[tuple[str, DocumentedKey]]) -> str:
     return "".join(lines)
 
 
-def _entry_comments(kind: str) -> str:
-    keys = section_keys(ENTRY_SECTIONS[kind])
+def _asset_kind_comments(kind: str) -> str:
+    keys = documented_section_keys(ENTRY_SECTIONS[kind])
     needed = " and ".join(key.name for key in keys if key.required)
     head = f"[[assets.{_ASSET_LISTS[kind]}]] is a {kind}: {needed} must be given. Optional keys:"
     if kind == "distractor":
-        keys = [key for key in keys if key not in section_keys(ENTRY_SECTIONS["vehicle"])]
+        keys = [key for key in keys if key not in documented_section_keys(ENTRY_SECTIONS["vehicle"])]
         head = "[[assets.distractors]] is no target, such as a civilian car. It has the keys of a vehicle, and:"
     pairs = [(f"  {key.name} = {key.default or key.example or '...'}", key) for key in keys]
-    return _as_comments([head, *_align_comments([pair for pair in pairs if not pair[1].required]).splitlines()])
+    return _comment_lines([head, *_align_comments([pair for pair in pairs if not pair[1].required]).splitlines()])
 
 
-def _as_comments(lines: Sequence[str], indent: str = "") -> str:
+def _comment_lines(lines: Sequence[str], indent: str = "") -> str:
     def printable(text: str) -> str:
         return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in text)
 
     return "".join(f"{indent}# {printable(line)}\n" for line in lines)
 
 
-def _pattern_list(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:
+def _pattern_list_text(patterns: Sequence[str], notes: Mapping[str, Sequence[str]]) -> str:
     """Return a list of patterns in one line, or one line per pattern if any has comments."""
     if not any(notes.get(pattern) is not None for pattern in patterns):
         return toml_value(list(patterns))
     indent = " " * 4
-    lines = [f"{_as_comments(notes.get(name, ()), indent)}{indent}{toml_value(name)},\n" for name in patterns]
+    lines = [f"{_comment_lines(notes.get(name, ()), indent)}{indent}{toml_value(name)},\n" for name in patterns]
     return f"[\n{''.join(lines)}]"
 
 
@@ -203,7 +203,7 @@ def _entry_text(name: str, entry: Mapping[str, object]) -> str:
     return "\n".join([f"[[{name}]]", *(f"{key} = {toml_value(value)}" for key, value in entry.items()), ""])
 
 
-def bare_text(values: Mapping[str, object] = MappingProxyType({})) -> str:
+def example_config_text(values: Mapping[str, object] = MappingProxyType({})) -> str:
     """Return a config with the names of example files; `values` are as for `config_text`."""
     return config_text(
         vehicles=[{"path": "vehicles/tank.blend", "category": "main battle tank"}],
@@ -213,11 +213,11 @@ def bare_text(values: Mapping[str, object] = MappingProxyType({})) -> str:
     )
 
 
-def key_table(section: type[Section], *, without: type[Section] | None = None) -> str:
+def key_table_markdown(section: type[Section], *, without: type[Section] | None = None) -> str:
     """Return a Markdown table of a section's keys, except those that `without` declares identically."""
-    declared = section_keys(without) if without else []
+    declared = documented_section_keys(without) if without else []
     rows = ["| key | default (allowed) | meaning |", "|---|---|---|"]
-    for key in section_keys(section):
+    for key in documented_section_keys(section):
         if key in declared:
             continue
         default = "required" if key.required else "" if key.default is None else f"`{key.default}`"
@@ -230,17 +230,17 @@ def _escape_markdown(text: str) -> str:
     return re.sub(r"(\*|\||_(?=\W)|\[\[)", r"\\\1", text)
 
 
-def filled_page(text: str) -> str:
+def fill_key_tables(text: str) -> str:
     """Return the page with new tables below its comments, such as <!-- keys of camera -->."""
 
     def filled(found: re.Match[str]) -> str:
         name = found[1]
         kind = Config if name == "the config" else {**config_sections(), **ENTRY_SECTIONS}[name]
         known = VehicleEntry if kind is DistractorEntry else None
-        return f"<!-- keys of {name} -->\n{key_table(kind, without=known)}\n"
+        return f"<!-- keys of {name} -->\n{key_table_markdown(kind, without=known)}\n"
 
     return re.sub(r"<!-- keys of ([\w ]+) -->\n(?:\|.*\n)*", filled, text)
 
 
 if __name__ == "__main__":
-    CONFIG_PAGE.write_text(filled_page(CONFIG_PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    CONFIG_PAGE.write_text(fill_key_tables(CONFIG_PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -8,9 +8,18 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from hulldown.base.arrays import are_numbers
+from hulldown.base.arrays import are_finite_numbers
 from hulldown.camera.response import MAX_BALANCE_ERROR_K, MAX_EV, MIN_BALANCE_ERROR_K
-from hulldown.plan.config.section import AtLeastZero, Lengths, Pair, Patterns, Section, Share, is_absent, range_check
+from hulldown.plan.config.section import (
+    AtLeastZero,
+    Lengths,
+    Pair,
+    Patterns,
+    Section,
+    Share,
+    is_omitted_default,
+    range_validator,
+)
 from hulldown.weather.extinction import MIN_LABEL_CONTRAST
 from hulldown.weather.kinds import WEATHER_KINDS
 
@@ -23,8 +32,8 @@ RENDER_PROFILES: Mapping[str, Mapping[str, object]] = {
     "train": {"samples": 8, "denoise": True, "adaptive_threshold": 0.05, "bounces": 4},
 }
 
-Shares = Annotated[Pair, range_check(0.0, 1.0)]
-Visibilities = Annotated[Pair, range_check(1.0, 1e6)]
+Shares = Annotated[Pair, range_validator(0.0, 1.0)]
+Visibilities = Annotated[Pair, range_validator(1.0, 1e6)]
 SkeletonLines = Annotated[tuple[Annotated[tuple[str, str], Field(strict=False)], ...], Field(strict=False)]
 
 
@@ -56,11 +65,11 @@ class PlacementSection(Section):
     """also places that no light of the sky reaches: halls and caves"""
     vehicle_clearance: AtLeastZero = 2.0
     """meters between vehicles, at least"""
-    vehicles_per_image: Annotated[tuple[int, int], range_check(1.0, 64.0, int)] = (1, 1)
+    vehicles_per_image: Annotated[tuple[int, int], range_validator(1.0, 64.0, int)] = (1, 1)
     """the target and companions; budgets count targets only"""
     companion_distance: Lengths = (8.0, 40.0)
     """meters from the target to a companion"""
-    distractors_per_image: Annotated[tuple[int, int], range_check(0.0, 64.0, int)] = (0, 3)
+    distractors_per_image: Annotated[tuple[int, int], range_validator(0.0, 64.0, int)] = (0, 3)
     """distractors in an image, if the scenery has any"""
     distractor_distance: Lengths = (0.0, 40.0)
     """meters from the target to a distractor, uniform by area"""
@@ -92,28 +101,30 @@ class Distortion(Section):
 class CameraSection(Section):
     """Where cameras are placed and what they must see (paper, section 2.1.6)."""
 
-    fov_x_deg: Annotated[Pair, range_check(0.1, 179.0)] = (40.0, 60.0)
+    fov_x_deg: Annotated[Pair, range_validator(0.1, 179.0)] = (40.0, 60.0)
     """horizontal field of view, degrees"""
     intrinsics: CameraMatrix | None = Field(
-        default=None, examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}], exclude_if=is_absent
+        default=None, examples=[{"fx": 1420.0, "fy": 1418.5, "cx": 964.2, "cy": 545.7}], exclude_if=is_omitted_default
     )
     """a calibrated camera's focal lengths and principal point, in pixels from the first pixel's corner: OpenCV's K,
     with 0.5 added to cx and cy; replaces fov_x_deg"""
     distortion: Distortion | None = Field(
-        default=None, examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}], exclude_if=is_absent
+        default=None,
+        examples=[{"k1": -0.21, "k2": 0.07, "p1": 0.0003, "p2": -0.0001, "k3": 0.0}],
+        exclude_if=is_omitted_default,
     )
     """its lens distortion (OpenCV's Brown-Conrady); needs intrinsics"""
-    roll_deg: Annotated[Pair, range_check(-180.0, 180.0)] = Field(default=(0.0, 0.0), exclude_if=is_absent)
+    roll_deg: Annotated[Pair, range_validator(-180.0, 180.0)] = Field(default=(0.0, 0.0), exclude_if=is_omitted_default)
     """turn about the optical axis, degrees; positive lowers the right side"""
     size_measure: Literal["paper", "height", "width", "diagonal", "area"] = "paper"
     """what target_fraction measures: "paper", the vehicle's smallest dimension; else the projected box"""
-    target_fraction: Annotated[Pair, range_check(1e-4, 10.0)] = (0.1, 0.3)
+    target_fraction: Annotated[Pair, range_validator(1e-4, 10.0)] = (0.1, 0.3)
     """share of the image that the target fills"""
-    distance_factor: Annotated[Pair, range_check(1e-3, 1e3)] = (0.7, 4.0)
+    distance_factor: Annotated[Pair, range_validator(1e-3, 1e3)] = (0.7, 4.0)
     """factor on equation 6's distance; with size_measure = "paper" only"""
     distance_m: Lengths = (2.0, 5000.0)
     """bounds on meters from target to camera"""
-    elevation_deg: Annotated[Pair, range_check(-90.0, 90.0)] = (3.0, 35.0)
+    elevation_deg: Annotated[Pair, range_validator(-90.0, 90.0)] = (3.0, 35.0)
     """camera's angle above the target's horizon, degrees"""
     elevation_sampling: Literal["angle", "sphere"] = "angle"
     """"angle": uniform in degrees; "sphere": uniform on the shell's area"""
@@ -133,7 +144,7 @@ class CameraSection(Section):
     """least width and height of the target's box, pixels"""
     max_tries: int = Field(default=50, ge=1, le=10_000)
     """cameras tried for an image before the vehicle is moved"""
-    like: str | None = Field(default=None, min_length=1, examples=["photographs/train"], exclude_if=is_absent)
+    like: str | None = Field(default=None, min_length=1, examples=["photographs/train"], exclude_if=is_omitted_default)
     """photographs whose boxes targets follow: a COCO file, or a folder of COCO, YOLO, or VOC"""
     like_share: Share = Field(default=LIKE_SHARE, exclude_if=LIKE_SHARE.__eq__)
     """share of images that follow photographs"""
@@ -153,13 +164,13 @@ class AnnotateSection(Section):
     that's more"""
     below: Literal["ignored", "left_out"] = "ignored"
     """vehicles that show less get a label with iscrowd = 1 ("ignored") or none ("left_out")"""
-    keypoints: Patterns | None = Field(default=None, examples=[["*"]], exclude_if=is_absent)
+    keypoints: Patterns | None = Field(default=None, examples=[["*"]], exclude_if=is_omitted_default)
     """patterns of the keypoints to label, such as wheel_*; default: none"""
-    skeleton: SkeletonLines | None = Field(default=None, examples=[[["muzzle", "turret"]]], exclude_if=is_absent)
+    skeleton: SkeletonLines | None = Field(default=None, examples=[[["muzzle", "turret"]]], exclude_if=is_omitted_default)
     """pairs of keypoints to join; default: none"""
 
 
-def _per_class(value: object) -> object:
+def _require_class_counts(value: object) -> object:
     """Check a number of images for every class, or a table of numbers by class."""
     counts = list(value.values()) if isinstance(value, dict) else [value]
     if value is not None and any(type(n) is not int or not 0 <= n <= MAX_CLASS_IMAGES for n in counts):
@@ -167,7 +178,7 @@ def _per_class(value: object) -> object:
     return value
 
 
-PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_per_class)]
+PerClass = Annotated[int | dict[str, int] | None, BeforeValidator(_require_class_counts)]
 
 
 class BudgetSection(Section):
@@ -185,21 +196,21 @@ class BudgetSection(Section):
     """share of background positions where a distractor replaces the target"""
 
     @model_validator(mode="after")
-    def _one_of_two(self) -> BudgetSection:
+    def _require_one_budget(self) -> BudgetSection:
         if (self.images_per_class is None) == (self.positions_per_vehicle is None):
             raise ValueError("expected exactly one of images_per_class and positions_per_vehicle")
         return self
 
 
-def _check_exposure(value: Any) -> str | float:
+def _parse_exposure(value: Any) -> str | float:
     if value == "auto":
         return "auto"
-    if are_numbers([value]) and abs(value) <= MAX_EV:
+    if are_finite_numbers([value]) and abs(value) <= MAX_EV:
         return float(value)
     raise ValueError(f"expected 'auto' or EV from {-MAX_EV:g} to {MAX_EV:g}")
 
 
-Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_check_exposure)]
+Exposure = Annotated[Literal["auto"] | float, BeforeValidator(_parse_exposure)]
 
 
 class HdriChoice(Section):
@@ -209,7 +220,7 @@ class HdriChoice(Section):
     weight: AtLeastZero = 1.0
 
 
-def _check_choice(value: object) -> object:
+def _parse_hdri_choice(value: object) -> object:
     if not isinstance(value, (str, dict, HdriChoice)):
         raise ValueError("expected a name or { name = ..., weight = ... }")
     return {"name": value} if isinstance(value, str) else value
@@ -218,19 +229,19 @@ def _check_choice(value: object) -> object:
 class LightSection(Section):
     """HDRIs, their rotation, strength, and visible part, and the exposure of the camera."""
 
-    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_check_choice)], ...], Field(strict=False)] = ()
+    hdris: Annotated[tuple[Annotated[HdriChoice, BeforeValidator(_parse_hdri_choice)], ...], Field(strict=False)] = ()
     """patterns of HDRIs, or { name = "noon*", weight = 2.0 }; empty: all, equally often"""
-    yaw_deg: Annotated[Pair, range_check(-360.0, 360.0)] = (0.0, 360.0)
+    yaw_deg: Annotated[Pair, range_validator(-360.0, 360.0)] = (0.0, 360.0)
     """turn of the HDRI, degrees"""
-    strength: Annotated[Pair, range_check(0.0, 1e9)] = (0.7, 1.3)
+    strength: Annotated[Pair, range_validator(0.0, 1e9)] = (0.7, 1.3)
     """factor on the HDRI's brightness; exposure = "auto" compensates for it"""
     backdrop: Literal["auto", "hdri", "sky"] = "auto"
     """what the camera sees of the HDRI: "hdri", all; "sky", above its horizon; "auto", "sky" if it shows land"""
     exposure: Exposure = "auto"
     """"auto": a gray card on open land comes out mid-gray; or EV for all images"""
-    exposure_error_ev: Annotated[Pair, range_check(-10.0, 10.0)] = (-1.0, 1.0)
+    exposure_error_ev: Annotated[Pair, range_validator(-10.0, 10.0)] = (-1.0, 1.0)
     """error of the exposure, EV"""
-    white_balance_error_k: Annotated[Pair, range_check(MIN_BALANCE_ERROR_K, MAX_BALANCE_ERROR_K)] = (0.0, 0.0)
+    white_balance_error_k: Annotated[Pair, range_validator(MIN_BALANCE_ERROR_K, MAX_BALANCE_ERROR_K)] = (0.0, 0.0)
     """white balance minus 6500 K; more is warmer"""
     overcast: Patterns = ()
     """patterns of HDRIs for rain and snow; empty: as for other weather"""
@@ -249,7 +260,7 @@ class WeatherSection(Section):
     """share with blown dust"""
     visibility_m: Visibilities = (300.0, 3000.0)
     """visibility in fog, meters; 3000 is haze"""
-    rain_mm_h: Annotated[Pair, range_check(0.1, 300.0)] = (2.0, 50.0)
+    rain_mm_h: Annotated[Pair, range_validator(0.1, 300.0)] = (2.0, 50.0)
     """rate of rain, mm/h: 2 is light, 10 heavy, 50 a cloudburst"""
     snow_visibility_m: Visibilities = (300.0, 2000.0)
     """visibility in falling snow, meters"""
@@ -263,7 +274,7 @@ class WeatherSection(Section):
     """share of the ground under dust"""
     vehicle_dust_cover: Shares = (0.1, 0.8)
     """share of a vehicle's lower parts under dust"""
-    wind_m_s: Annotated[Pair, range_check(0.0, 60.0)] = (0.0, 8.0)
+    wind_m_s: Annotated[Pair, range_validator(0.0, 60.0)] = (0.0, 8.0)
     """wind in rain, snow, and dust, from any direction, m/s"""
     exposure_s: float = Field(default=0.004, gt=0, le=10)
     """shutter time, seconds: the length of streaks"""
@@ -271,7 +282,7 @@ class WeatherSection(Section):
     """contrast that a target must keep after haze; 0 allows ghosts"""
 
     @model_validator(mode="after")
-    def _shares_of_one_whole(self) -> WeatherSection:
+    def _refuse_shares_above_one(self) -> WeatherSection:
         total = math.fsum(getattr(self, name) for name in WEATHER_KINDS)
         if total > 1.0 + 1e-9:
             raise ValueError(f"{', '.join(WEATHER_KINDS)} are {total:g} together; expected shares of at most 1 in all")
@@ -298,7 +309,7 @@ class RenderSection(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _profile_first(cls, data: object) -> object:
+    def _fill_profile_defaults(cls, data: object) -> object:
         if isinstance(data, dict) and isinstance(name := data.get("profile"), str) and name in RENDER_PROFILES:
             return {**RENDER_PROFILES[name], **data}  # given values win
         return data

@@ -87,7 +87,7 @@ class Config(Section):
     _path: Path | None = PrivateAttr(default=None)
 
     @model_validator(mode="after")
-    def _camera_is_possible(self) -> Config:
+    def _refuse_impossible_camera(self) -> Config:
         if self.camera.distortion is not None and self.camera.intrinsics is None:
             raise ValueError("camera.distortion: expected camera.intrinsics beside it: a calibration gives both")
         try:

@@ -21,7 +21,7 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
 
-def range_check(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
+def range_validator(lowest: float, highest: float, kind: type = float, *, optional: bool = False) -> BeforeValidator:
     """Return a check of [low, high]; one number is a range of one value, and None is allowed if `optional`."""
     noun = "a whole number" if kind is int else "a number"
     allowed = f"expected {noun} or [low, high] with {lowest:g} <= low <= high <= {highest:g}"
@@ -39,9 +39,9 @@ def range_check(lowest: float, highest: float, kind: type = float, *, optional: 
     return BeforeValidator(check, json_schema_input_type=Annotated[kind, Field(ge=lowest, le=highest)])
 
 
-Lengths = Annotated[Pair, range_check(0.0, 1e6)]
+Lengths = Annotated[Pair, range_validator(0.0, 1e6)]
 
 
-def is_absent(value: object) -> bool:
+def is_omitted_default(value: object) -> bool:
     """Return whether an optional key has its default, so that a plan's header leaves it out."""
     return value is None or value == (0.0, 0.0)

@@ -127,11 +127,11 @@ class SurfacePixels:
     normal: Float32[np.ndarray, "h w 3"]  # the face's normal in the world, toward the camera; nan for the sky
     # 0 for the sky; 1, 2, ... for the row's vehicles in their order; then ground and obstacles.
     instance: UInt16[np.ndarray, "h w"]
-    part: UInt16[np.ndarray, "h w"]  # number in `part_table`; 0 for other surfaces than vehicles
+    part: UInt16[np.ndarray, "h w"]  # number in `numbered_parts`; 0 for other surfaces than vehicles
     table: list[Instance]
 
 
-def part_table(artist: Artist) -> list[NumberedPart]:
+def numbered_parts(artist: Artist) -> list[NumberedPart]:
     """Return the parts of all vehicles of a plan, numbered from 1."""
     parts = [(name, part) for name, shape in artist.shapes.items() for part in shape.part_names]
     return [NumberedPart(i, name, part) for i, (name, part) in enumerate(parts, start=1)]
@@ -143,7 +143,7 @@ def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> 
     hits = artist.scene(row).first_hits(PixelRays(camera), threads=os.cpu_count() or 1)
     through = camera.lenses.pixel_directions(camera.lenses.pixel_centers)
     along_axis = hits.distance / np.sqrt(np.einsum("ij,ij->i", through, through))
-    instance, table = _instance_numbers(row, hits, sceneries[row.scenery])
+    instance, table = _instance_numbers_and_table(row, hits, sceneries[row.scenery])
     return SurfacePixels(
         along_axis.astype(np.float32).reshape(shape),
         hits.distance.astype(np.float32).reshape(shape),
@@ -154,7 +154,7 @@ def trace_pixels(row: Row, artist: Artist, sceneries: Mapping[str, Scenery]) -> 
     )
 
 
-def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
+def _instance_numbers_and_table(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np.ndarray, " n"], list[Instance]]:
     table = [Instance(i, "vehicle", v.vehicle, v.category, v.label) for i, v in enumerate(row.vehicles, start=1)]
     instance = np.where(hits.kind == SurfaceKind.VEHICLE, hits.instance + 1, 0)
     if (ground := hits.kind == SurfaceKind.GROUND).any():
@@ -172,12 +172,14 @@ def _instance_numbers(row: Row, hits: Hits, scenery: Scenery) -> tuple[UInt16[np
 
 
 def _part_numbers(row: Row, artist: Artist, hits: Hits) -> UInt16[np.ndarray, " n"]:
-    ids = {part.vehicle: part.id for part in part_table(artist)[::-1]}
+    ids = {part.vehicle: part.id for part in numbered_parts(artist)[::-1]}
     first = np.array([ids[vehicle.vehicle] for vehicle in row.vehicles] or [0])
     return np.where(hits.part >= 0, first.take(hits.instance, mode="clip") + hits.part, 0).astype(np.uint16)
 
 
-def panoptic_segments(pixels: SurfacePixels, class_ids: Mapping[str, int]) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
+def panoptic_picture_and_segments(
+    pixels: SurfacePixels, class_ids: Mapping[str, int]
+) -> tuple[UInt8[np.ndarray, "h w 3"], list[Segment]]:
     """Return an image's segments, as a picture of their numbers and a list; `STUFF_CLASSES` follows the classes."""
     segment, category, crowd = np.zeros((3, len(pixels.table) + 1), np.int64)
     for one in [Instance(0, "sky", "sky"), *pixels.table]:
@@ -257,17 +259,17 @@ def write_passes(
     with OutputFolder(output, "passes"):
         for index in track_items("casting rays", chosen, len(chosen)):
             row = plan[index]
-            segments = _write_passes(row, artist, assets, output, passes)
+            segments = _write_image_passes(row, artist, assets, output, passes)
             document.images.append(PanopticImage(row.image_id, row.file_name, row.width, row.height))
             document.annotations.append(PanopticLabel(row.image_id, f"{_image_stem(row)}.png", segments))
         if "part" in passes:
-            replace_file(output / "parts.json", msgspec.json.format(msgspec.json.encode(part_table(artist))))
+            replace_file(output / "parts.json", msgspec.json.format(msgspec.json.encode(numbered_parts(artist))))
         if "category" in passes:
             replace_file(output / "panoptic.json", msgspec.json.encode(document))
     return dict.fromkeys(passes, len(chosen))
 
 
-def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
+def _write_image_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes: Sequence[str]) -> list[Segment]:
     """Write an image's passes, then a table of the complete ones; return its segments."""
     stem, digest = _image_stem(row), hashlib.sha256(encode_line(row)).hexdigest()
     path, complete = output / "tables" / f"{stem}.json", set[str]()
@@ -279,10 +281,10 @@ def _write_passes(row: Row, artist: Artist, assets: Assets, output: Path, passes
     if complete >= set(passes):
         return table.segments_info
     pixels = trace_pixels(row, artist, assets.sceneries)
-    colors, segments = panoptic_segments(pixels, artist.class_ids)
+    colors, segments = panoptic_picture_and_segments(pixels, artist.class_ids)
     contents = {
-        "depth": lambda: _pass_arrays(axis=pixels.axis, ray=pixels.ray),
-        "normal": lambda: _pass_arrays(world=pixels.normal),
+        "depth": lambda: _encode_npz(axis=pixels.axis, ray=pixels.ray),
+        "normal": lambda: _encode_npz(world=pixels.normal),
         "instance": lambda: _encode_png(pixels.instance),
         "part": lambda: _encode_png(pixels.part),
         "category": lambda: _encode_png(colors),
@@ -297,7 +299,7 @@ def _image_stem(row: Row) -> str:
     return str(Path(row.file_name).relative_to("images").with_suffix(""))
 
 
-def _pass_arrays(**arrays: np.ndarray) -> bytes:
+def _encode_npz(**arrays: np.ndarray) -> bytes:
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)
     return buffer.getvalue()

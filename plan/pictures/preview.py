@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 from PIL import Image
 
-from hulldown.annotate.drawing import Overlay, draw_boxes
+from hulldown.annotate.drawing import Overlay, picture_with_labels
 from hulldown.assets.plan_assets import Assets
 from hulldown.base.arguments import AnyPath, Count, PngFile
 from hulldown.base.color import LUMINANCE_WEIGHTS
@@ -17,13 +17,13 @@ from hulldown.base.errors import ConfigError
 from hulldown.base.indices import even_sample
 from hulldown.base.terminal import track_items
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.response import CARD_ALBEDO, card_radiance
-from hulldown.pictures.own_files import claim_picture, save_picture
+from hulldown.camera.response import CARD_ALBEDO, gray_card_radiance
+from hulldown.pictures.own_files import require_replaceable_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.lines import PlanFile
-from hulldown.plan.pictures.shading import coated_color, preview_paint, shade_pixels, sun_direction
+from hulldown.plan.pictures.shading import coat_or_own_color, preview_sun_direction, preview_vehicle_color, shade_pixels
 from hulldown.plan.row import Row
 from hulldown.plan.row_scenes import RowScenes
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
@@ -34,7 +34,7 @@ TILE_WIDTH = 448  # a multiple of the tiles that rays are traced in
 MAX_HEIGHT_RATIO = 4  # of a preview's height to its width
 
 
-def preview_sheet(
+def write_preview_sheet(
     plan: AnyPath,
     output: PngFile | None = None,
     *,
@@ -62,7 +62,7 @@ def preview_sheet(
     """
     rows = PlanFile.read(plan)
     path = rows.path.with_name(f"{rows.path.name}.preview.png") if output is None else Path(output)
-    claim_picture(path)
+    require_replaceable_picture(path)
     artist = Artist(rows, assets or load_planned_library(rows, cache=cache, limits=limits).assets)
     chosen = even_sample(len(rows), count).tolist()
     shaded = track_items("shading", chosen, len(chosen))
@@ -126,7 +126,7 @@ class Artist:
             for vehicle in row.labeled
             if vehicle.bbox is not None and vehicle.category is not None
         ]
-        return draw_boxes(image, boxes)
+        return picture_with_labels(image, boxes)
 
     def scene(self, row: Row) -> Scene:
         """Return a row's scenery with its vehicles."""
@@ -151,10 +151,10 @@ class Artist:
             self.scene(row),
             camera,
             paints=[
-                coated_color(preview_paint(v.vehicle, distractor=v.vehicle in self._assets.distractors), v.paint)
+                coat_or_own_color(preview_vehicle_color(v.vehicle, distractor=v.vehicle in self._assets.distractors), v.paint)
                 for v in row.vehicles
             ],
-            sun=sun_direction(row.hdri, row.hdri_yaw_deg),
+            sun=preview_sun_direction(row.hdri, row.hdri_yaw_deg),
             strength=self._card_brightness(row),
             weather=row.weather,
         )
@@ -162,4 +162,4 @@ class Artist:
 
     def _card_brightness(self, row: Row) -> float:
         irradiance = np.array(self._assets.sky(row.hdri).irradiance)
-        return float(card_radiance(irradiance, row.strength) @ LUMINANCE_WEIGHTS) / CARD_ALBEDO * 2.0**row.exposure_ev
+        return float(gray_card_radiance(irradiance, row.strength) @ LUMINANCE_WEIGHTS) / CARD_ALBEDO * 2.0**row.exposure_ev

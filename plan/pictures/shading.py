@@ -9,12 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
-from hulldown.base.color import linear_color
+from hulldown.base.color import linear_rgb_from_hex
 from hulldown.camera.cameras import Cameras
 from hulldown.plan.coats import Coat
 from hulldown.scene.camera_pencils import PixelRays
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.ray_caster import coherent_blocks
+from hulldown.scene.ray_caster import coherent_index_blocks
 from hulldown.scene.rays import RayList, SurfaceKind
 from hulldown.weather.extinction import air_contrast
 from hulldown.weather.kinds import WEATHER_KINDS, Weather, airlight_radiance
@@ -56,7 +56,7 @@ def shade_pixels(
     _, one, number = np.unique(block * (instance.max(initial=0) + 1) + instance, return_index=True, return_inverse=True)
     # Neighbors across the sun's rays are traced together.
     across = points[lit[one]] - (points[lit[one]] @ sun)[:, None] * sun
-    order = np.concatenate([*coherent_blocks(across)])
+    order = np.concatenate([*coherent_index_blocks(across)])
     # Rays start off the surface by more than float32 errs at that distance.
     start = (points + normal * (1e-3 + 1e-4 * distance))[lit[one[order]]]
     shadowed = np.empty(len(one), dtype=bool)
@@ -65,7 +65,7 @@ def shade_pixels(
     light = _AMBIENT_SHARE * (0.7 + 0.3 * normal[:, 2]) + (1.0 - _AMBIENT_SHARE) * 1.3 * direct
     albedo = _surface_albedo(hits.kind[hit], hits.instance[hit], points, paints)
     if weather is not None:
-        albedo = _cover_surfaces(albedo, normal[:, 2], hits.kind[hit] == SurfaceKind.VEHICLE, weather)
+        albedo = _covered_albedo(albedo, normal[:, 2], hits.kind[hit] == SurfaceKind.VEHICLE, weather)
     color[hit] = albedo * light[:, None]
     color *= strength
     if weather is not None:
@@ -75,7 +75,7 @@ def shade_pixels(
     return np.clip(color, 0.0, 1.0) ** (1.0 / 1.6)
 
 
-def _cover_surfaces(
+def _covered_albedo(
     albedo: Float[np.ndarray, "n 3"], up: Float[np.ndarray, " n"], vehicle: Bool[np.ndarray, " n"], weather: Weather
 ) -> Float[np.ndarray, "n 3"]:
     cover = np.where(vehicle, weather.vehicle_cover, weather.ground_cover)[:, None]
@@ -101,26 +101,26 @@ def _surface_albedo(
     return albedo
 
 
-def sun_direction(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
+def preview_sun_direction(hdri: str, yaw_deg: float) -> Float[np.ndarray, "3"]:
     """Return a direction for the sun that differs between HDRIs and turns with them; the HDRI's sun is elsewhere."""
-    azimuth = 2.0 * math.pi * _name_hash(hdri) + math.radians(yaw_deg)
+    azimuth = 2.0 * math.pi * _name_hash_share(hdri) + math.radians(yaw_deg)
     flat = math.cos(_SUN_ELEVATION)
     return np.array([flat * math.cos(azimuth), flat * math.sin(azimuth), math.sin(_SUN_ELEVATION)])
 
 
-def preview_paint(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
+def preview_vehicle_color(vehicle: str, *, distractor: bool = False) -> Float[np.ndarray, "3"]:
     """Return a fixed color for a vehicle: from olive to sand, or from slate to plum for a distractor."""
-    share = _name_hash(vehicle)
+    share = _name_hash_share(vehicle)
     if distractor:
         return (1.0 - share) * np.array([0.24, 0.34, 0.52]) + share * np.array([0.52, 0.30, 0.46])
     return (1.0 - share) * np.array([0.30, 0.36, 0.17]) + share * np.array([0.66, 0.52, 0.30])
 
 
-def coated_color(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
+def coat_or_own_color(own: Float[np.ndarray, "3"], coats: Sequence[Coat]) -> Float[np.ndarray, "3"]:
     """Return the linear color of a vehicle in a preview: its first coat's, or its own."""
     color = coats[0].color if coats else None
-    return own if color is None else np.array(linear_color(color))
+    return own if color is None else np.array(linear_rgb_from_hex(color))
 
 
-def _name_hash(name: str) -> float:
+def _name_hash_share(name: str) -> float:
     return int.from_bytes(hashlib.sha256(name.encode()).digest()[:4], "big") / 2**32

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from msgspec import Meta, Struct
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.outside import parse_value, parse_yaml, read_text
+from hulldown.base.outside import convert_parsed_value, parse_yaml, read_text
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.plan.config.scene_sections import MAX_IMAGE_SIDE_PX, CameraMatrix, Distortion
 
@@ -31,9 +31,9 @@ class _Numbers(Struct):
     data: _Number | list[_Number | list[_Number]]
 
 
-def read_camera(path: Path) -> dict[str, object]:
+def read_calibration_as_config(path: Path) -> dict[str, object]:
     """Return "section.key" -> value of a config; cx and cy grow by the half pixel by which OpenCV's begin later."""
-    table = _read_table(path)
+    table = _read_calibration_table(path)
     for inner in ("camera_info", "cam0"):
         if isinstance(found := table.get(inner), Mapping):
             table = found
@@ -45,7 +45,7 @@ def read_camera(path: Path) -> dict[str, object]:
             raise ConfigError(f"has no {what}", path=path, remedy=f"add it as {names[0]!r}")
         try:
             given = value if isinstance(value, Mapping) else {"data": value}
-            found = parse_value(given, _Numbers, strict=False)  # "1e-5" is a text in YAML
+            found = convert_parsed_value(given, _Numbers, strict=False)  # "1e-5" is a text in YAML
             return np.ravel(np.array(found.data, dtype=np.float64))
         except ValueError:
             raise ConfigError(f"its {what} isn't made of numbers within 1e9", path=path, remedy=_REMEDY) from None
@@ -80,7 +80,7 @@ def read_camera(path: Path) -> dict[str, object]:
     return values
 
 
-def _read_table(path: Path) -> Mapping[str, object]:
+def _read_calibration_table(path: Path) -> Mapping[str, object]:
     text = read_text(path, partial(ConfigError, path=path, remedy=_REMEDY))
     try:
         # OpenCV's first line isn't valid YAML.

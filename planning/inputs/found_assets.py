@@ -14,11 +14,17 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hulldown.base.errors import AssetError
-from hulldown.base.outside import parse_value
+from hulldown.base.outside import convert_parsed_value
 from hulldown.base.terminal import track_items
 from hulldown.plan.config.config_keys import config_text
-from hulldown.plan.library import with_odd_length
-from hulldown.reading.cache import cached_export, entry_name, new_folder, seal_entry, unseal_entry
+from hulldown.plan.library import with_odd_length_doubt
+from hulldown.reading.cache import (
+    cache_entry_name,
+    cached_export_and_digest,
+    read_sealed_note,
+    store_sealed_entry,
+    temporary_entry_folder,
+)
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
 from hulldown.reading.pieces.asset_report import FileReport
@@ -59,7 +65,7 @@ class FoundFile:
     material: str = ""
 
 
-def asset_files(folder: Path) -> list[Path]:
+def relative_asset_files(folder: Path) -> list[Path]:
     """Return the paths of files with suffixes of assets, relative to `folder`, without hidden files and folders."""
     files, others = list[Path](), list[Path]()
     for inside, folders, names in os.walk(folder):
@@ -78,9 +84,11 @@ def asset_files(folder: Path) -> list[Path]:
     return files
 
 
-def read_found(folder: Path, files: Sequence[Path], cache: Path, *, limits: ReadLimits = DEFAULT_LIMITS) -> list[FoundFile]:
+def read_found_files(
+    folder: Path, files: Sequence[Path], cache: Path, *, limits: ReadLimits = DEFAULT_LIMITS
+) -> list[FoundFile]:
     """Find the kind of each file: by the name of a folder around it, or else by its contents."""
-    limits.check_confinement()
+    limits.refuse_or_warn_unconfined()
     at_once = min(4, os.cpu_count() or 1)
     shared = replace(limits, share=at_once)
     taken: dict[Path, Path] = {}  # the preferred format of files with the same name
@@ -94,8 +102,8 @@ def read_found(folder: Path, files: Sequence[Path], cache: Path, *, limits: Read
             return [FoundFile(path, "", (f"is called as {same.name} is, which is used",))]
         try:
             if path.suffix.lower() in HDRI_SUFFIXES:
-                return [_found_hdri(folder, path, cache, shared)]
-            return _found_models(folder, path, cache, shared)
+                return [_read_found_hdri(folder, path, cache, shared)]
+            return _read_found_models(folder, path, cache, shared)
         except AssetError as error:
             return [FoundFile(path, "", (error.problem + (f"; {error.remedy}" if error.remedy else ""),))]
 
@@ -110,7 +118,7 @@ def read_found(folder: Path, files: Sequence[Path], cache: Path, *, limits: Read
     return read_files
 
 
-def _found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFile:
+def _read_found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFile:
     sky = read_hdris([folder / path], cache, limits=limits)[0]
     if sky.misfits:
         return FoundFile(path, "", (f"shows no open land: {sky.misfits[0]}",))
@@ -119,20 +127,20 @@ def _found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> Fo
     return FoundFile(path, "hdri", sky.notes, doubts=sky.repairs)
 
 
-def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
+def _read_found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:
     """Return a file's vehicles, read with the keys that it needs, or its scenery."""
     folder_kind = next((FOUND_KINDS[name.lower()] for name in reversed(path.parent.parts) if name.lower() in FOUND_KINDS), None)
     kind = "vehicle" if folder_kind == "distractor" else folder_kind
 
     def read(options: Options = DEFAULT_OPTIONS) -> FileReport:
-        return cached_export(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
+        return cached_export_and_digest(folder / path, cache, kind=kind, options=options, limits=limits)[0].report
 
     def found(report: FileReport, keys: Mapping[str, object], *, name: str = "", why: Sequence[str] = ()) -> FoundFile:
         guessed: dict[str, object] = {doubt.key: doubt.taken for doubt in report.doubts if doubt.key}
         if guessed:
-            read(parse_value({**keys, **guessed}, Options))  # for the plan
-        report = with_odd_length(report, _guess_category(folder, path), path.stem)
-        notes = (*why, *report.lines(), *_ground_comment(report))
+            read(convert_parsed_value({**keys, **guessed}, Options))  # for the plan
+        report = with_odd_length_doubt(report, _guess_category(folder, path), path.stem)
+        notes = (*why, *report.lines(), *_ground_notes(report))
         keys = {**keys, **guessed, **({"name": name} if name else {})}
         material = report.materials[0].name if report.materials else ""
         return FoundFile(path, folder_kind or report.kind, notes, keys, report.doubts, material)
@@ -146,22 +154,22 @@ def _found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> 
     for number, (thing, name) in enumerate(zip(whole.things, names, strict=True), start=1):
         keys: dict[str, object] = {key: value for key, value in (("keep", thing.keep), ("drop", thing.drop)) if value}
         unique = str(number) if name and names.count(name) > 1 else name
-        each.append(found(read(parse_value(keys, Options)), keys, name=unique, why=why))
+        each.append(found(read(convert_parsed_value(keys, Options)), keys, name=unique, why=why))
     return each
 
 
-def _ground_comment(report: FileReport) -> list[str]:
+def _ground_notes(report: FileReport) -> list[str]:
     names = [row.name for row in report.rows if row.use == "ground"]
     more = f" and {len(names) - MAX_GROUND_NAMES} more" if len(names) > MAX_GROUND_NAMES else ""
     return [f"ground: {', '.join(names[:MAX_GROUND_NAMES])}{more}"] if names else []
 
 
-def missing_kinds(found: Sequence[FoundFile]) -> list[str]:
+def missing_asset_kinds(found: Sequence[FoundFile]) -> list[str]:
     """Return the required kinds of assets that weren't found."""
     return [word for kind, word in NEEDED_KINDS.items() if all(file.kind != kind for file in found)]
 
 
-def found_config(
+def found_config_text(
     folder: Path, found: Sequence[FoundFile], config_folder: Path, values: Mapping[str, object] = MappingProxyType({})
 ) -> str:
     """Return the text of a config in `config_folder` that lists the usable files of `folder`, with their notes."""
@@ -189,7 +197,7 @@ def found_config(
     notes = {patterns[file.path]: file.notes for file in found if file.kind == "hdri" and file.path in patterns}
     models_by_name = {str(entry.get("name", entry["path"])): f for some in entries.values() for entry, f in some}
     notes |= {name: file.notes for name, file in models_by_name.items()}
-    missing = [f"no {word} was found in {folder}, and at least one is needed" for word in missing_kinds(found)]
+    missing = [f"no {word} was found in {folder}, and at least one is needed" for word in missing_asset_kinds(found)]
     return config_text(
         vehicles=[entry for entry, _ in entries["vehicle"]],
         sceneries=[entry for entry, _ in entries["scenery"]],
@@ -197,31 +205,31 @@ def found_config(
         hdris=list(patterns.values()),
         values=values,
         notes=notes,
-        proposals={name: _propose_paint(file.material) for name, file in models_by_name.items() if file.material},
+        proposals={name: _paint_proposal(file.material) for name, file in models_by_name.items() if file.material},
         remarks=[*missing, *(f"not used: {listed[file.path]}: {file.notes[0]}" for file in unused)],
     )
 
 
-def _propose_paint(material: str) -> dict[str, object]:
+def _paint_proposal(material: str) -> dict[str, object]:
     return {"paint": [{"materials": [material], "colors": ["own", EXAMPLE_COLOR]}]}
 
 
-def keep_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: Path) -> None:
+def store_stated_doubts(found: Sequence[FoundFile], folder: Path, config: Path, cache: Path) -> None:
     """Record in a cache which doubts about the files of `folder` a config's comments state."""
     doubts: dict[str, list[Doubt]] = {}
     for file in found:
         doubts.setdefault(str((folder / file.path).resolve()), []).extend(file.doubts)
-    with new_folder(cache) as made:
-        seal_entry(Path(made), _write_entry(config, cache), doubts)
+    with temporary_entry_folder(cache) as made:
+        store_sealed_entry(Path(made), _doubts_entry_path(config, cache), doubts)
 
 
-def stated_doubts(config: Path, cache: Path) -> dict[str, list[Doubt]]:
-    """Return the doubts, by resolved path, that `keep_doubts` recorded for a config; none for other configs."""
-    return unseal_entry(_write_entry(config, cache), dict[str, list[Doubt]]) or {}
+def load_stated_doubts(config: Path, cache: Path) -> dict[str, list[Doubt]]:
+    """Return the doubts, by resolved path, that `store_stated_doubts` recorded for a config; none for other configs."""
+    return read_sealed_note(_doubts_entry_path(config, cache), dict[str, list[Doubt]]) or {}
 
 
-def _write_entry(config: Path, cache: Path) -> Path:
-    return cache / entry_name("doubts", str(config.resolve()))
+def _doubts_entry_path(config: Path, cache: Path) -> Path:
+    return cache / cache_entry_name("doubts", str(config.resolve()))
 
 
 def _guess_category(folder: Path, path: Path) -> str:

@@ -17,13 +17,13 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.arguments import AnyPath, PngFile
 from hulldown.base.errors import AssetError
 from hulldown.base.terminal import reading_status
-from hulldown.pictures.own_files import claim_picture
+from hulldown.pictures.own_files import require_replaceable_picture
 from hulldown.plan.config.schema import Config
-from hulldown.plan.library import load_library, with_odd_length
+from hulldown.plan.library import load_library, with_odd_length_doubt
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.inspect import Inspected, draw_asset, sky_report, write_pictures
-from hulldown.reading.pieces.asset_report import FileReport, SkyReport, refuse_missing
+from hulldown.reading.inspect import Inspected, draw_asset, sky_report, write_inspection_picture
+from hulldown.reading.pieces.asset_report import FileReport, SkyReport, refuse_missing_files
 from hulldown.reading.pieces.formats import HDRI_SUFFIXES
 from hulldown.reading.reader_process import Exported, export_asset
 
@@ -65,8 +65,8 @@ def inspect_files(
     """
     paths, output = [Path(file) for file in files], None if output is None else Path(output)
     if output:
-        claim_picture(output)
-    limits.check_confinement()
+        require_replaceable_picture(output)
+    limits.refuse_or_warn_unconfined()
     inspected: list[Inspected] = []
     refused = 0
     for path in paths:
@@ -82,7 +82,7 @@ def inspect_files(
             refused += 1
     drawn = output if any(one.picture for one in inspected) else None
     if drawn:
-        write_pictures(inspected, drawn)
+        write_inspection_picture(inspected, drawn)
     return Inspection([one.report for one in inspected], drawn, refused)
 
 
@@ -101,7 +101,7 @@ def inspect_file(
         models = library.shapes
         listed: list[tuple[Exported, VehicleShape | Scenery]] = []
         for name, file in library.models.items():
-            listed.append((replace(file, report=_with_limits(file.report, models[name])), models[name]))
+            listed.append((replace(file, report=_with_part_limits(file.report, models[name])), models[name]))
         listed += [(file, library.assets.sceneries[name]) for name, file in library.sceneries.items()]
         return [_inspect_entry(file, asset, pictures=pictures) for file, asset in listed]
     with tempfile.TemporaryDirectory(prefix="hulldown-") as name:
@@ -112,9 +112,9 @@ def inspect_file(
         if progress:
             progress(str(path))
         exported = export_asset(path, folder, kind=kind, limits=limits)
-        exported = replace(exported, report=with_odd_length(exported.report, path.stem))
+        exported = replace(exported, report=with_odd_length_doubt(exported.report, path.stem))
         if strict:
-            refuse_missing([exported.report], strict=True)
+            refuse_missing_files([exported.report], strict=True)
         load = load_vehicle if exported.report.kind == "vehicle" else load_scenery
         return [_inspect_entry(exported, replace(load(exported.bundle), name=path.stem), pictures=pictures)]
 
@@ -123,7 +123,7 @@ def _inspect_entry(file: Exported, asset: VehicleShape | Scenery, *, pictures: b
     return Inspected(asset.name, file.report, draw_asset(asset, file.picture, file.differences) if pictures else None)
 
 
-def _with_limits(report: FileReport, shape: VehicleShape) -> FileReport:
+def _with_part_limits(report: FileReport, shape: VehicleShape) -> FileReport:
     limits = dict(zip(shape.part_names, shape.part_limits.tolist(), strict=True))
     parts = (replace(part, limits=(limits[part.name][0], limits[part.name][1])) for part in report.parts)
     return replace(report, parts=tuple(parts))

@@ -21,7 +21,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.base.indices import group_and_rank
 from hulldown.plan.config.scene_sections import BudgetSection
 from hulldown.plan.given_poses import GivenPoses
-from hulldown.planning.inputs.poses import line_error
+from hulldown.planning.inputs.poses import pose_line_error
 from hulldown.planning.search.stage import Site
 
 SHARE_ROUNDING = 1e-9  # rounding error of the shares of a class's images
@@ -59,7 +59,7 @@ class Budget:
         return int(self.positions.shots.sum())
 
     @property
-    def n_positions(self) -> int:
+    def n_planned_positions(self) -> int:
         """The number of all positions."""
         return len(self.positions.shots)
 
@@ -152,7 +152,7 @@ class Given:
         return self.has_camera | self.has_look_at
 
 
-def nothing_given(n: int) -> Given:
+def empty_given_poses(n: int) -> Given:
     """Return the `Given` of n images without given poses."""
     points = np.zeros((3, n, 3))
     return Given(
@@ -161,17 +161,17 @@ def nothing_given(n: int) -> Given:
     )  # fmt: skip
 
 
-def pose_arrays(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, " p"]) -> Given:
+def given_pose_arrays(poses: GivenPoses, sites: Sequence[Site], starts: Int[np.ndarray, " p"]) -> Given:
     """Return the arrays of a file's lines, given the index of each position's first line."""
-    given, origins = nothing_given(len(poses.lines)), {site.name: site.origin for site in sites}
+    given, origins = empty_given_poses(len(poses.lines)), {site.name: site.origin for site in sites}
     path = Path(poses.path)
     for i, line in enumerate(poses.lines):
         origin = origins.get(line.scenery or sites[0].name)
         if origin is None:
             what = f"column scenery: {line.scenery!r:.60} is none"
-            raise line_error(path, line.line, what, f"they are {list(origins)}")
+            raise pose_line_error(path, line.line, what, f"they are {list(origins)}")
         if line.scenery is None and len(sites) > 1 and (line.x is not None or line.look_at is not None):
-            raise line_error(path, line.line, "gives coordinates but no scenery", f"name one of {list(origins)}")
+            raise pose_line_error(path, line.line, "gives coordinates but no scenery", f"name one of {list(origins)}")
         if line.x is not None and line.y is not None:
             given.xyz[i, :2], given.has_position[i] = np.array([line.x, line.y]) - origin[:2], True
         if line.z is not None:
@@ -205,7 +205,7 @@ def pose_budget(poses: GivenPoses, budget: Budget) -> Budget:
             v = index[line.vehicle]
         else:
             what = f"column vehicle: {line.vehicle!r:.60} is none"
-            raise line_error(Path(poses.path), line.line, what, f"they are {list(index)}")
+            raise pose_line_error(Path(poses.path), line.line, what, f"they are {list(index)}")
         vehicle[k], ordinal[k] = v, before[v]
         before[v] += 1
         images[v] += shots[k] if line.scenery is None else 0

@@ -13,10 +13,10 @@ from hulldown.annotate.boxes import Boxes
 from hulldown.base.columns import put_rows
 from hulldown.base.indices import matching_pairs
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import pan_to_pixel
+from hulldown.camera.framing import pan_center_to_pixel
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.camera.size import Measure, box_length, refine_distance, solve_distance
+from hulldown.camera.size import Measure, box_length_by_measure, refine_distance, solve_distance
 from hulldown.geometry.transforms import compose_affine, transform_points
 from hulldown.plan.config.scene_sections import RenderSection
 from hulldown.plan.row import round_field
@@ -53,7 +53,7 @@ class Instances:
         for i, (which, of_parts) in enumerate(zip(model.tolist(), articulation, strict=True)):
             shape = fleet.models[which].shape
             angles[i, : len(shape.part_names)] = shape.angles([of_parts])[0]
-        center = articulated_boxes(fleet, model, angles).mean(axis=1)
+        center = articulated_bounds(fleet, model, angles).mean(axis=1)
         return cls(fleet, np.arange(len(model)), model, world_from_vehicle, angles, center)
 
     def __len__(self) -> int:
@@ -68,12 +68,12 @@ class Instances:
         """Return the instances in rows 0, 1, ..., so that each belongs to the camera with its index."""
         return replace(self, row=np.arange(len(self)))
 
-    def repeat_rows(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
+    def repeat_rows_with_indices(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
         """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""
         row, index = matching_pairs(owner, self.row)
         return replace(self.take(index), row=row), index
 
-    def by_model(self) -> Iterator[tuple[FleetModel, Int[np.ndarray, " n"]]]:
+    def indices_by_model(self) -> Iterator[tuple[FleetModel, Int[np.ndarray, " n"]]]:
         """Yield each model of the table, and the indices of its instances."""
         for i in np.unique(self.model).tolist():
             yield self.fleet.models[i], np.flatnonzero(self.model == i)
@@ -81,7 +81,7 @@ class Instances:
     def articulation(self) -> list[dict[str, float]]:
         """Return the angles of each instance by part name, radians."""
         by_part: list[dict[str, float]] = [{}] * len(self)
-        for model, index in self.by_model():
+        for model, index in self.indices_by_model():
             names = model.shape.part_names
             for i, angles in zip(index.tolist(), self.angles[index, 1 : len(names)].tolist(), strict=True):
                 by_part[i] = dict(zip(names[1:], angles, strict=True))
@@ -91,7 +91,7 @@ class Instances:
         """Return the instances as targets for rays, a `PosedVehicle` for each model."""
         return [
             PosedVehicle(model.caster, self.world_from_vehicle[i], self.model_angles(model, i), self.row[i])
-            for model, i in self.by_model()
+            for model, i in self.indices_by_model()
         ]
 
     def model_angles(self, model: FleetModel, index: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n q"]:
@@ -103,21 +103,21 @@ class Instances:
         """Centers of the boxes with parts turned, in the world; distance and elevation are measured from them."""
         return transform_points(self.world_from_vehicle, self.center[:, None])[:, 0]
 
-    def world_from_parts(self) -> Float[np.ndarray, "k b 4 4"]:
+    def world_from_part_boxes(self) -> Float[np.ndarray, "k b 4 4"]:
         """Return the poses of the fleet's boxes of parts, which are given at rest."""
         boxes = np.empty((len(self), self.fleet.half.shape[1], 4, 4))
-        for model, i in self.by_model():
+        for model, i in self.indices_by_model():
             turned = model.shape.vehicle_from_parts(self.model_angles(model, i))
             boxes[i] = turned[:, self.fleet.box_part[self.fleet.index[model.shape.name]]]
         return compose_affine(self.world_from_vehicle[:, None], boxes)
 
-    def box_corners(self) -> Float[np.ndarray, "k c 3"]:
+    def part_box_corners(self) -> Float[np.ndarray, "k c 3"]:
         """Return the corners of the posed boxes of all parts; their hull contains every vertex."""
-        corners = transform_points(self.world_from_parts(), self.fleet.corners[self.model])
+        corners = transform_points(self.world_from_part_boxes(), self.fleet.corners[self.model])
         return corners.reshape(len(self), 8 * corners.shape[1], 3)
 
 
-def articulated_boxes(
+def articulated_bounds(
     fleet: Fleet, model: Int[np.ndarray, " k"], angles: Float[np.ndarray, "k p"]
 ) -> Float[np.ndarray, "k 2 3"]:
     """Return lowest and highest corner of vehicles in their own frames, with parts turned, rounded as in a plan."""
@@ -125,21 +125,23 @@ def articulated_boxes(
     for i in np.unique(model).tolist():
         rows, one = np.flatnonzero(model == i), fleet.models[i]
         own = np.broadcast_to(np.eye(4), (len(rows), 4, 4))
-        points = posed_hull(one, own, angles[rows, : len(one.shape.part_names)])
+        points = posed_hull_vertices(one, own, angles[rows, : len(one.shape.part_names)])
         bounds[rows] = np.stack([points.min(axis=1), points.max(axis=1)], axis=1)
     return round_field("bounds", bounds)
 
 
-def posed_hull(
+def posed_hull_vertices(
     model: FleetModel, world_from_vehicle: Float[np.ndarray, "n 4 4"], angles: Float[np.ndarray, "n q"]
 ) -> Float[np.ndarray, "n h 3"]:
     """Return the posed vertices of the convex hulls of what can be seen of all parts, which determine the box."""
     poses = compose_affine(world_from_vehicle[:, None], model.shape.vehicle_from_parts(angles))
-    hulls = zip(model.caster.parts, model.part_hulls, strict=True)
+    hulls = zip(model.caster.parts, model.part_hull_vertices, strict=True)
     return np.concatenate([transform_points(poses[:, part.index], hull) for part, hull in hulls], axis=1)
 
 
-def drawn_angles(fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.ndarray, "k p"]) -> Float[np.ndarray, "k p"]:
+def part_angles_from_uniform(
+    fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.ndarray, "k p"]
+) -> Float[np.ndarray, "k p"]:
     """Return angles within the limits of every part i, in proportion to numbers in [0, 1), rounded as in a plan."""
     angles = np.zeros((len(model), fleet.parts))
     for i in np.unique(model).tolist():
@@ -150,7 +152,7 @@ def drawn_angles(fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.n
     return angles
 
 
-def image_size(measure: Measure, render: RenderSection) -> float:
+def image_size_by_measure(measure: Measure, render: RenderSection) -> float:
     """Return height, width, or diagonal of the image in pixels, or its area in square pixels."""
     sizes = {
         "height": render.height,
@@ -163,25 +165,25 @@ def image_size(measure: Measure, render: RenderSection) -> float:
 
 def filled_fraction(amodal: Float[np.ndarray, "n 4"], measure: Measure, render: RenderSection) -> Float[np.ndarray, " n"]:
     """Return the share of the image's height, width, diagonal, or area that these boxes fill; nan without a box."""
-    size = box_length(amodal[:, 2:], measure)
-    return (size**2 if measure == "area" else size) / image_size(measure, render)
+    size = box_length_by_measure(amodal[:, 2:], measure)
+    return (size**2 if measure == "area" else size) / image_size_by_measure(measure, render)
 
 
-def no_boxes(n: int) -> Boxes:
+def nan_boxes(n: int) -> Boxes:
     """Allocate n boxes of nan."""
     return Boxes(np.full((n, 4), np.nan), np.full((n, 4), np.nan), np.full(n, np.nan))
 
 
 def vehicle_boxes(instances: Instances, cameras: Cameras) -> Boxes:
     """Return the boxes of n vehicles, each in its own camera."""
-    boxes = no_boxes(len(instances))
-    for model, i in instances.by_model():
+    boxes = nan_boxes(len(instances))
+    for model, i in instances.indices_by_model():
         angles = instances.model_angles(model, i)
         put_rows(boxes, i, model.boxes.boxes(instances.world_from_vehicle[i], cameras.take(i), angles))
     return boxes
 
 
-def size_cameras(
+def fit_cameras_to_sizes(
     targets: Instances,
     hull: Float[np.ndarray, "n h 3"],
     *,
@@ -201,11 +203,11 @@ def size_cameras(
     def solved(cameras: Cameras) -> Float[np.ndarray, " n"]:
         return solve_distance(cameras, hull, center=centers, pixels=pixels, measure=measure)
 
-    distance = solved(pan_to_pixel(level, lenses.center, roll))
+    distance = solved(pan_center_to_pixel(level, lenses.center, roll))
     for _ in range(SIZING_ROUNDS):
         # Rows without a distance are kept, so that every row keeps its own random numbers.
         poses = camera_pose(centers, np.where(np.isnan(distance), 1e3, distance), azimuth, elevation)
-        cameras = frame(level.at_poses(poses))
+        cameras = frame(level.with_poses(poses))
         distance = np.where(np.isnan(distance), np.nan, solved(cameras))
     if lenses.is_distorted:
         # The image of an edge is a curve, which may extend beyond its end points.
@@ -213,7 +215,7 @@ def size_cameras(
             moved = cameras.take(rows)
             moved.position[:] = centers[rows] + at[:, None] * outward[rows]
             amodal = vehicle_boxes(targets.take(rows), moved).amodal
-            return box_length(amodal[:, 2:], measure)
+            return box_length_by_measure(amodal[:, 2:], measure)
 
         distance = refine_distance(size, distance, np.sqrt(pixels) if measure == "area" else pixels)
     poses = cameras.world_from_camera

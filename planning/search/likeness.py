@@ -20,15 +20,15 @@ from jaxtyping import Bool, Float, Int, UInt8
 from hulldown.base.errors import ConfigError
 from hulldown.base.portable import exp, hypot, log, sin_cos
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import pan_to_pixel, turn_cameras_to_boxes
+from hulldown.camera.framing import pan_center_to_pixel, turn_cameras_to_boxes
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.shell import camera_pose, draw_azimuth, draw_elevation, shell_axes
+from hulldown.camera.shell import camera_pose, outward_and_camera_axes, sample_azimuths, sample_elevations
 from hulldown.dataset.photographs import Photographs
 from hulldown.geometry.transforms import BOX_CORNERS, rotate_vectors
 from hulldown.plan.config.scene_sections import CameraSection
 from hulldown.plan.config.schema import Config
-from hulldown.planning.search.instance_table import Instances, posed_hull, size_cameras
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose_weighted
+from hulldown.planning.search.instance_table import Instances, fit_cameras_to_sizes, posed_hull_vertices
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose_weighted_indices
 from hulldown.planning.search.stage import Fleet
 
 MIN_CLASS_BOXES = 20  # with fewer boxes of a class, those of all classes are used
@@ -69,19 +69,21 @@ class TargetBoxes:
     choice: Float[np.ndarray, " n"]  # uniform numbers in [0, 1) that choose directions
 
     @property
-    def horizontal_cut(self) -> Bool[np.ndarray, " n"]:
+    def horizontal_cut_mask(self) -> Bool[np.ndarray, " n"]:
         """Whether the frame cuts the box off on its left or right."""
         return self.cut[:, 0] | self.cut[:, 2]
 
     @property
-    def vertical_cut(self) -> Bool[np.ndarray, " n"]:
+    def vertical_cut_mask(self) -> Bool[np.ndarray, " n"]:
         """Whether the frame cuts the box off at its top or bottom."""
         return self.cut[:, 1] | self.cut[:, 3]
 
-    def least_kept(self, most_truncated: float) -> Float[np.ndarray, "n 2"]:
+    def least_kept_shares(self, most_truncated: float) -> Float[np.ndarray, "n 2"]:
         """Return least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
         share = np.minimum((1.0 - TRUNCATION_MARGIN * most_truncated) / self.kept, 1.0)
-        return np.stack([np.where(self.horizontal_cut, share, 0.0), np.where(self.horizontal_cut, 0.0, share)], axis=1)
+        return np.stack(
+            [np.where(self.horizontal_cut_mask, share, 0.0), np.where(self.horizontal_cut_mask, 0.0, share)], axis=1
+        )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -98,7 +100,7 @@ class Likeness:
     def __init__(self, photographs: Photographs, config: Config) -> None:
         self.photographs, self.camera, self.placement = photographs, config.camera, config.placement
         self.image_size = np.array([config.render.width, config.render.height], dtype=np.float64)
-        self.usable, self.unused = usable_boxes(photographs, config.camera, config.render.height)
+        self.usable, self.unused = usable_mask_and_refusals(photographs, config.camera, config.render.height)
         if not self.usable.any():
             why = ", ".join(f"{n:,} {reason}" for reason, n in self.unused.items()) or "it has none"
             raise ConfigError(
@@ -115,7 +117,7 @@ class Likeness:
         enough = [category for category, n in self._boxes.items() if n >= MIN_CLASS_BOXES]
         self._own = {category: np.where(classes == category, self._weights, 0.0) for category in enough}
 
-    def unused_notes(self, categories: Iterable[str]) -> list[str]:
+    def box_usability_notes(self, categories: Iterable[str]) -> list[str]:
         """Return a line for each kind of unused boxes, and for each class with too few boxes."""
         path, n = self.photographs.path, len(self.usable)
         notes = [f"{path}: {count:,} of {n:,} boxes aren't followed: they {why}" for why, count in self.unused.items()]
@@ -126,7 +128,7 @@ class Likeness:
                 notes.append(f"{path}: {boxes} of class {category!r} to follow: its targets follow those of all classes")
         return notes
 
-    def sample_boxes(
+    def sample_boxes_with_follow_mask(
         self, draws: RandomStreams, fleet: Fleet, *, model: Int[np.ndarray, " n"], image: Int[np.ndarray, " n"]
     ) -> tuple[Int[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Sample a box for each image, by its target's model; return whether images follow it too."""
@@ -140,10 +142,10 @@ class Likeness:
         for index in np.unique(model).tolist():
             weights = self._own.get(fleet.models[index].category or "", self._weights)
             rows = np.flatnonzero(model == index)
-            box[rows] = self._by_height[choose_weighted(weights[self._by_height], rank[rows])]
+            box[rows] = self._by_height[choose_weighted_indices(weights[self._by_height], rank[rows])]
         return box
 
-    def _nearby_boxes(
+    def _boxes_of_similar_height(
         self, draws: RandomStreams, targets: Instances, *, image: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]
     ) -> Int[np.ndarray, " n"]:
         """Return boxes of about the height of the sampled ones: half of them within an eighth of all ranks."""
@@ -155,7 +157,7 @@ class Likeness:
         """Return the number of other boxes in the photograph of each box."""
         return self.photographs.count[self.photographs.image[box]] - 1
 
-    def target_boxes(
+    def sample_target_boxes(
         self,
         draws: RandomStreams,
         targets: Instances,
@@ -165,14 +167,14 @@ class Likeness:
         quarter: Int[np.ndarray, " n"],
     ) -> TargetBoxes:
         """Return the boxes that n tries follow, varied by `camera.like_spread`."""
-        sampled, is_sampled = self.sample_boxes(draws, targets.fleet, model=targets.model, image=image)
+        sampled, is_sampled = self.sample_boxes_with_follow_mask(draws, targets.fleet, model=targets.model, image=image)
         uniform = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
-        nearby = self._nearby_boxes(draws, targets, image=image, uniform=uniform[:, 0])
+        nearby = self._boxes_of_similar_height(draws, targets, image=image, uniform=uniform[:, 0])
         box = np.where(quarter < 2, sampled, nearby)
         by_quarter = np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD)
-        low, extent = self._vary_boxes(box, self.camera.like_spread * (2.0 * uniform[:, 1:4] - 1.0))
-        kept = self._kept_heights(box, uniform[:, 4])
-        horizontal_cut, vertical_cut = self._axis_cuts(box)
+        low, extent = self._varied_corners_and_sizes(box, self.camera.like_spread * (2.0 * uniform[:, 1:4] - 1.0))
+        kept = self._kept_height_shares(box, uniform[:, 4])
+        horizontal_cut, vertical_cut = self._axis_cut_masks(box)
         wide = vertical_cut & ~horizontal_cut
         return TargetBoxes(
             sampled=sampled,
@@ -187,12 +189,12 @@ class Likeness:
             choice=uniform[:, 5],
         )
 
-    def _axis_cuts(self, box: Int[np.ndarray, " n"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    def _axis_cut_masks(self, box: Int[np.ndarray, " n"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
         """Return whether photographs cut boxes off on their left or right, and at their top or bottom."""
         left, top, right, bottom = self.photographs.cut[box].T
         return left | right, top | bottom
 
-    def _vary_boxes(
+    def _varied_corners_and_sizes(
         self, box: Int[np.ndarray, " n"], change: Float[np.ndarray, "n 3"]
     ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2"]]:
         """Return upper left corners and sizes of boxes in pixels, changed in height, x, and y by shares of the box."""
@@ -205,14 +207,14 @@ class Likeness:
         cut_low, cut_high = np.split(photographs.cut[box], 2, axis=1)
         return np.where(cut_low, 0.0, np.where(cut_high, size - extent, low)), extent
 
-    def _kept_heights(self, box: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def _kept_height_shares(self, box: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """Draw the share of the height that is left of boxes over a corner of the photograph; 1 for others."""
         most_truncated = TRUNCATION_MARGIN * self.camera.truncated_fraction[1]
         largest_cut = min(MAX_CORNER_CUT_SHARE, 1.0 - math.sqrt(1.0 - most_truncated))
-        return np.where(np.logical_and(*self._axis_cuts(box)), 1.0 - largest_cut * uniform, 1.0)
+        return np.where(np.logical_and(*self._axis_cut_masks(box)), 1.0 - largest_cut * uniform, 1.0)
 
 
-def usable_boxes(
+def usable_mask_and_refusals(
     photographs: Photographs, camera: CameraSection, image_height: int
 ) -> tuple[Bool[np.ndarray, " n"], Counter[str]]:
     """Return whether each box is within the cameras' limits, and the numbers of the other boxes by reason."""
@@ -231,13 +233,13 @@ def usable_boxes(
     return ~refused, +counts
 
 
-def candidate_directions(draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]) -> RowStreams:
+def direction_streams(draws: RandomStreams, image: Int[np.ndarray, " n"], attempt: Int[np.ndarray, " n"]) -> RowStreams:
     """Return the random numbers for the candidate directions of these tries."""
     tries = attempt[:, None] * DIRECTIONS_PER_CAMERA + np.arange(DIRECTIONS_PER_CAMERA)
     return RowStreams(draws, Purpose.DIRECTION, np.repeat(image, DIRECTIONS_PER_CAMERA), tries.ravel())
 
 
-def match_cameras(
+def fit_cameras_to_boxes(
     targets: Instances,
     boxes: TargetBoxes,
     limits: CameraSection,
@@ -248,14 +250,14 @@ def match_cameras(
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return cameras that reproduce size and place of photographs' boxes, and their distances; nan without one."""
     n = len(targets)
-    azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)
+    azimuth, elevation, distance = choose_directions_and_distances(targets, boxes, limits, lenses=lenses, rng=rng)
     poses = np.full((n, 4, 4), np.nan)
     least, most = limits.distance_m
     # Estimated distances far beyond the limits are rejected without solving.
     possible = np.flatnonzero((distance > least / MAX_DISTANCE_RATIO) & (distance < most * MAX_DISTANCE_RATIO))
-    for model, of_model in targets.take(possible).by_model():
+    for model, of_model in targets.take(possible).indices_by_model():
         of_model = possible[of_model]
-        hull = posed_hull(model, targets.world_from_vehicle[of_model], targets.model_angles(model, of_model))
+        hull = posed_hull_vertices(model, targets.world_from_vehicle[of_model], targets.model_angles(model, of_model))
         for wide in (False, True):
             chosen = boxes.wide[of_model] == wide
             i = of_model[chosen]
@@ -266,10 +268,10 @@ def match_cameras(
                 points_world=hull[chosen],
                 corners=boxes.corners[i],
                 cut=boxes.cut[i],
-                kept=boxes.least_kept(limits.truncated_fraction[1])[i],
+                kept=boxes.least_kept_shares(limits.truncated_fraction[1])[i],
                 roll=roll[i],
             )
-            poses[i], distance[i] = size_cameras(
+            poses[i], distance[i] = fit_cameras_to_sizes(
                 targets.take(i),
                 hull[chosen],
                 lenses=lenses.take(i),
@@ -283,17 +285,17 @@ def match_cameras(
     return poses, distance
 
 
-def choose_directions(
+def choose_directions_and_distances(
     targets: Instances, boxes: TargetBoxes, limits: CameraSection, *, lenses: Intrinsics, rng: RowStreams
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
     """Sample configured elevations, choose azimuths by how well the aspect ratio fits, and estimate the distance."""
     n = len(targets)
     low, high = (math.radians(angle) for angle in limits.elevation_deg)
-    azimuth = draw_azimuth(n * DIRECTIONS_PER_CAMERA, rng=rng).reshape(n, DIRECTIONS_PER_CAMERA)
-    elevation = draw_elevation(n * DIRECTIONS_PER_CAMERA, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
+    azimuth = sample_azimuths(n * DIRECTIONS_PER_CAMERA, rng=rng).reshape(n, DIRECTIONS_PER_CAMERA)
+    elevation = sample_elevations(n * DIRECTIONS_PER_CAMERA, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
     elevation = np.repeat(elevation.reshape(n, DIRECTIONS_PER_CAMERA)[:, :1], DIRECTIONS_PER_CAMERA, axis=1)
-    axes = shell_axes(azimuth, elevation)[1]
-    local = targets.box_corners() - targets.centers[:, None]
+    axes = outward_and_camera_axes(azimuth, elevation)[1]
+    local = targets.part_box_corners() - targets.centers[:, None]
     # Explicit sums, which have the same bits on every processor.
     x, y, depth = (
         local[:, None, :, 0] * axes[..., None, 0, axis]
@@ -306,22 +308,22 @@ def choose_directions(
     distance = measured * lenses.focal[..., 1:] / boxes.pixels[:, None]
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(boxes.aspect)[:, None]
-    across, down = boxes.horizontal_cut[:, None], boxes.vertical_cut[:, None]
+    across, down = boxes.horizontal_cut_mask[:, None], boxes.vertical_cut_mask[:, None]
     # Where the frame cuts off the width, a target is longer than its box, and taller where it cuts off the height: as
     # much as `truncated_fraction` allows.
     longer = np.maximum(log(boxes.kept / (1.0 - TRUNCATION_MARGIN * limits.truncated_fraction[1])), 0.0)[:, None]
     misfit -= np.where(across, np.clip(misfit, 0.0, longer), 0.0)
     misfit -= np.where(down & ~across, np.clip(misfit, -longer, 0.0), 0.0)
-    row, chosen = np.arange(n), choose_fitting(misfit, limits, boxes.choice)
+    row, chosen = np.arange(n), choose_fitting_direction(misfit, limits, boxes.choice)
     return azimuth[row, chosen], elevation[row, chosen], distance[row, chosen]
 
 
-def choose_fitting(
+def choose_fitting_direction(
     misfit: Float[np.ndarray, "n d"], limits: CameraSection, choice: Float[np.ndarray, " n"]
 ) -> Int[np.ndarray, " n"]:
     """Choose a direction for each row by its misfits of logarithmic aspect ratios, with numbers in [0, 1)."""
     exponent = -0.5 * (misfit / max(limits.like_spread / 2.0, MIN_ASPECT_TOLERANCE)) ** 2
-    return choose_weighted(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)
+    return choose_weighted_indices(exp(exponent - exponent.max(axis=1, keepdims=True)), choice)
 
 
 def companion_poses(
@@ -337,7 +339,7 @@ def companion_poses(
     """Return places on the rays through boxes' centers, and headings, where companions fill photographs' boxes."""
     photographs, limits = likeness.photographs, likeness.camera
     poses = np.zeros((len(number), 3))
-    azimuth, elevation, distance = choose_directions(targets, boxes, limits, lenses=lenses, rng=rng)
+    azimuth, elevation, distance = choose_directions_and_distances(targets, boxes, limits, lenses=lenses, rng=rng)
     uniform = rng.random((len(number) * DIRECTIONS_PER_CAMERA,)).reshape(-1, DIRECTIONS_PER_CAMERA)
     # Companions of an image have the same random numbers.
     yaw = 2.0 * math.pi * (uniform + GOLDEN_RATIO * number[:, None])
@@ -350,7 +352,7 @@ def companion_poses(
 
     # Relative to the target's center, with the target where its box is.
     level = camera_pose(np.zeros((len(has), 3)), distance, azimuth[has], elevation[has])
-    turn = pan_to_pixel(Cameras(lenses, level), photographs.center[of_target] * lenses.size).world_from_camera[:, :3, :3]
+    turn = pan_center_to_pixel(Cameras(lenses, level), photographs.center[of_target] * lenses.size).world_from_camera[:, :3, :3]
     ray = rotate_vectors(turn, lenses.pixel_directions((photographs.center[box] * lenses.size)[:, None]))[:, 0]
     ray /= np.sqrt((ray * ray).sum(axis=1, keepdims=True))
     by_height = distance * size[:, 2] / tall[:, 2] * photographs.height[of_target] / photographs.height[box]
@@ -366,7 +368,7 @@ def companion_poses(
     aspect = np.ptp(right / ahead, axis=2) / np.ptp(down / ahead, axis=2)
     whole = ~photographs.cut[box].any(axis=1, keepdims=True)
     misfit = np.where(whole, log(aspect) - log(photographs.aspect[box])[:, None], 0.0)
-    poses[has, 2] = yaw[np.arange(len(has)), choose_fitting(misfit, limits, boxes.choice[has])]
+    poses[has, 2] = yaw[np.arange(len(has)), choose_fitting_direction(misfit, limits, boxes.choice[has])]
 
     xy = level[:, :2, 3] + away[:, :2]
     length = np.maximum(hypot(xy[:, 0], xy[:, 1]), 1e-9)

@@ -34,14 +34,14 @@ class Pairs:
     left_out: tuple[LeftOut, ...]  # allowed pairs whose trials failed
 
 
-def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict: bool) -> Pairs:
+def try_vehicle_scenery_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict: bool) -> Pairs:
     """Try every pair of vehicle and scenery that the config allows, and weight those that work."""
     config, weights, left_out = stage.config, np.zeros((len(budget.vehicles), len(stage.sites))), []
     listed = {entry.name: entry.weight for entry in config.assets.sceneries}
     of_sites = {site.name: listed.get(site.name, 1.0) for site in stage.sites}
     wanted = budget.images > 0
     planned = np.flatnonzero(wanted | (config.placement.vehicles_per_image[1] > 1))
-    allowed = {v: _allowed_weights(config, budget.vehicles[v], of_sites) for v in planned.tolist()}
+    allowed = {v: _allowed_scenery_weights(config, budget.vehicles[v], of_sites) for v in planned.tolist()}
     problems: dict[tuple[int, int], ConfigError] = {}
     for s, site in enumerate(stage.sites):
         here = [v for v in planned.tolist() if allowed[v][s] > 0.0]
@@ -60,15 +60,15 @@ def make_pairs(stage: PlanStage, budget: Budget, draws: RandomStreams, *, strict
             raise next(problem for (vehicle, _), problem in sorted(problems.items()) if vehicle == v)
     for site in stage.sites:
         for model in stage.fleet.models[stage.vehicles :]:
-            if problem := _too_large(site, model, config):
+            if problem := _too_large_error(site, model, config):
                 raise problem
     return Pairs(weights, np.array(list(of_sites.values())), tuple(left_out))
 
 
-def _allowed_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]) -> Float[np.ndarray, " s"]:
+def _allowed_scenery_weights(config: Config, vehicle: str, of_sites: Mapping[str, float]) -> Float[np.ndarray, " s"]:
     names = list(of_sites)
     entry = next((entry for entry in config.assets.vehicles if entry.name == vehicle), None)
-    weights = np.array([weight if entry is None or entry.matches_vehicle(name) else 0.0 for name, weight in of_sites.items()])
+    weights = np.array([weight if entry is None or entry.allows_scenery(name) else 0.0 for name, weight in of_sites.items()])
     for pattern in entry.sceneries if entry else ():
         if not any(fnmatchcase(name, pattern) for name in names):
             raise ConfigError(
@@ -89,17 +89,17 @@ def _trial_problems(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " v"], draws: RandomStreams
 ) -> list[ConfigError | None]:
     """Return for each of these vehicles why most of its trial positions fail; None if they don't."""
-    problems: list[ConfigError | None] = [_too_large(site, stage.fleet.models[i], stage.config) for i in models.tolist()]
+    problems: list[ConfigError | None] = [_too_large_error(site, stage.fleet.models[i], stage.config) for i in models.tolist()]
     fitting = np.array([i for i, problem in enumerate(problems) if problem is None], dtype=np.int64)
-    failed = fitting[list(_plan_trials(site, stage, models[fitting], draws, number=_FIRST_TRIAL))]
+    failed = fitting[list(_failed_trial_errors(site, stage, models[fitting], draws, number=_FIRST_TRIAL))]
     for trial in range(1, 1 + MORE_TRIALS):
         tried = np.array([i for i in failed.tolist() if problems[i] is None], dtype=np.int64)
-        for i, problem in _plan_trials(site, stage, models[tried], draws, number=_FIRST_TRIAL + trial).items():
+        for i, problem in _failed_trial_errors(site, stage, models[tried], draws, number=_FIRST_TRIAL + trial).items():
             problems[tried[i]] = problem
     return problems
 
 
-def _plan_trials(
+def _failed_trial_errors(
     site: Site, stage: PlanStage, models: Int[np.ndarray, " n"], draws: RandomStreams, *, number: int
 ) -> Mapping[int, HopelessPosition]:
     """Plan a trial position for each of these vehicles; return the errors of those without a place."""
@@ -111,7 +111,7 @@ def _plan_trials(
     return plan_block(Block(stage, draws, site, {}, positions, models, movable=one > 0)).problems
 
 
-def _too_large(site: Site, model: FleetModel, config: Config) -> ConfigError | None:
+def _too_large_error(site: Site, model: FleetModel, config: Config) -> ConfigError | None:
     room = config.placement.margin * (site.bounds[1] - site.bounds[0])
     length = max(model.shape.size_xyz[:2])
     if length > min(room):

@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 from hulldown.base.columns import put_rows
 from hulldown.base.portable import sin_cos
 from hulldown.geometry.transforms import compose_affine, invert_rigid, rigid_matrix, rotation_z, transform_points
-from hulldown.placement.settle import Settled, empty_settled, limit_contact, settle_each, underside_depth
+from hulldown.placement.settle import Settled, empty_settled, record_contact_results, settle_vehicles, underside_depth
 from hulldown.plan.config.scene_sections import PlacementSection
 from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import round_field
@@ -19,7 +19,7 @@ from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.random_streams import scale_uniform
 from hulldown.planning.search.stage import Site, settle_rules
 from hulldown.planning.search.tables import InstanceRole
-from hulldown.scene.obstacles import boxes_touch
+from hulldown.scene.obstacles import box_pair_touch_mask
 
 SKY_RAY_CLEARANCE_M = 0.05  # rays to the sky start this far above a vehicle's box
 
@@ -36,7 +36,7 @@ def extra_offsets(
     return away[:, None] * np.stack(sin_cos(2.0 * math.pi * uniform[:, 1])[::-1], axis=1)
 
 
-def settle_clear(
+def settle_instances(
     site: Site,
     instances: Instances,
     limits: PlacementSection,
@@ -48,13 +48,13 @@ def settle_clear(
 ) -> Settled:
     """Settle n vehicles (meters, radians), upright where `z` isn't nan; reject those beyond the limits."""
     fleet, rules = instances.fleet, settle_rules(limits)
-    settled = settle_each(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
+    settled = settle_vehicles(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     if upright is not None and z is not None:
         rows = np.flatnonzero(upright)
         stood = empty_settled(len(rows))
         stood.world_from_vehicle[:] = rigid_matrix(rotation_z(yaw[rows]), np.column_stack([xy, z])[rows])
         stood.tilt[:] = 0.0
-        limit_contact(stood, np.arange(len(rows)), site.terrain, fleet.contacts.take(instances.model[rows]), rules)
+        record_contact_results(stood, np.arange(len(rows)), site.terrain, fleet.contacts.take(instances.model[rows]), rules)
         stood.rejection[~site.terrain.top_hits(xy[rows]).hit] = Rejection.OFF_GROUND
         put_rows(settled, rows, stood)
     rejection = settled.rejection.copy()
@@ -63,11 +63,11 @@ def settle_clear(
     rows = np.flatnonzero(rejection == Rejection.NONE)
     rejection[rows[depth_in_water(site, placed.take(rows)) > limits.fording_depth]] = Rejection.WATER
     rows = rows[rejection[rows] == Rejection.NONE]
-    clear = clear_of_obstacles(site, placed.take(rows), limits.obstacle_clearance)
+    clear = clear_of_obstacles_mask(site, placed.take(rows), limits.obstacle_clearance)
     rejection[rows[~clear]] = Rejection.OBSTACLE
     rows = rows[clear]
     if not limits.indoors:
-        rejection[rows[~sees_sky(site, placed.take(rows))]] = Rejection.DARK
+        rejection[rows[~skylit_vehicle_mask(site, placed.take(rows))]] = Rejection.DARK
     return replace(settled, world_from_vehicle=poses, rejection=rejection)
 
 
@@ -79,26 +79,26 @@ def depth_in_water(site: Site, instances: Instances) -> Float[np.ndarray, " n"]:
     return underside_depth(site.water, instances.world_from_vehicle, samples)
 
 
-def sees_sky(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
+def skylit_vehicle_mask(site: Site, instances: Instances) -> Bool[np.ndarray, " n"]:
     """Return whether light from the sky reaches the top of each vehicle."""
     fleet, model = instances.fleet, instances.model
     top = fleet.center[model].copy()
     top[:, 2] += fleet.size[model, 2] / 2 + SKY_RAY_CLEARANCE_M
-    return site.obstacles.sees_sky(transform_points(instances.world_from_vehicle, top[:, None])[:, 0])
+    return site.obstacles.skylit_mask(transform_points(instances.world_from_vehicle, top[:, None])[:, 0])
 
 
-def clear_of_obstacles(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
+def clear_of_obstacles_mask(site: Site, instances: Instances, clearance: float) -> Bool[np.ndarray, " n"]:
     """Return whether all parts of each vehicle keep the clearance to obstacles."""
-    half, world_from_box = _clearance_boxes(instances, clearance)
+    half, world_from_box = _clearance_half_sizes_and_poses(instances, clearance)
     clear = np.ones(len(instances), dtype=bool)
     for box in range(half.shape[1]):
         # The hull is the first box, and rejects most vehicles.
         rows = np.flatnonzero(clear & (box < instances.fleet.boxes[instances.model]))
-        clear[rows] = ~site.obstacles.touches_boxes(half[rows, box], world_from_box[rows, box])
+        clear[rows] = ~site.obstacles.blocked_box_mask(half[rows, box], world_from_box[rows, box])
     return clear
 
 
-def clear_of_vehicles(instances: Instances, others: Instances, clearance: float) -> Bool[np.ndarray, " p"]:
+def clear_of_vehicles_mask(instances: Instances, others: Instances, clearance: float) -> Bool[np.ndarray, " p"]:
     """Return which of p pairs of vehicles keep the clearance, which extends sideways and upward from both."""
     clear = np.ones(len(instances), dtype=bool)
     # Pairs whose bounding spheres don't meet need no boxes.
@@ -107,19 +107,21 @@ def clear_of_vehicles(instances: Instances, others: Instances, clearance: float)
     near = np.flatnonzero((away * away).sum(axis=1) <= reach * reach)
     nearby, others_nearby = instances.take(near), others.take(near)
     for first, second in ((nearby, others_nearby), (others_nearby, nearby)):
-        half, world_from_box = _clearance_boxes(first, clearance)
-        half_other, world_from_other = _clearance_boxes(second, 0.0)
+        half, world_from_box = _clearance_half_sizes_and_poses(first, clearance)
+        half_other, world_from_other = _clearance_half_sizes_and_poses(second, 0.0)
         for a in range(half.shape[1]):
             for b in range(half.shape[1]):
                 here = (a < first.fleet.boxes[first.model]) & (b < second.fleet.boxes[second.model])
                 rows = np.flatnonzero(clear[near] & here)
                 box_from_other = compose_affine(invert_rigid(world_from_box[rows, a]), world_from_other[rows, b])
-                clear[near[rows]] = ~boxes_touch(half[rows, a], half_other[rows, b], box_from_other)
+                clear[near[rows]] = ~box_pair_touch_mask(half[rows, a], half_other[rows, b], box_from_other)
     return clear
 
 
-def _clearance_boxes(instances: Instances, clearance: float) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
+def _clearance_half_sizes_and_poses(
+    instances: Instances, clearance: float
+) -> tuple[Float[np.ndarray, "n b 3"], Float[np.ndarray, "n b 4 4"]]:
     fleet, model = instances.fleet, instances.model
     center = fleet.box_center[model] + [0.0, 0.0, clearance / 2]
-    world_from_box = compose_affine(instances.world_from_parts(), rigid_matrix(np.eye(3), center))
+    world_from_box = compose_affine(instances.world_from_part_boxes(), rigid_matrix(np.eye(3), center))
     return fleet.half[model] + clearance * np.array([1.0, 1.0, 0.5]), world_from_box

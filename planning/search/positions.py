@@ -26,11 +26,11 @@ from hulldown.plan.rejection import (
     PLACE_REJECTIONS,
     REJECTION_KINDS,
     Rejection,
-    first_accepted,
+    first_accepted_and_counts,
     rejection_sentence,
 )
-from hulldown.planning.search.likeness import QUARTER_PLACES, PhotographedPoses, candidate_directions, companion_poses
-from hulldown.planning.search.placing import clear_of_vehicles, extra_offsets, settle_clear
+from hulldown.planning.search.likeness import QUARTER_PLACES, PhotographedPoses, companion_poses, direction_streams
+from hulldown.planning.search.placing import clear_of_vehicles_mask, extra_offsets, settle_instances
 from hulldown.planning.search.random_streams import Purpose, RowStreams
 from hulldown.planning.search.tables import (
     MAX_ROLE_EXTRAS,
@@ -41,11 +41,11 @@ from hulldown.planning.search.tables import (
     InstanceTable,
     PlaceState,
     Views,
-    draw_instances,
-    draw_weathers,
-    no_views,
+    nan_views,
+    sample_instances,
+    sample_weathers,
 )
-from hulldown.planning.search.views import sample_lenses, try_cameras, views_of_others
+from hulldown.planning.search.views import other_views_and_pixel_mask, sample_lenses, views_of_camera_tries
 from hulldown.weather.kinds import Weather
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
@@ -98,17 +98,17 @@ def plan_block(block: Block) -> Planned:
         of_model = np.flatnonzero(block.model == model)
         ranks[of_model] = np.arange(len(of_model))
     scouts = early & (ranks < EARLY_POSITIONS_PER_MODEL)
-    search.settle_positions(np.flatnonzero(scouts))
-    search.settle_positions(np.flatnonzero(~scouts))
+    search.search_positions(np.flatnonzero(scouts))
+    search.search_positions(np.flatnonzero(~scouts))
     fixed = [error for row, error in search.problems.items() if not block.movable[row]]
     rejected = search.camera_rejections.copy()
     rejected[block.shot == 0] += search.place_rejections
     return Planned(
         block=block,
-        is_abandoned=search.is_abandoned,
+        is_abandoned=search.abandoned_mask,
         table=search.table,
         views=search.views,
-        extra_views=search.view_extras(),
+        extra_views=search.compute_extra_views(),
         rejected=rejected,
         weathers=search.weathers,
         problems=search.problems,
@@ -121,21 +121,21 @@ class _BlockSearch:
 
     def __init__(self, block: Block) -> None:
         self.block, self.config, self.draws = block, block.config, block.draws
-        self.weathers = draw_weathers(block.config.weather, draws=block.draws, image=block.light_image)
+        self.weathers = sample_weathers(block.config.weather, draws=block.draws, image=block.light_image_indices)
         self._visibility_m = np.array([weather.visibility_m if weather else np.nan for weather in self.weathers])
         self.fleet, self.number = block.stage.fleet, block.positions.number
         n = len(self.number)
         self.owner, self.image = block.owner, block.image
         self.problems: dict[int, HopelessPosition] = {}
-        self.table = draw_instances(block)
+        self.table = sample_instances(block)
         self.target = np.flatnonzero(self.table.role == InstanceRole.TARGET)  # the first instance of each position
         self.end = np.append(self.target[1:], len(self.table))
-        self.views = no_views(len(self.image))
+        self.views = nan_views(len(self.image))
         self.place_rejections = np.zeros((n, REJECTION_KINDS), dtype=np.int64)
         self.camera_rejections = np.zeros((len(self.image), REJECTION_KINDS), dtype=np.int64)
 
     @property
-    def is_abandoned(self) -> Bool[np.ndarray, " n"]:
+    def abandoned_mask(self) -> Bool[np.ndarray, " n"]:
         """Positions without a place or a view."""
         return self.table.state[self.target] == PlaceState.ABANDONED
 
@@ -144,7 +144,7 @@ class _BlockSearch:
         """Places tried for each position so far."""
         return self.table.tries[self.target]
 
-    def settle_positions(self, pending: Int[np.ndarray, " p"]) -> None:
+    def search_positions(self, pending: Int[np.ndarray, " p"]) -> None:
         """Find places, extras, and cameras for these positions."""
         while len(pending := self._hopeful_positions(pending)):
             self._place_targets(pending)
@@ -153,16 +153,16 @@ class _BlockSearch:
             crowded |= 2 * self.tries[pending] >= self.config.placement.max_tries
             roomy = self._place_extras(pending, leave_out=crowded)
             self.place_rejections[pending[~roomy], Rejection.COMPANION] += 1
-            blind = self._find_cameras(pending[roomy])
+            blind = self._fill_views_and_find_blind(pending[roomy])
             self.place_rejections[blind, Rejection.NO_VIEW] += 1
-            self._give_up_if_blind(blind)
+            self._abandon_blind_positions(blind)
             pending = np.union1d(pending[~roomy], blind)
 
     def _place_targets(self, pending: Int[np.ndarray, " p"]) -> None:
         """Take the next acceptable try of each position; each batch has twice as many tries."""
         limit, ahead, table = self.config.placement.max_tries, 1, self.table
         given = self.block.given_poses(self.block.positions.first_image)
-        self._give_up_if_placeless(pending)
+        self._abandon_placeless_positions(pending)
         while len(pending := self._hopeful_positions(pending)):
             now = pending[: max(1, MAX_BATCH_PLACES // ahead)]
             left = limit - self.tries[now]
@@ -174,7 +174,7 @@ class _BlockSearch:
             here = take(given, row)
             xy = np.where(here.has_position[:, None], here.xyz[:, :2], xy)
             yaw = np.where(here.has_heading, here.yaw, yaw)
-            settled = settle_clear(
+            settled = settle_instances(
                 self.block.site,
                 self.table.take(self.target[row]),
                 self.config.placement,
@@ -183,14 +183,14 @@ class _BlockSearch:
                 upright=here.has_height,
                 z=here.xyz[:, 2],
             )
-            taken, chosen, counts = first_accepted(settled.rejection.reshape(-1, ahead), left)
+            taken, chosen, counts = first_accepted_and_counts(settled.rejection.reshape(-1, ahead), left)
             self.place_rejections[now] += counts
             put_rows(table.settled, self.target[now[taken]], take(settled, chosen))
             table.state[self.target[now[taken]]] = PlaceState.PLACED
             table.tries[self.target[now]] += counts.sum(axis=1) + taken
             # Further tries at a given place would fail, too.
             table.tries[self.target[now[~taken & given.has_place[now]]]] = limit
-            self._give_up_if_placeless(now[~taken])
+            self._abandon_placeless_positions(now[~taken])
             pending = np.concatenate([now[~taken], pending[len(now) :]])
             ahead = min(2 * ahead, MAX_BATCH_PLACES // 8)
 
@@ -199,17 +199,17 @@ class _BlockSearch:
         table = self.table
         extras = np.flatnonzero(np.isin(table.row, positions) & table.is_extra)
         table.state[extras] = PlaceState.PENDING  # extras that were left out at another place are tried again
-        photographed = self._photographed_poses(extras)
+        photographed = self._photographed_companion_poses(extras)
         roomy = np.ones(len(positions), dtype=bool)
         extra = self.target[positions] + 1  # the next extra of each position
         while (pending := roomy & (extra < self.end[positions])).any():
-            placed = self._place_one_each(extra[pending], photographed)
+            placed = self._place_one_extra_each(extra[pending], photographed)
             table.state[extra[pending][~placed & leave_out[pending]]] = PlaceState.LEFT_OUT
             roomy[pending] = placed | leave_out[pending]
             extra += 1
         return roomy
 
-    def _place_one_each(self, extras: Int[np.ndarray, " q"], photographed: PhotographedPoses) -> Bool[np.ndarray, " q"]:
+    def _place_one_extra_each(self, extras: Int[np.ndarray, " q"], photographed: PhotographedPoses) -> Bool[np.ndarray, " q"]:
         """Place at most one extra of each position, in batches that double their tries; return which have a place."""
         table, pending, done, ahead = self.table, extras, 0, FIRST_BATCH_TRIES
         while len(pending) and done < MAX_EXTRA_TRIES:
@@ -218,15 +218,15 @@ class _BlockSearch:
             attempt = done + np.tile(np.arange(ahead), len(pending))
             settled = self._settle_extras(tried, attempt, photographed)
             stands = np.flatnonzero(settled.rejection == Rejection.NONE)
-            clear = self._clear_of_others(tried[stands], take(settled, stands))
+            clear = self._clear_of_others_mask(tried[stands], take(settled, stands))
             settled.rejection[stands[~clear]] = Rejection.VEHICLE
-            taken, chosen, _ = first_accepted(settled.rejection.reshape(-1, ahead))
+            taken, chosen, _ = first_accepted_and_counts(settled.rejection.reshape(-1, ahead))
             put_rows(table.settled, pending[taken], take(settled, chosen))
             table.tries[pending[taken]], table.state[pending[taken]] = attempt[chosen] + 1, PlaceState.PLACED
             pending, done, ahead = pending[~taken], done + ahead, 2 * ahead
         return table.is_placed[extras]
 
-    def _photographed_poses(self, extras: Int[np.ndarray, " q"]) -> PhotographedPoses:
+    def _photographed_companion_poses(self, extras: Int[np.ndarray, " q"]) -> PhotographedPoses:
         """Return where the photographs of the positions' first images show these companions."""
         table, likeness, k = self.table, self.block.likeness, len(self.table)
         poses = PhotographedPoses(np.zeros((k, 3)), np.zeros(k, dtype=bool))
@@ -241,10 +241,10 @@ class _BlockSearch:
             likeness,
             targets,
             self.table.take(extras),
-            likeness.target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
+            likeness.sample_target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
             number=table.number[extras],
             lenses=sample_lenses(self.config.intrinsics, self.config.camera.fov_x_deg, first[:, 0]),
-            rng=candidate_directions(self.draws, image, attempt),
+            rng=direction_streams(self.draws, image, attempt),
         )
         put_rows(poses, extras, shown)
         return poses
@@ -270,19 +270,21 @@ class _BlockSearch:
             shown = take(photographed, extras)
             pose = np.where(shown.is_shown[:, None], shown.xy_yaw + anywhere * (pose - shown.xy_yaw), pose)
             xy, yaw = pose[:, :2] + table.world_from_vehicle[self.target[row], :2, 3], pose[:, 2]
-            tries.append(settle_clear(self.block.site, self.table.take(extras), limits, xy=xy, yaw=yaw))
+            tries.append(settle_instances(self.block.site, self.table.take(extras), limits, xy=xy, yaw=yaw))
         return join_rows(tries)
 
-    def _clear_of_others(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
+    def _clear_of_others_mask(self, which: Int[np.ndarray, " q"], settled: Settled) -> Bool[np.ndarray, " q"]:
         tried = replace(self.table.take(which), world_from_vehicle=settled.world_from_vehicle)
         standing = self.table.take(np.flatnonzero(self.table.is_placed))
         of_tried, of_standing = matching_pairs(tried.row, standing.row)
         clear = np.ones(len(which), dtype=bool)
-        apart = clear_of_vehicles(tried.take(of_tried), standing.take(of_standing), self.config.placement.vehicle_clearance)
+        apart = clear_of_vehicles_mask(
+            tried.take(of_tried), standing.take(of_standing), self.config.placement.vehicle_clearance
+        )
         clear[of_tried[~apart]] = False
         return clear
 
-    def _find_cameras(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
+    def _fill_views_and_find_blind(self, positions: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
         """Find cameras for all images of these positions; return the positions with an image without one."""
         max_tries = self.config.camera.max_tries
         extras = self.table.take(np.flatnonzero(self.table.is_placed & self.table.is_extra))
@@ -296,7 +298,7 @@ class _BlockSearch:
                 rows, owner = now[batch], self.owner[now[batch]]
                 tries = CameraTries(
                     self.table.take(self.target[owner]),
-                    extras.repeat_rows(owner)[0],
+                    extras.repeat_rows_with_indices(owner)[0],
                     self.block.given_poses(self.image[rows]),
                     self.image[rows],
                     # The number counts all places of the position, so that every place has new cameras.
@@ -304,28 +306,28 @@ class _BlockSearch:
                     quarter=np.maximum(4 * attempt[batch] // max_tries, blind[owner]),
                     visibility_m=self._visibility_m[rows],
                 )
-                views.append(try_cameras(self.block, tries))
+                views.append(views_of_camera_tries(self.block, tries))
             tried = join_rows(views)
-            taken, chosen, counts = first_accepted(tried.rejection.reshape(-1, ahead))
+            taken, chosen, counts = first_accepted_and_counts(tried.rejection.reshape(-1, ahead))
             put_rows(self.views, pending[taken], take(tried, chosen))
             self.camera_rejections[pending] += counts
             pending, done = pending[~taken], done + ahead
             ahead = max(1, min(2 * ahead, MAX_BATCH_CAMERAS // max(len(pending), 1)))
         return np.unique(self.owner[pending])
 
-    def view_extras(self) -> ExtraViews:
+    def compute_extra_views(self) -> ExtraViews:
         """Return the cameras' views of the extras."""
-        table, shown = self.table, np.flatnonzero(~self.is_abandoned[self.owner])
+        table, shown = self.table, np.flatnonzero(~self.abandoned_mask[self.owner])
         present = np.flatnonzero(table.is_placed & (table.is_extra | ~self.block.empty[table.row]))
         extras = np.flatnonzero(table.is_placed & table.is_extra)
         pair, of = matching_pairs(self.owner[shown], table.row[extras])
         image, instance = shown[pair], extras[of]
         seen, standing = [], self.table.take(present)
         for batch in index_batches(len(image), MAX_BATCH_CAMERAS):
-            others, which = standing.repeat_rows(self.owner[image[batch]])
+            others, which = standing.repeat_rows_with_indices(self.owner[image[batch]])
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views = take(self.views, image[batch])
-            views, pixels = views_of_others(
+            views, pixels = other_views_and_pixel_mask(
                 self.block.site,
                 self.table.take(instance[batch]).in_own_rows(),
                 others.take(not_itself),
@@ -338,9 +340,9 @@ class _BlockSearch:
         return join_rows(seen)
 
     def _hopeful_positions(self, rows: Int[np.ndarray, " p"]) -> Int[np.ndarray, " q"]:
-        return rows[~self.is_abandoned[rows]]
+        return rows[~self.abandoned_mask[rows]]
 
-    def _give_up_if_placeless(self, rows: Int[np.ndarray, " p"]) -> None:
+    def _abandon_placeless_positions(self, rows: Int[np.ndarray, " p"]) -> None:
         self._abandon_positions(
             rows[self.tries[rows] >= self.config.placement.max_tries],
             "finds no place to stand",
@@ -348,7 +350,7 @@ class _BlockSearch:
             "widen the limits in [placement]",
         )
 
-    def _give_up_if_blind(self, rows: Int[np.ndarray, " p"]) -> None:
+    def _abandon_blind_positions(self, rows: Int[np.ndarray, " p"]) -> None:
         self._abandon_positions(
             rows[self.place_rejections[rows, Rejection.NO_VIEW] >= MAX_PLACES_WITHOUT_CAMERA],
             "cannot be seen as wanted",

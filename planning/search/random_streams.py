@@ -54,13 +54,13 @@ class RandomStreams:
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> Float[np.ndarray, "*n {count}"]:
         """Return `count` numbers for each item, uniform in [0, 1), multiples of 2**-53."""
-        return _unit_interval(self.random_bits(purpose, item, attempt, count=count))
+        return _bits_to_unit_interval(self.random_bits(purpose, item, attempt, count=count))
 
     def random_bits(
         self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike, *, count: int
     ) -> UInt64[np.ndarray, "*n {count}"]:
         """Return `count` numbers of 64 random bits for each item."""
-        return _next_numbers(self.first_states(purpose, item, attempt), count)
+        return _random_bits_from_states(self.first_states(purpose, item, attempt), count)
 
     def first_states(self, purpose: ArrayLike, item: ArrayLike, attempt: ArrayLike) -> UInt64[np.ndarray, "*n"]:
         """Return the first states of the streams of these items and attempts."""
@@ -87,7 +87,7 @@ class RowStreams:
         if not shape or shape[0] != len(self._states):
             raise ValueError(f"size: expected {len(self._states)} rows, got size {size!r}")
         count = math.prod(shape[1:])
-        values = _unit_interval(_next_numbers(self._states, count, first=self._drawn))
+        values = _bits_to_unit_interval(_random_bits_from_states(self._states, count, first=self._drawn))
         self._drawn += count
         return values.reshape(shape)
 
@@ -102,7 +102,7 @@ def scale_uniform(low: ArrayLike, high: ArrayLike, uniform: ArrayLike) -> Float[
     return np.clip(lowest + np.asarray(uniform) * (highest - lowest), lowest, highest)
 
 
-def choose_weighted(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
+def choose_weighted_indices(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "*n"]:
     """Return n indices by weights, (k,) or a row for each with one above 0, from numbers in [0, 1)."""
     table = np.asarray(weights, dtype=np.float64)
     running = np.cumsum(table, axis=-1)
@@ -116,11 +116,13 @@ def choose_weighted(weights: ArrayLike, uniform: ArrayLike) -> Int[np.ndarray, "
     return np.minimum((running <= wanted[:, None]).sum(axis=1), last)
 
 
-def _next_numbers(states: UInt64[np.ndarray, "*n"], count: int, *, first: int = 0) -> UInt64[np.ndarray, "*n {count}"]:
+def _random_bits_from_states(
+    states: UInt64[np.ndarray, "*n"], count: int, *, first: int = 0
+) -> UInt64[np.ndarray, "*n {count}"]:
     return _mix_bits(states[..., None] + np.arange(first + 1, first + count + 1, dtype=np.uint64) * _GOLDEN)
 
 
-def _unit_interval(bits: UInt64[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def _bits_to_unit_interval(bits: UInt64[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     return (bits >> np.uint64(11)) * _TO_UNIT
 
 

@@ -14,7 +14,7 @@ from hulldown.annotate.boxes import VehicleBoxes
 from hulldown.assets.plan_assets import Assets, content_key
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
-from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.hulls import extreme_point_indices
 from hulldown.geometry.transforms import BOX_CORNERS
 from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.footprint import vehicle_underside
@@ -58,12 +58,12 @@ class FleetModel:
     footing: Footing  # the points where it meets the ground
 
     @cached_property
-    def part_hulls(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
+    def part_hull_vertices(self) -> tuple[Float[np.ndarray, "h 3"], ...]:
         """Vertices of the convex hull of each part's visible vertices; of all of `caster`'s, if none are visible."""
         if self.shape.seen is None:
             return tuple(part.hull for part in self.caster.parts)
-        seen = [(part, self.shape.seen_vertices(part.index)) for part in self.caster.parts]
-        return tuple(points[extreme_points(points)] if len(points) else part.hull for part, points in seen)
+        seen = [(part, self.shape.seen_part_vertices(part.index)) for part in self.caster.parts]
+        return tuple(points[extreme_point_indices(points)] if len(points) else part.hull for part, points in seen)
 
 
 class Fleet:
@@ -78,7 +78,7 @@ class Fleet:
         self.footings = tuple(model.footing for model in self.models)
         self.contacts = stack_samples([footing.contact for footing in self.footings])
         self.parts = max(len(model.shape.part_names) for model in self.models)
-        parts = [list(zip(model.caster.parts, model.part_hulls, strict=True)) for model in self.models]
+        parts = [list(zip(model.caster.parts, model.part_hull_vertices, strict=True)) for model in self.models]
         self.boxes = np.array([len(of_model) for of_model in parts])
         padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
         self.box_part = np.array([[part.index for part, _ in of_model] for of_model in padded])
@@ -94,7 +94,7 @@ def _sphere_radius(shape: VehicleShape) -> float:
     """Return the radius of a sphere about the origin that contains all parts in any articulation."""
     reach = 0.0
     for part in range(len(shape.part_names)):
-        part_vertices = shape.seen_vertices(part)
+        part_vertices = shape.seen_part_vertices(part)
         if len(part_vertices):
             low, high = part_vertices.min(axis=0), part_vertices.max(axis=0)
             points = np.array(list(product(*np.stack([low, high]).T)))
@@ -123,7 +123,7 @@ def make_stage(config: Config, assets: Assets) -> PlanStage:
     listed: list[tuple[VehicleShape, str | None]] = [(v, assets.categories[name]) for name, v in assets.vehicles.items()]
     listed += [(assets.distractors[entry.name], entry.category) for entry in config.assets.distractors]
     shapes = {content_key(shape): shape for shape, _ in listed}
-    models = {key: _make_model(shape, config) for key, shape in shapes.items()}
+    models = {key: _make_fleet_model(shape, config) for key, shape in shapes.items()}
     fleet = Fleet(tuple(replace(models[content_key(shape)], shape=shape, category=name) for shape, name in listed))
     lands = {content_key(scenery): scenery for scenery in assets.sceneries.values()}
     sites = {key: _make_site(scenery, config.ground.fallback_z) for key, scenery in lands.items()}
@@ -143,7 +143,7 @@ def _make_site(scenery: Scenery, fallback_z: float) -> Site:
         bounds = np.array([[-_BARE_EXTENT_M] * 2, [_BARE_EXTENT_M] * 2])
         if len(scene.bounds):
             bounds = np.stack([scene.bounds[:, 0, :2].min(axis=0), scene.bounds[:, 1, :2].max(axis=0)])
-    obstacles = Obstacles(scene, solid=scenery.solid_instances, extent=bounds)
+    obstacles = Obstacles(scene, solid=scenery.solid_instance_mask, extent=bounds)
     return Site(
         name=scenery.name,
         terrain=terrain,
@@ -167,7 +167,7 @@ def settle_rules(limits: PlacementSection) -> SettleRules:
     )
 
 
-def _make_model(shape: VehicleShape, config: Config) -> FleetModel:
+def _make_fleet_model(shape: VehicleShape, config: Config) -> FleetModel:
     return FleetModel(
         shape=shape,
         category=None,

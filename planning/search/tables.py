@@ -20,10 +20,10 @@ from hulldown.plan.config.scene_sections import WeatherSection
 from hulldown.plan.config.schema import Config
 from hulldown.plan.rejection import Rejection
 from hulldown.plan.row import round_field
-from hulldown.planning.search.budget import Budget, Given, Positions, nothing_given
-from hulldown.planning.search.instance_table import Instances, articulated_boxes, drawn_angles, no_boxes
+from hulldown.planning.search.budget import Budget, Given, Positions, empty_given_poses
+from hulldown.planning.search.instance_table import Instances, articulated_bounds, nan_boxes, part_angles_from_uniform
 from hulldown.planning.search.likeness import Likeness, TargetBoxes
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted, scale_uniform
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted_indices, scale_uniform
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
@@ -59,41 +59,43 @@ class Extras:
         wanted: Int[np.ndarray, " n"],
         is_wanted: Bool[np.ndarray, " n"],
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, "q 64"]]:
-        """Draw extras: rows, numbers, models, uniform numbers for angles; as many as `wanted` where `is_wanted`."""
+        """Draw extras: rows, numbers, models, uniform numbers for angles; as many as `wanted` where `is_kept_by_name`."""
         low, high = self.count
         choice = Purpose.COMPANY if self.role == InstanceRole.COMPANION else Purpose.DISTRACTORS
         size = draws.uniform(choice, position, 0, count=1)[:, 0]
         number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
         number = np.where(is_wanted, np.clip(wanted, low, high), number)
         uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS_PER_EXTRA)
-        model = self.models[choose_weighted(self.weights, uniform[..., 0])]
+        model = self.models[choose_weighted_indices(self.weights, uniform[..., 0])]
         row, rank = np.nonzero(np.arange(high) < number[:, None])
         return row, rank, model[row, rank], uniform[row, rank, 1:]
 
 
-def scenery_extras(site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]) -> dict[bool, list[Extras]]:
+def scenery_extras_by_background(
+    site: Site, stage: PlanStage, of_vehicles: Float[np.ndarray, " v"]
+) -> dict[bool, list[Extras]]:
     """Return a scenery's companions, drawn by `of_vehicles`, and distractors, by whether they're for backgrounds."""
     limits, (least, most) = stage.config.placement, stage.config.placement.vehicles_per_image
     companions = Extras(InstanceRole.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
     extras: dict[bool, list[Extras]] = {False: [companions], True: []}
     for background, kinds in extras.items():
-        models, weights = scenery_distractors(site, stage, unlabeled=background)
+        models, weights = distractor_models_and_weights(site, stage, unlabeled=background)
         if weights.any():
             kinds.append(Extras(InstanceRole.DISTRACTOR, models, weights, limits.distractors_per_image))
     return extras
 
 
-def scenery_distractors(
+def distractor_models_and_weights(
     site: Site, stage: PlanStage, *, unlabeled: bool
 ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, " m"]]:
     """Return all distractors and their weights on a scenery, 0 for those with a class if `unlabeled`."""
     weights = []
     for entry in stage.config.assets.distractors:
-        weights.append(entry.weight if entry.matches_vehicle(site.name) and not (unlabeled and entry.category) else 0.0)
+        weights.append(entry.weight if entry.allows_scenery(site.name) and not (unlabeled and entry.category) else 0.0)
     return stage.vehicles + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 
-def target_models(
+def choose_target_models(
     budget: Budget, stage: PlanStage, draws: RandomStreams, *, positions: Positions, site: Site
 ) -> Int[np.ndarray, " n"]:
     """Return each position's framed model: for backgrounds a drawn vehicle, or a distractor without a class."""
@@ -105,13 +107,13 @@ def target_models(
     model[rows] = index[planned[shown]]
     share, ordinal = stage.config.budget.background_distractors, positions.ordinal[rows]
     replaced = np.floor((ordinal + 1) * share) > np.floor(ordinal * share)
-    models, weights = scenery_distractors(site, stage, unlabeled=True)
+    models, weights = distractor_models_and_weights(site, stage, unlabeled=True)
     if weights.any():
-        model[rows[replaced]] = models[choose_weighted(weights, uniform[replaced, 1])]
+        model[rows[replaced]] = models[choose_weighted_indices(weights, uniform[replaced, 1])]
     return model
 
 
-def draw_weathers(weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]) -> list[Weather | None]:
+def sample_weathers(weather: WeatherSection, *, draws: RandomStreams, image: Int[np.ndarray, " n"]) -> list[Weather | None]:
     """Draw the weather of images, rounded as in a plan, None where clear; kind and visibility by separate numbers."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=5)
     speed, turn, ground, vehicle = draws.uniform(Purpose.WEATHER, image, 0, count=4).T
@@ -233,12 +235,12 @@ class ExtraViews:
     pixels: Bool[np.ndarray, " p"]  # whether an extra that has a class covers the center of any pixel
 
 
-def no_views(n: int) -> Views:
+def nan_views(n: int) -> Views:
     """Allocate n views of nan, without rejections."""
     return Views(
         np.full((n, 4, 4), np.nan),
         np.full(n, np.nan),
-        no_boxes(n),
+        nan_boxes(n),
         np.full(n, np.nan),
         np.full(n, np.nan),
         np.zeros(n, dtype=np.uint8),
@@ -289,14 +291,14 @@ class Block:
         return self.positions.first_image[self.owner] + self.shot
 
     @property
-    def light_image(self) -> Int[np.ndarray, " m"]:
+    def light_image_indices(self) -> Int[np.ndarray, " m"]:
         """Index of the image whose light, weather, and lens each image shares: the first of its sequence, or itself."""
         given = self.given_poses(self.image)
         return np.where(given.in_sequence, given.first, self.image)
 
     def given_poses(self, image: Int[np.ndarray, " k"]) -> Given:
         """Return the given poses of the images with these indices."""
-        return nothing_given(len(image)) if self.given is None else take(self.given, image)
+        return empty_given_poses(len(image)) if self.given is None else take(self.given, image)
 
 
 class PlaceState(IntEnum):
@@ -329,7 +331,7 @@ class InstanceTable(Instances):
         return self.role != InstanceRole.TARGET
 
 
-def draw_instances(block: Block) -> InstanceTable:
+def sample_instances(block: Block) -> InstanceTable:
     """Draw targets, companions, and distractors of a block's positions; none has a place yet."""
     positions, fleet, draws = block.positions, block.stage.fleet, block.draws
     n = len(positions.number)
@@ -337,7 +339,9 @@ def draw_instances(block: Block) -> InstanceTable:
     zero, likeness = np.zeros(n, dtype=np.int64), block.likeness
     photographed, is_photographed = (zero, np.zeros(n, dtype=bool))  # number of companions in the photograph, if one counts
     if likeness is not None:
-        sampled, is_photographed = likeness.sample_boxes(draws, fleet, model=block.model, image=positions.first_image)
+        sampled, is_photographed = likeness.sample_boxes_with_follow_mask(
+            draws, fleet, model=block.model, image=positions.first_image
+        )
         photographed = likeness.companion_counts(sampled)
     columns = [(np.arange(n), zero, zero, block.model, turns)]
     for background, kinds in block.extras.items():
@@ -355,9 +359,11 @@ def draw_instances(block: Block) -> InstanceTable:
     row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))
     row, role, number, model = row[order], role[order], number[order], model[order]
-    angles = drawn_angles(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
+    angles = (
+        part_angles_from_uniform(fleet, model, turns[order]) if block.config.placement.articulate else np.zeros(turns.shape)
+    )
     k, settled = len(row), empty_settled(len(row))
-    center = articulated_boxes(fleet, model, angles).mean(axis=1)
+    center = articulated_bounds(fleet, model, angles).mean(axis=1)
     tries, state = np.zeros(k, dtype=np.int64), np.full(k, PlaceState.PENDING, dtype=np.uint8)
     poses = settled.world_from_vehicle
     return InstanceTable(fleet, row, model, poses, angles, center, role, number, settled, tries, state)

@@ -27,7 +27,7 @@ class _Capture(bpy.types.RenderEngine):
             _Capture.error = error
 
 
-def visit_render(scene: Any, visit: Callable[[Any], None]) -> None:
+def visit_render_depsgraph(scene: Any, visit: Callable[[Any], None]) -> None:
     """Call `visit` with the depsgraph of `scene`, as rendered at its frame by our camera, which lives for the call."""
     if not _Capture.is_registered:
         bpy.utils.register_class(_Capture)

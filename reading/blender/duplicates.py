@@ -12,8 +12,8 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.blender.buffers import STORED_TYPES, read_property
-from hulldown.reading.blender.exact_poses import own_poses
-from hulldown.reading.blender.tidy import piece_look
+from hulldown.reading.blender.exact_poses import parentless_object_poses
+from hulldown.reading.blender.tidy import look_attribute_values
 
 MIN_OBJECTS = 1000  # smaller files are read as they are
 HARMLESS_USERS = ("Scene", "Collection", "Screen", "WorkSpace", "WindowManager")  # objects may have such users
@@ -28,14 +28,15 @@ class Duplicate:
     pose: Float[np.ndarray, "4 4"]  # world_from_object
 
 
-def take_duplicates() -> dict[str, list[Duplicate]]:
+def remove_duplicate_objects() -> dict[str, list[Duplicate]]:
     """Remove duplicates before evaluation, if there are many; return them by the name of the object that stays."""
-    groups = [same for same in _equal_groups().values() if len(same) > 1]
+    groups = [same for same in _equal_object_groups().values() if len(same) > 1]
     if sum(len(same) - 1 for same in groups) < MIN_OBJECTS:
         return {}
     duplicates = {
         same[0].name: [
-            Duplicate(obj.name, obj.data.name, pose) for obj, pose in zip(same[1:], own_poses(same[1:]), strict=True)
+            Duplicate(obj.name, obj.data.name, pose)
+            for obj, pose in zip(same[1:], parentless_object_poses(same[1:]), strict=True)
         ]
         for same in groups
     }
@@ -45,33 +46,35 @@ def take_duplicates() -> dict[str, list[Duplicate]]:
     return duplicates
 
 
-def _equal_groups() -> dict[tuple[object, ...], list[Any]]:
+def _equal_object_groups() -> dict[tuple[object, ...], list[Any]]:
     users = bpy.data.user_map()
-    plain = [obj for obj in bpy.data.objects if _is_plain(obj) and _is_unused(users.get(obj, set()))]
+    plain = [obj for obj in bpy.data.objects if _is_plain_mesh_object(obj) and _has_only_harmless_users(users.get(obj, set()))]
     within: dict[Any, list[Any]] = defaultdict(list)
     for collection in (*bpy.data.collections, *(scene.collection for scene in bpy.data.scenes)):
         for obj in collection.objects:
             within[obj].append(collection)
-    ordinary = {collection for collection in bpy.data.collections if _is_unused(_collection_users(collection, users))}
+    ordinary = {
+        collection for collection in bpy.data.collections if _has_only_harmless_users(_all_collection_users(collection, users))
+    }
     ordinary.update(scene.collection for scene in bpy.data.scenes)
     cameras = {scene.camera for scene in bpy.data.scenes}
     cameras.update(marker.camera for scene in bpy.data.scenes for marker in scene.timeline_markers)
-    content = _mesh_contents({obj.data for obj in plain if not obj.vertex_groups})
+    content = _content_key_by_mesh({obj.data for obj in plain if not obj.vertex_groups})
     alike: dict[tuple[object, ...], list[Any]] = defaultdict(list)
     for obj in plain:
         if obj not in cameras and ordinary.issuperset(within[obj]):
-            alike[content.get(obj.data, obj.data), tuple(within[obj]), _object_look(obj)].append(obj)
+            alike[content.get(obj.data, obj.data), tuple(within[obj]), _object_look_key(obj)].append(obj)
     return alike
 
 
-def _mesh_contents(meshes: set[Any]) -> dict[Any, object]:
+def _content_key_by_mesh(meshes: set[Any]) -> dict[Any, object]:
     sizes: dict[tuple[int, int, int], list[Any]] = defaultdict(list)
     for mesh in meshes:
         sizes[len(mesh.vertices), len(mesh.loops), len(mesh.polygons)].append(mesh)
-    return {mesh: _mesh_key(mesh) for same in sizes.values() if len(same) > 1 for mesh in same}
+    return {mesh: _mesh_content_key(mesh) for same in sizes.values() if len(same) > 1 for mesh in same}
 
 
-def _mesh_key(mesh: Any) -> object:
+def _mesh_content_key(mesh: Any) -> object:
     """Return a key of how a mesh is drawn; the mesh itself if it's damaged or has content that can't be compared."""
     if mesh.library or mesh.override_library or mesh.keys():
         return mesh
@@ -94,7 +97,7 @@ def _mesh_key(mesh: Any) -> object:
     )
 
 
-def _is_plain(obj: Any) -> bool:
+def _is_plain_mesh_object(obj: Any) -> bool:
     """Return whether an object draws its mesh at its own location, rotation, and scale, and nothing else."""
     if obj.type != "MESH" or obj.library or obj.override_library or obj.animation_data or obj.parent:
         return False
@@ -107,11 +110,11 @@ def _is_plain(obj: Any) -> bool:
     return not (obj.data.shape_keys or obj.data.animation_data) and bool(np.isfinite(obj.matrix_basis).all())
 
 
-def _is_unused(users: set[Any]) -> bool:
+def _has_only_harmless_users(users: set[Any]) -> bool:
     return all(user.bl_rna.identifier in HARMLESS_USERS for user in users)
 
 
-def _collection_users(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
+def _all_collection_users(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
     found: set[Any] = set()
     ring = [collection]
     while ring:
@@ -121,6 +124,6 @@ def _collection_users(collection: Any, users: dict[Any, set[Any]]) -> set[Any]:
     return found
 
 
-def _object_look(obj: Any) -> tuple[object, ...]:
+def _object_look_key(obj: Any) -> tuple[object, ...]:
     slots = tuple((slot.link, slot.material) for slot in obj.material_slots)
-    return (*piece_look(obj), obj.is_holdout, obj.is_shadow_catcher, slots)
+    return (*look_attribute_values(obj), obj.is_holdout, obj.is_shadow_catcher, slots)

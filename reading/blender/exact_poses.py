@@ -28,7 +28,7 @@ class Poses:
         self._depsgraph = depsgraph
         self._exact: dict[int, tuple[np.ndarray | None, float]] = {}
         objects = list(depsgraph.objects)
-        self._own = dict(zip((obj.original.as_pointer() for obj in objects), _own_poses(objects), strict=True))
+        self._own = dict(zip((obj.original.as_pointer() for obj in objects), _basis_matrices(objects), strict=True))
         self._collections: dict[Any, tuple[str, ...]] = {}
         # The collections that directly contain an object or a collection, which Blender would search for.
         self._around: dict[Any, list[Any]] = defaultdict(list)
@@ -38,8 +38,8 @@ class Poses:
 
     def pose(self, evaluated: Any) -> Float[np.ndarray, "4 4"]:
         """Return `world_from_object` of an object that isn't an instance."""
-        exact, size = self._composed_pose(evaluated)
-        return _agreed_pose(exact, size, np.array(evaluated.matrix_world, np.float64))
+        exact, size = self._cached_pose_and_magnitude(evaluated)
+        return _exact_pose_if_agreed(exact, size, np.array(evaluated.matrix_world, np.float64))
 
     def instance_pose(self, instance: Any) -> Float[np.ndarray, "4 4"]:
         """Return `world_from_object` of anything that `depsgraph.object_instances` yields."""
@@ -47,24 +47,24 @@ class Poses:
         if not instance.is_instance:
             return self.pose(instance.object)
         parent, inner = instance.parent, instance.instance_object
-        if _same_pose(parent, inner):
-            return _agreed_pose(*self._composed_pose(parent), seen)
+        if _is_none_or_same_object(parent, inner):
+            return _exact_pose_if_agreed(*self._cached_pose_and_magnitude(parent), seen)
         if parent.instance_type != "COLLECTION" or parent.instance_collection is None:
             return seen
-        outer, outer_size = self._composed_pose(parent)
-        within, inner_size = self._composed_pose(inner)
+        outer, outer_size = self._cached_pose_and_magnitude(parent)
+        within, inner_size = self._cached_pose_and_magnitude(inner)
         if outer is None or within is None:
             return seen
         offset = np.eye(4)
         offset[:3, 3] = -np.array(parent.instance_collection.instance_offset, np.float64)
-        return _agreed_pose(outer @ offset @ within, _pose_span(outer, outer_size, inner_size), seen)
+        return _exact_pose_if_agreed(outer @ offset @ within, _chain_magnitude(outer, outer_size, inner_size), seen)
 
     def chain(self, evaluated: Any, delta: Float[np.ndarray, "4 4"] | None = None) -> tuple[Link, ...]:
         """Return `evaluated` and its parents, bones included; `delta` moves their poses to where they are instanced."""
         links: list[Link] = []
         current, moved = evaluated, np.eye(4) if delta is None else delta
         while current is not None:
-            links.append(Link(current.name, self._object_collections(current), current.type, moved @ self.pose(current)))
+            links.append(Link(current.name, self._object_collection_names(current), current.type, moved @ self.pose(current)))
             parent = current.parent
             if parent is not None and current.parent_type == "BONE" and parent.pose:
                 bone = parent.pose.bones.get(current.parent_bone)
@@ -75,7 +75,7 @@ class Poses:
             current = parent
         return tuple(links)
 
-    def _object_collections(self, evaluated: Any) -> tuple[str, ...]:
+    def _object_collection_names(self, evaluated: Any) -> tuple[str, ...]:
         """Return names of the collections an object is in, nearest first, then those around them."""
         original = evaluated.original
         if original not in self._collections:
@@ -86,58 +86,61 @@ class Poses:
             self._collections[original] = tuple(collection.name for collection in found)
         return self._collections[original]
 
-    def _composed_pose(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
+    def _cached_pose_and_magnitude(self, evaluated: Any) -> tuple[np.ndarray | None, float]:
         """Return the pose in float64, None where it can't be composed, and the largest number in the computation."""
         key = evaluated.original.as_pointer()
         if key not in self._exact:
-            self._exact[key] = self._compose_pose(evaluated, key)
+            self._exact[key] = self._compose_pose_and_magnitude(evaluated, key)
         return self._exact[key]
 
-    def _compose_pose(self, evaluated: Any, key: int) -> tuple[np.ndarray | None, float]:
-        own = self._own[key] if key in self._own else _own_poses([evaluated])[0]
+    def _compose_pose_and_magnitude(self, evaluated: Any, key: int) -> tuple[np.ndarray | None, float]:
+        own = self._own[key] if key in self._own else _basis_matrices([evaluated])[0]
         if evaluated.parent is None:
             return own, float(np.abs(own).max())
         if evaluated.parent_type != "OBJECT":
             return None, 0.0
-        outer, size = self._composed_pose(evaluated.parent)
+        outer, size = self._cached_pose_and_magnitude(evaluated.parent)
         if outer is None:
             return None, 0.0
         inverse = np.array(evaluated.matrix_parent_inverse, np.float64)
-        return outer @ inverse @ own, _pose_span(outer @ inverse, size, float(np.abs(own).max()))
+        return outer @ inverse @ own, _chain_magnitude(outer @ inverse, size, float(np.abs(own).max()))
 
 
-def own_poses(originals: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
+def parentless_object_poses(originals: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
     """Return `world_from_object` of objects without parents or constraints, which need no evaluation."""
     seen = (np.array(original.matrix_basis, np.float64) for original in originals)
     return np.array(
-        [_agreed_pose(own, float(np.abs(own).max()), at) for own, at in zip(_own_poses(originals), seen, strict=True)]
+        [
+            _exact_pose_if_agreed(own, float(np.abs(own).max()), at)
+            for own, at in zip(_basis_matrices(originals), seen, strict=True)
+        ]
     )
 
 
-def _pose_span(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
+def _chain_magnitude(outer: np.ndarray, outer_size: float, inner_size: float) -> float:
     return max(outer_size, float(np.abs(outer[:3, :3]).max()) * inner_size, float(np.abs(outer).max()))
 
 
-def _agreed_pose(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
+def _exact_pose_if_agreed(exact: np.ndarray | None, size: float, seen: np.ndarray) -> np.ndarray:
     # NaN agrees with nothing.
     if exact is not None and np.abs(exact - seen).max() <= POSE_TOLERANCE * max(size, float(np.abs(seen).max())):
         return exact
     return seen
 
 
-def _own_poses(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
+def _basis_matrices(objects: Sequence[Any]) -> Float[np.ndarray, "n 4 4"]:
     def read(name: str) -> np.ndarray:
         return np.array([getattr(obj, name)[:] for obj in objects], np.float64).reshape(len(objects), -1)
 
     basis = np.tile(np.eye(4), (len(objects), 1, 1))
     if objects:
-        turned = _own_rotations(objects, "delta_") @ _own_rotations(objects, "")
+        turned = _basis_rotations(objects, "delta_") @ _basis_rotations(objects, "")
         basis[:, :3, :3] = turned * (read("scale") * read("delta_scale"))[:, None]
         basis[:, :3, 3] = read("location") + read("delta_location")
     return basis
 
 
-def _own_rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"]:
+def _basis_rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 3 3"]:
     result = np.tile(np.eye(3), (len(objects), 1, 1))
     modes: dict[str, list[int]] = {}
     for i, obj in enumerate(objects):
@@ -161,5 +164,5 @@ def _own_rotations(objects: Sequence[Any], prefix: str) -> Float[np.ndarray, "n 
     return result
 
 
-def _same_pose(a: Any, b: Any) -> bool:
+def _is_none_or_same_object(a: Any, b: Any) -> bool:
     return b is None or a.original.as_pointer() == b.original.as_pointer()

@@ -16,9 +16,9 @@ from scipy.spatial.transform import Rotation
 
 from hulldown.blender.add_nodes import add_node
 from hulldown.blender.frames import world_from_blender_camera
-from hulldown.blender.light_pictures import render_light, see_pixel_centers
+from hulldown.blender.light_pictures import render_light, set_light_at_pixel_centers
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import first_match
+from hulldown.reading.pieces.naming import first_matching_pattern
 from hulldown.reading.pieces.roles import Evaluated, Unseen
 from hulldown.reading.pieces.wording import quote_names
 from hulldown.scene.instances import InstancedScene
@@ -55,7 +55,7 @@ class _View:
         return at + self.width * plane @ axes.T, sight @ axes.T
 
 
-def lost_geometry(
+def lost_geometry_doubts(
     drawn: Evaluated, *, up: Float[np.ndarray, "3"], kind: str, absent: Container[str], drop: Sequence[str], picture: Path
 ) -> list[Doubt]:
     """Return a doubt about geometry of the open file that Cycles draws and that wasn't read, or the other way round.
@@ -72,17 +72,17 @@ def lost_geometry(
         return []
     names = [obj.name for obj in bpy.data.objects]
     fuzzy = np.array([p.hair or p.unseen is not None or p.chain[0].kind == "POINTCLOUD" for p in pieces] + [False])
-    varying = np.array([name in drawn.varying or bool(first_match(name, drop)) for name in names] + [False])
+    varying = np.array([name in drawn.varying or bool(first_matching_pattern(name, drop)) for name in names] + [False])
     pixels, added, shown = np.zeros((2, len(varying)), int), list[int](), list[np.ndarray]()
     scene = bpy.context.scene
-    _prepare_scene(scene)
+    _prepare_number_render(scene)
     for view in _scene_views(read, up, kind):
-        depth, number, strand = _render_numbers(scene, view, diagonal)
+        depth, number, strand = _render_depth_number_and_hair(scene, view, diagonal)
         number = np.where(np.isfinite(depth), np.minimum(number, len(names) - 1), len(names))
-        cast, piece = _cast_view(read, view)
+        cast, piece = _cast_depths_and_pieces(read, view)
         skipped = binary_dilation(strand | fuzzy[piece] | varying[number], np.ones((3, 3)))
         near = DEPTH_TOLERANCE_DIAGONALS * diagonal
-        differs = _is_outside(depth, cast, near) & _is_outside(cast, depth, near) & ~skipped
+        differs = _depth_difference_mask(depth, cast, near) & _depth_difference_mask(cast, depth, near) & ~skipped
         gone = differs & (depth < cast)
         pixels += [np.bincount(number[mask], minlength=len(varying)) for mask in (~skipped, gone)]
         added += piece[differs & ~gone].tolist()
@@ -111,15 +111,15 @@ def _scene_views(read: InstancedScene, up: Float[np.ndarray, "3"], kind: str) ->
     upright = Rotation.align_vectors([up], [[0.0, 0.0, 1.0]])[0]
     for sight in SIGHTS[kind]:
         ahead = upright.apply(np.array(sight) / np.linalg.norm(sight))
-        yield _View(_camera_pose(middle - diagonal * ahead, ahead, up), VIEW_WIDTH_DIAGONALS * diagonal)
+        yield _View(_pose_looking_ahead(middle - diagonal * ahead, ahead, up), VIEW_WIDTH_DIAGONALS * diagonal)
     if kind == "scenery":
         top = middle + diagonal * up + diagonal * np.array([1e-4, 2e-4, 3e-4])  # beside edges of grids
         down = float(read.first_hits(RayList(top[None], -up[None])).distance[0])
         ahead = upright.apply(np.array([0.8, 0.6, 0.0]))
-        yield _View(_camera_pose(top - (min(down, diagonal) - EYE_HEIGHT_SHARE * diagonal) * up, ahead, up), 0.0)
+        yield _View(_pose_looking_ahead(top - (min(down, diagonal) - EYE_HEIGHT_SHARE * diagonal) * up, ahead, up), 0.0)
 
 
-def _camera_pose(
+def _pose_looking_ahead(
     at: Float[np.ndarray, "3"], ahead: Float[np.ndarray, "3"], up: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "4 4"]:
     pose, right = np.eye(4), np.cross(ahead, up)
@@ -128,7 +128,7 @@ def _camera_pose(
     return pose
 
 
-def _prepare_scene(scene: Any) -> None:
+def _prepare_number_render(scene: Any) -> None:
     bpy.data.objects.foreach_set("pass_index", np.minimum(np.arange(len(bpy.data.objects)), MAX_PASS_INDEX))
     material = bpy.data.materials.new("hulldown numbers")
     material.cycles.emission_sampling = "NONE"
@@ -149,11 +149,11 @@ def _prepare_scene(scene: Any) -> None:
     render.threads_mode, render.threads, render.pixel_aspect_x, render.pixel_aspect_y = "FIXED", 2, 1.0, 1.0
     render.resolution_x = render.resolution_y = VIEW_SIDE_PX
     render.resolution_percentage = 100
-    see_pixel_centers(scene)
+    set_light_at_pixel_centers(scene)
     render.image_settings.color_mode = "RGBA"
 
 
-def _render_numbers(
+def _render_depth_number_and_hair(
     scene: Any, view: _View, diagonal: float
 ) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"], Bool[np.ndarray, "h w"]]:
     """Return depth (inf: nothing), number of the object, and whether it's hair, of each pixel of the open file."""
@@ -166,7 +166,7 @@ def _render_numbers(
     return np.where(drawn, depth, np.inf), np.rint(number).astype(int), drawn & (strand > 0.5)
 
 
-def _cast_view(read: InstancedScene, view: _View) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
+def _cast_depths_and_pieces(read: InstancedScene, view: _View) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
     """Return depth and number (-1: none) of the piece that each pixel of a view shows."""
     origins, along = view.rays()
     hits = read.first_hits(RayList(origins, along))
@@ -174,6 +174,8 @@ def _cast_view(read: InstancedScene, view: _View) -> tuple[Float[np.ndarray, "h 
     return depth.reshape(VIEW_SIDE_PX, VIEW_SIDE_PX), hits.instance.reshape(VIEW_SIDE_PX, VIEW_SIDE_PX)
 
 
-def _is_outside(depth: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], near: float) -> Bool[np.ndarray, "h w"]:
+def _depth_difference_mask(
+    depth: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], near: float
+) -> Bool[np.ndarray, "h w"]:
     """Return where a depth isn't among those of another picture at the same pixel or beside it."""
     return (depth < minimum_filter(other, 3) - near) | (depth > maximum_filter(other, 3) + near)

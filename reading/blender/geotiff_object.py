@@ -13,8 +13,8 @@ from jaxtyping import Float, UInt8
 from PIL import Image
 
 from hulldown.base.errors import AssetError
-from hulldown.blender.add_nodes import add_math, add_node
-from hulldown.reading.confinement.landlock import asset_folders, is_inside
+from hulldown.blender.add_nodes import add_math_output, add_node
+from hulldown.reading.confinement.landlock import is_in_readable_folder, readable_asset_folders
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.scenery.geotiff import Elevations, read_elevations, read_orthophoto
 
@@ -24,7 +24,7 @@ SLOPE_COLORS = ((0.65, (0.17, 0.15, 0.13)), (0.8, (0.2, 0.17, 0.13)), (0.9, (0.1
 NOISE_PATCHES = ((0.004, 0.5), (0.05, 0.35), (0.6, 0.3))  # noise: waves per meter, and amplitude of brightness
 
 
-def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
+def open_geotiff_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     """Fill Blender's scene with a GeoTIFF's terrain; return its elevations, and the files it refers to."""
     terrain = read_elevations(path, area=options.area, scale=options.scale)
     mesh = bpy.data.meshes.new(TERRAIN_NAME)
@@ -45,31 +45,33 @@ def open_terrain(path: Path, options: Options) -> tuple[Elevations, list[str]]:
     shader = material.node_tree.nodes["Principled BSDF"]
     shader.inputs["Roughness"].default_value = 0.95
     shader.inputs["Specular IOR Level"].default_value = 0.1
-    color = _by_slope(material.node_tree)
-    texture = _neighbor_file(path, options.texture) if options.texture else None
+    color = _slope_color_socket(material.node_tree)
+    texture = _confined_neighbor_path(path, options.texture) if options.texture else None
     if texture:
         low, high = vertices[:, :2].min(axis=0), vertices[:, :2].max(axis=0)
         anchor = terrain.anchor[:2]
         picture = read_orthophoto(texture, crs=terrain.crs, low=anchor + low, high=anchor + high)
-        color = _drape_picture(material.node_tree, color, picture, low, high)
+        color = _draped_color_socket(material.node_tree, color, picture, low, high)
     material.node_tree.links.new(color, shader.inputs["Base Color"])
     return terrain, [str(texture)] if texture else []
 
 
-def _neighbor_file(path: Path, name: str) -> Path:
+def _confined_neighbor_path(path: Path, name: str) -> Path:
     file = Path(os.path.normpath(path.parent / name))
-    if not is_inside(file, asset_folders(path)):
+    if not is_in_readable_folder(file, readable_asset_folders(path)):
         raise AssetError("isn't in the folder of the elevations or the one around it", path=file, remedy="move it")
     return file
 
 
-def _by_slope(tree: Any) -> Any:
+def _slope_color_socket(tree: Any) -> Any:
     normal, place = (add_node(tree, kind).outputs for kind in ("NewGeometry", "TexCoord"))
     brightness, uneven = 1.0, add_node(tree, "SeparateXYZ", {0: normal["Normal"]}).outputs["Z"]
     for scale, depth in NOISE_PATCHES:
         noise = add_node(tree, "TexNoise", {"Vector": place["Object"], "Scale": scale, "Detail": 5.0}).outputs["Factor"]
-        uneven = add_math(tree, "MULTIPLY_ADD", noise, 0.06, uneven)
-        brightness = add_math(tree, "MULTIPLY", add_math(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness)
+        uneven = add_math_output(tree, "MULTIPLY_ADD", noise, 0.06, uneven)
+        brightness = add_math_output(
+            tree, "MULTIPLY", add_math_output(tree, "MULTIPLY_ADD", noise, 2.0 * depth, 1.0 - depth), brightness
+        )
     ramp = add_node(tree, "ValToRGB", {0: uneven})
     for k, (at, color) in enumerate(SLOPE_COLORS):
         stop = ramp.color_ramp.elements[k] if k < 2 else ramp.color_ramp.elements.new(1.0)
@@ -78,7 +80,7 @@ def _by_slope(tree: Any) -> Any:
     return add_node(tree, "VectorMath", inputs, operation="SCALE").outputs[0]
 
 
-def _drape_picture(
+def _draped_color_socket(
     tree: Any, below: Any, picture: UInt8[np.ndarray, "h w 4"], low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
 ) -> Any:
     with tempfile.TemporaryDirectory() as folder:

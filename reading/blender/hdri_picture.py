@@ -13,24 +13,24 @@ from jaxtyping import Float
 from hulldown.assets.skylight import SkyLight, level_irradiance
 from hulldown.base.errors import AssetError
 from hulldown.blender.buffers import image_pixels
-from hulldown.reading.hdri import MENDED_NAME, FoundSky, mend_radiance
+from hulldown.reading.hdri import MENDED_NAME, FoundSky, mended_radiance_and_repairs
 from hulldown.reading.reader_process import Job
-from hulldown.reading.surroundings import backdrop_elevation, shows_land, small_map
+from hulldown.reading.surroundings import backdrop_elevation_and_misfits, shows_land, shrink_sky_map
 
 
-def read_sky_picture(job: Job) -> FoundSky:
+def run_hdri_job(job: Job) -> FoundSky:
     """Check an HDRI; write a repaired copy if needed."""
     image = bpy.data.images.load(str(Path(job.path).resolve()))
     try:
-        radiance, notes = mend_radiance(_image_radiance(image))
+        radiance, notes = mended_radiance_and_repairs(_image_radiance(image))
     finally:
         bpy.data.images.remove(image)
     mended = hashlib.sha256(np.ascontiguousarray(radiance, "<f4").tobytes()).hexdigest() if notes else ""
     if notes:
-        _write_picture(radiance, str(job.file(MENDED_NAME)))
+        _write_radiance_exr(radiance, str(job.file(MENDED_NAME)))
     red, green, blue = level_irradiance(radiance).tolist()
-    small = small_map(radiance)
-    return FoundSky(SkyLight((red, green, blue), *backdrop_elevation(small), shows_land(small)), notes, mended)
+    small = shrink_sky_map(radiance)
+    return FoundSky(SkyLight((red, green, blue), *backdrop_elevation_and_misfits(small), shows_land(small)), notes, mended)
 
 
 def _image_radiance(image: Any) -> Float[np.ndarray, "h w 3"]:
@@ -41,7 +41,7 @@ def _image_radiance(image: Any) -> Float[np.ndarray, "h w 3"]:
     return image_pixels(image)[..., :3]
 
 
-def _write_picture(radiance: Float[np.ndarray, "h w 3"], path: str) -> None:
+def _write_radiance_exr(radiance: Float[np.ndarray, "h w 3"], path: str) -> None:
     height, width = radiance.shape[:2]
     image = bpy.data.images.new("mended", width, height, float_buffer=True, is_data=True)
     full = np.ones((height, width, 4), dtype=np.float32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from hulldown.blender.shaders import is_volume
+from hulldown.blender.shaders import is_volume_only_material
 from hulldown.reading.blender.duplicates import Duplicate
 from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.roles import Evaluated, Unseen
@@ -20,26 +20,26 @@ DRAWN_TYPES = (*SURFACE_TYPES, *SOLID_TYPES, *UNDRAWN_TYPES)
 ACTIVE_CAMERA = "GeometryNodeInputActiveCamera"
 
 
-def list_hidden(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:
+def add_hidden_object_rows(scene: Any, result: Evaluated, duplicates: Mapping[str, Sequence[Duplicate]]) -> None:
     """Add rows for objects of the file that aren't rendered to the result."""
     drawn = {link.name for piece in result.pieces for link in piece.chain} | {left.name for left in result.left}
     layer = next((layer for layer in scene.view_layers if layer.use), scene.view_layers[0])
-    off = dict(_hidden_collections(layer.layer_collection, False))
+    off = dict(_collection_hidden_flags(layer.layer_collection, False))
     for obj in scene.objects:
         if obj.name not in drawn and obj.type in DRAWN_TYPES:
             for name in (obj.name, *(duplicate.name for duplicate in duplicates.get(obj.name_full, ()))):
-                why, by = _why_hidden(obj, off)
+                why, by = _hidden_reason_and_decider(obj, off)
                 result.left[ObjectRow(name, obj.type, "dropped", why, by=by)] += 1
 
 
-def _hidden_collections(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
+def _collection_hidden_flags(layer: Any, already: bool) -> Iterator[tuple[str, bool]]:
     off = already or layer.exclude or layer.collection.hide_render
     yield layer.collection.name, off
     for inner in layer.children:
-        yield from _hidden_collections(inner, off)
+        yield from _collection_hidden_flags(inner, off)
 
 
-def _why_hidden(obj: Any, off: Mapping[str, bool]) -> tuple[str, By]:
+def _hidden_reason_and_decider(obj: Any, off: Mapping[str, bool]) -> tuple[str, By]:
     around = [c.name for c in obj.users_collection if c.name in off]
     if obj.hide_render:
         return "hidden from render", By.HIDDEN
@@ -60,17 +60,17 @@ def why_unseen(drawn: Any, depsgraph: Any) -> Unseen | None:
     if original.indirect_only_get(view_layer=depsgraph.view_layer):
         return Unseen.INDIRECT_ONLY
     materials = [s.material for s in drawn.material_slots]
-    if materials and all(m is not None and is_volume(m) for m in materials):
+    if materials and all(m is not None and is_volume_only_material(m) for m in materials):
         return Unseen.VOLUME
     return None
 
 
-def is_hidden(original: Any) -> bool:
+def is_hidden_in_viewport(original: Any) -> bool:
     """Return whether the eye or monitor icon of an object or its collection hides it."""
     return bool(original.hide_viewport or not original.visible_get())
 
 
-def follows_camera(obj: Any) -> str:
+def camera_dependence_reason(obj: Any) -> str:
     """Describe how an object, or what carries it, is drawn if that depends on a camera; empty if it doesn't."""
     while obj is not None:
         for modifier in obj.modifiers:

@@ -15,15 +15,15 @@ import bpy
 import numpy as np
 
 from hulldown.base.errors import AssetError
-from hulldown.base.files import open_regular
+from hulldown.base.files import open_regular_file
 from hulldown.blender.add_nodes import add_node, feed_input
 from hulldown.blender.opening import open_blend
-from hulldown.blender.shaders import surface_shaders
-from hulldown.reading.blender.duplicates import Duplicate, take_duplicates
-from hulldown.reading.blender.geotiff_object import open_terrain
-from hulldown.reading.blender.surfaces.textures import find_moved
-from hulldown.reading.confinement.blocks import refuse_special_files
-from hulldown.reading.confinement.references import file_directives, material_libraries, mesh_compression
+from hulldown.blender.shaders import surface_shaders_and_stacks
+from hulldown.reading.blender.duplicates import Duplicate, remove_duplicate_objects
+from hulldown.reading.blender.geotiff_object import open_geotiff_terrain
+from hulldown.reading.blender.surfaces.textures import relink_moved_pictures
+from hulldown.reading.confinement.blocks import refuse_special_references
+from hulldown.reading.confinement.references import gltf_mesh_compression, obj_directives, obj_material_libraries
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.wording import quote_names
@@ -51,13 +51,13 @@ class Opened:
     files: Sequence[str] = ()  # files that it refers to besides those that Blender lists
 
 
-def open_file(path: Path, kind: str, options: Options) -> Opened:
+def open_asset_in_blender(path: Path, kind: str, options: Options) -> Opened:
     """Open `path` in Blender."""
     if kind == "blend":
-        return _open_blend(path)
+        return _open_blend_asset(path)
     bpy.ops.wm.read_factory_settings(use_empty=True)
     if kind == "geotiff":
-        terrain, files = open_terrain(path, options)
+        terrain, files = open_geotiff_terrain(path, options)
         return Opened(1.0, "z", "GeoTIFF", terrain.doubts, terrain=terrain, files=files)
     up = "z"
     # Blender starts with a scale of 1 m; glTF and FBX bring their own units and up axis, and the importers heed them.
@@ -67,24 +67,24 @@ def open_file(path: Path, kind: str, options: Options) -> Opened:
             bpy.ops.import_scene.gltf(filepath=str(path))
         elif kind == "fbx":
             bpy.ops.wm.fbx_import(filepath=str(path), use_anim=False)
-            _sort_objects()
+            _relink_objects_by_name()
         else:
             # As it is in the file: then `up` in the config means the file's axis, and y is what OBJ files have.
-            grouped = not any(key == "o" for key, _ in file_directives(path, b"o"))
-            with _near_zero(path) as (file, offset):
+            grouped = not any(key == "o" for key, _ in obj_directives(path, b"o"))
+            with _recentered_obj_and_offset(path) as (file, offset):
                 bpy.ops.wm.obj_import(filepath=str(file), forward_axis="Y", up_axis="Z", use_split_groups=grouped)
             for obj in bpy.context.scene.objects:
                 obj.location = offset
             up = "z" if abs(offset[1]) > MIN_MAP_COORDINATE_M else "y"  # a northing isn't a height
-            _clear_false_glass(path)
+            _make_false_glass_opaque(path)
             _wear_vertex_colors()
     except (RuntimeError, ValueError) as error:
-        extension = mesh_compression(path) if kind == "gltf" else ""
+        extension = gltf_mesh_compression(path) if kind == "gltf" else ""
         remedy = f"write it without {extension}, with gltf-transform for example" if extension else "export it again"
-        raise AssetError(f"Blender cannot import it ({_one_line(error)})", remedy=remedy) from None
+        raise AssetError(f"Blender cannot import it ({_short_error_text(error)})", remedy=remedy) from None
     if not bpy.context.scene.objects:
         raise AssetError("Blender finds nothing in it to import", remedy="export it again")
-    doubts = tuple(find_moved(path))
+    doubts = tuple(relink_moved_pictures(path))
     return Opened(1.0, up, kind.upper().replace("GLTF", "glTF"), doubts)
 
 
@@ -97,7 +97,7 @@ class RestPose:
             animations.clear()
 
 
-def _sort_objects() -> None:
+def _relink_objects_by_name() -> None:
     """Link the scene's objects by name, since the FBX importer orders them (and meshes) differently in each process."""
     linked = bpy.context.scene.collection.objects
     for obj in sorted(linked, key=lambda obj: str(obj.name)):
@@ -106,15 +106,15 @@ def _sort_objects() -> None:
 
 
 @contextmanager
-def _near_zero(path: Path) -> Iterator[tuple[Path, list[float]]]:
+def _recentered_obj_and_offset(path: Path) -> Iterator[tuple[Path, list[float]]]:
     """Yield an OBJ file, or a copy near zero if its vertices are too large for float32, and the copy's offset."""
-    offset = _map_offset(path)
+    offset = _obj_map_offset(path)
     if not any(offset):
         yield path, offset
         return
     with tempfile.TemporaryDirectory() as folder:
         copy, back = Path(folder, path.name), os.path.relpath(path.parent.resolve(), Path(folder).resolve())
-        with open_regular(path) as lines, copy.open("wb") as file:
+        with open_regular_file(path) as lines, copy.open("wb") as file:
             for line in lines:
                 words = line.split()
                 if words[:1] == [b"v"]:
@@ -126,9 +126,9 @@ def _near_zero(path: Path) -> Iterator[tuple[Path, list[float]]]:
         yield copy, offset
 
 
-def _map_offset(path: Path) -> list[float]:
+def _obj_map_offset(path: Path) -> list[float]:
     """Return where the vertices of an OBJ file are, in whole kilometers; zeros unless that's on a map."""
-    first = next((text.split()[:3] for key, text in file_directives(path, b"v") if key == "v"), [])
+    first = next((text.split()[:3] for key, text in obj_directives(path, b"v") if key == "v"), [])
     offset = (np.rint(np.array(first, dtype=np.float64) / MAP_STEP_M) * MAP_STEP_M).tolist()
     return offset if any(abs(x) > MIN_MAP_COORDINATE_M for x in offset) else [0.0, 0.0, 0.0]
 
@@ -146,14 +146,14 @@ def _wear_vertex_colors() -> None:
         mesh.materials.append(material)
 
 
-def _clear_false_glass(path: Path) -> None:
+def _make_false_glass_opaque(path: Path) -> None:
     """Make materials opaque whose model isn't in `GLASS_MODELS`: exporters write ``Tf 1 1 1`` for those too."""
-    found = [(m.name, shader) for m in bpy.data.materials for shader, _ in surface_shaders(m)]
+    found = [(m.name, shader) for m in bpy.data.materials for shader, _ in surface_shaders_and_stacks(m)]
     clear = [(name, shader.inputs[TRANSMISSION_SOCKET]) for name, shader in found if shader.type == "BSDF_PRINCIPLED"]
     clear = [(name, weight) for name, weight in clear if weight.default_value > 0.0]
     if not clear:
         return
-    models = {name: model for library in material_libraries(path) for name, model in _illumination_models(library).items()}
+    models = {name: model for library in obj_material_libraries(path) for name, model in _illumination_models(library).items()}
     for name, weight in clear:
         if models.get(name, GLASS_MODELS[0]) not in GLASS_MODELS:
             weight.default_value = 0.0
@@ -162,7 +162,7 @@ def _clear_false_glass(path: Path) -> None:
 def _illumination_models(library: Path) -> dict[str, str]:
     models: dict[str, str] = {}
     name = ""
-    for key, value in file_directives(library, b"newmtl", b"illum"):
+    for key, value in obj_directives(library, b"newmtl", b"illum"):
         if key == "newmtl":
             name = value
             models[name] = "2"
@@ -171,13 +171,13 @@ def _illumination_models(library: Path) -> dict[str, str]:
     return models
 
 
-def _open_blend(path: Path) -> Opened:
-    refuse_special_files(path)
+def _open_blend_asset(path: Path) -> Opened:
+    refuse_special_references(path)
     duplicates: dict[str, list[Duplicate]] = {}
     try:
-        left_out = open_blend(str(path), then=lambda: duplicates.update(take_duplicates()))
+        left_out = open_blend(str(path), then=lambda: duplicates.update(remove_duplicate_objects()))
     except RuntimeError as error:
-        raise AssetError(f"Blender cannot read it ({_one_line(error)})", remedy=RESAVE_REMEDY) from None
+        raise AssetError(f"Blender cannot read it ({_short_error_text(error)})", remedy=RESAVE_REMEDY) from None
     version = ".".join(map(str, bpy.data.version[:2]))
     if tuple(bpy.data.version[:2]) > bpy.app.version[:2]:
         raise AssetError(
@@ -199,16 +199,16 @@ def _open_blend(path: Path) -> Opened:
     layers = [layer.name for layer in scene.view_layers if layer.use]
     if len(layers) > 1:
         left_out.append(f"only the view layer {layers[0]!r} is read, not {quote_names(layers[1:])}")
-    if lost := _lost_pictures():
+    if lost := _lost_texture_picture_names():
         left_out.append(
             f"{len(lost)} of its pictures, such as {lost[0]!r}, belong to textures from before Blender 2.80, so their "
             "objects are rendered in one color; give the materials image nodes"
         )
     doubts = (Doubt(DoubtKind.NOT_READ, text) for text in left_out)
-    return Opened(unit, "z", f"Blender {version}", (*doubts, *find_moved(path)), duplicates)
+    return Opened(unit, "z", f"Blender {version}", (*doubts, *relink_moved_pictures(path)), duplicates)
 
 
-def _lost_pictures() -> list[str]:
+def _lost_texture_picture_names() -> list[str]:
     """Return pictures of old files whose texture slots no longer exist, so that no material uses them."""
     if tuple(bpy.data.version[:2]) >= FIRST_NODES_VERSION:
         return []
@@ -216,7 +216,7 @@ def _lost_pictures() -> list[str]:
     return sorted({t.image.name for t in textures if t.image})
 
 
-def _one_line(error: Exception) -> str:
+def _short_error_text(error: Exception) -> str:
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
     # The last line of an importer in Python names a place in its code; the line before has the error.
     lines = [line for line in lines if not line.startswith("Location:")]

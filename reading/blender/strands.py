@@ -19,7 +19,7 @@ CATMULL_ROM, POLY = 0, 1
 DEFAULT_RADIUS_M = 0.005  # Cycles in Blender 5.0 draws curves without radii so
 
 
-def curves_mesh(curves: Any, name: str) -> Mesh | None:
+def hair_curves_mesh(curves: Any, name: str) -> Mesh | None:
     """Return a mesh that hides as much as hair curves, in their frame; None if there are none."""
     points = read_property(curves.points, "position", np.float32, 3).reshape(-1, 3)
     first = read_property(curves.curves, "first_point_index", np.int32)
@@ -31,7 +31,7 @@ def curves_mesh(curves: Any, name: str) -> Mesh | None:
     return hair_mesh(points.astype(float), radii.astype(float), first, kind == POLY, name)
 
 
-def points_mesh(cloud: Any, name: str) -> Mesh | None:
+def point_cloud_mesh(cloud: Any, name: str) -> Mesh | None:
     """Return octahedra that hide as much as a point cloud's spheres by Cauchy's theorem; None if there are none."""
     points = read_property(cloud.points, "co", np.float32, 3).reshape(-1, 1, 3).astype(float)
     radii = read_property(cloud.points, "radius", np.float32).astype(float)
@@ -50,7 +50,7 @@ def strand_systems(drawn: Any) -> list[Any]:
     return [s for s in drawing if len(s.particles) or len(s.child_particles)]  # Blender crashes on curves of none
 
 
-def strands_mesh(drawn: Any, system: Any) -> tuple[Mesh | None, list[Any]]:
+def strands_mesh_and_materials(drawn: Any, system: Any) -> tuple[Mesh | None, list[Any]]:
     """Return the mesh of a particle system's strands, in the object's frame, and its material."""
     settings = system.settings
     parents, children = len(system.particles), len(system.child_particles)
@@ -71,7 +71,7 @@ def strands_mesh(drawn: Any, system: Any) -> tuple[Mesh | None, list[Any]]:
     return mesh, [slot.material for slot in drawn.material_slots[settings.material - 1 : settings.material]]
 
 
-def prisms_block(mesh: Mesh, materials: Sequence[Any]) -> Any:
+def make_hair_datablock(mesh: Mesh, materials: Sequence[Any]) -> Any:
     """Make a datablock of a hair's mesh, so that pictures show what hides vehicles; smooth, so that it looks round."""
     block, faces = bpy.data.meshes.new(mesh.name), mesh.faces.astype(np.int32)
     block.vertices.add(len(mesh.vertices))

@@ -15,9 +15,9 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.blender.frames import set_pose as set_pose
+from hulldown.blender.frames import set_object_pose as set_object_pose
 from hulldown.blender.tidy_properties import PART_PROPERTY, RANDOM_PROPERTY, REST_PROPERTY, VISIBILITY_FLAGS
-from hulldown.reading.blender.surfaces.object_inputs import detach_materials
+from hulldown.reading.blender.surfaces.object_inputs import detach_materials_from_objects
 from hulldown.reading.pieces.roles import Evaluated, Piece, PieceRole, Unseen
 
 CUT_OUT_USES = (Unseen.SHADOW_CATCHER, Unseen.HOLDOUT)
@@ -26,11 +26,11 @@ POSE_PROPERTY = "pose"
 LOOK_ATTRIBUTES = (*VISIBILITY_FLAGS, "pass_index", "color")
 
 
-def lasting_data(drawn: Any, materials: Sequence[Any]) -> Any:
+def data_outliving_depsgraph(drawn: Any, materials: Sequence[Any]) -> Any:
     """Return an object's data, such as a mesh, with evaluated materials, in a form that outlives the depsgraph."""
     data = drawn.data
     wanted = [material.original if material else None for material in materials]
-    if _is_as_in_the_file(drawn, data, wanted):
+    if _equals_original_mesh(drawn, data, wanted):
         return drawn.original.data
     mesh = data.copy()
     mesh.animation_data_clear()
@@ -42,12 +42,12 @@ def lasting_data(drawn: Any, materials: Sequence[Any]) -> Any:
     return mesh
 
 
-def piece_look(drawn: Any) -> tuple[object, ...]:
+def look_attribute_values(drawn: Any) -> tuple[object, ...]:
     """Return the look that a piece's object adds to its mesh: values of `LOOK_ATTRIBUTES`."""
     return (*(getattr(drawn, name) for name in VISIBILITY_FLAGS), drawn.pass_index, tuple(drawn.color))
 
 
-def _is_as_in_the_file(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
+def _equals_original_mesh(drawn: Any, data: Any, materials: Sequence[Any]) -> bool:
     obj, file = drawn.original, drawn.original.data
     if not isinstance(file, bpy.types.Mesh) or not isinstance(data, bpy.types.Mesh):
         return False
@@ -65,12 +65,12 @@ def write_tidy_vehicle(
 ) -> Any:
     """Write the pieces whose part is not -1."""
     collection = bpy.data.collections.new("hulldown vehicle")
-    detach_materials(bpy.data.materials)
+    detach_materials_from_objects(bpy.data.materials)
     for piece, part in zip(drawn.pieces, piece_part, strict=True):
         if part < 0:
             continue
         rest = vehicle_from_file @ piece.pose
-        obj = _make_object(piece, drawn.blocks[piece.mesh])
+        obj = _make_piece_object(piece, drawn.blocks[piece.mesh])
         obj[PART_PROPERTY] = int(part)
         obj[REST_PROPERTY] = rest.ravel().tolist()
         collection.objects.link(obj)
@@ -78,7 +78,7 @@ def write_tidy_vehicle(
     return collection
 
 
-def _make_object(piece: Piece, block: Any) -> Any:
+def _make_piece_object(piece: Piece, block: Any) -> Any:
     obj = bpy.data.objects.new(piece.name, block)
     for name, value in zip(LOOK_ATTRIBUTES, piece.look, strict=True):
         setattr(obj, name, value)
@@ -86,12 +86,12 @@ def _make_object(piece: Piece, block: Any) -> Any:
     return obj
 
 
-def write_scenery(
+def write_tidy_scenery(
     path: Path, drawn: Evaluated, roles: Sequence[PieceRole], scenery_from_file: Float[np.ndarray, "4 4"]
 ) -> None:
     """Write everything drawn, except backdrops and removed objects, as one collection."""
     collection = bpy.data.collections.new("hulldown scenery")
-    detach_materials(bpy.data.materials)
+    detach_materials_from_objects(bpy.data.materials)
     root = bpy.data.objects.new("hulldown scenery", None)
     collection.objects.link(root)
     alike: dict[tuple[int, tuple[object, ...]], list[Piece]] = defaultdict(list)
@@ -102,18 +102,18 @@ def write_scenery(
     for same in sorted(alike.values(), key=lambda same: same[0].name.lower()):
         poses = scenery_from_file @ np.array([piece.pose for piece in same])
         if len(same) >= MIN_MERGED_COPIES:
-            thing = _make_object(same[0], drawn.blocks[same[0].mesh])
-            collection.objects.link(_carrier_object(thing, poses, [piece.random for piece in same]))
+            thing = _make_piece_object(same[0], drawn.blocks[same[0].mesh])
+            collection.objects.link(_make_instancing_object(thing, poses, [piece.random for piece in same]))
             continue
         for piece, world_from_mesh in zip(same, poses, strict=True):
-            obj = _make_object(piece, drawn.blocks[piece.mesh])
+            obj = _make_piece_object(piece, drawn.blocks[piece.mesh])
             obj.parent = root
-            set_pose(obj, world_from_mesh)
+            set_object_pose(obj, world_from_mesh)
             collection.objects.link(obj)
     bpy.data.libraries.write(str(path), {collection}, path_remap="ABSOLUTE", compress=True)
 
 
-def _carrier_object(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequence[float]) -> Any:
+def _make_instancing_object(thing: Any, poses: Float[np.ndarray, "k 4 4"], numbers: Sequence[float]) -> Any:
     """Return one object that draws `thing` in all these poses, since ten thousand objects take minutes."""
     points = bpy.data.meshes.new(thing.name)
     points.vertices.add(len(poses))

@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 from jaxtyping import Float
 
-from hulldown.blender.frames import set_pose, world_from_blender_camera
-from hulldown.blender.light_pictures import render_light, store_light
+from hulldown.blender.frames import set_object_pose, world_from_blender_camera
+from hulldown.blender.light_pictures import render_light, set_linear_light_output
 from hulldown.blender.tidy_properties import REST_PROPERTY
 from hulldown.camera.shell import camera_pose
 
@@ -22,7 +22,7 @@ CAMERA_AZIMUTH, CAMERA_ELEVATION = math.radians(45.0), math.radians(25.0)  # fro
 PICTURE_WIDTH_DIAGONALS = 0.95  # of the vehicle
 
 
-def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "h w 4"]:
+def render_vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, "h w 4"]:
     """Return linear light and alpha of a vehicle from its front left in a white world, the first row on top."""
     scene = bpy.data.scenes.new("picture")
     scene.collection.children.link(collection)
@@ -30,7 +30,7 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
     scene.collection.objects.link(root)
     for obj in collection.objects:
         obj.parent = root
-        set_pose(obj, np.reshape(obj[REST_PROPERTY], (4, 4)))
+        set_object_pose(obj, np.reshape(obj[REST_PROPERTY], (4, 4)))
     cycles, render = scene.cycles, scene.render
     render.engine, cycles.device, render.threads_mode, render.threads = "CYCLES", "CPU", "FIXED", 2
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = PICTURE_SAMPLES, False, False
@@ -46,6 +46,6 @@ def vehicle_picture(collection: Any, bounds: Float[np.ndarray, "2 3"]) -> Float[
     camera.data.clip_start, camera.data.clip_end = reach / 100.0, 3.0 * reach
     at = camera_pose(bounds.mean(axis=0), 1.5 * reach, CAMERA_AZIMUTH, CAMERA_ELEVATION)
     camera.matrix_world = world_from_blender_camera(at).T.tolist()
-    store_light(scene)
+    set_linear_light_output(scene)
     render.image_settings.color_mode = "RGBA"
     return render_light(scene)[::-1].astype(np.float64)

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import BinaryIO, cast
 
 from hulldown.base.errors import AssetError
-from hulldown.base.files import open_regular
-from hulldown.reading.pieces.formats import kind_of_file
+from hulldown.base.files import open_regular_file
+from hulldown.reading.pieces.formats import path_type_phrase
 
 FILE_BLOCKS = (b"LI\0\0", b"VF\0\0", b"IM\0\0", b"MC\0\0", b"SO\0\0", b"CF\0\0", b"VO\0\0")
 PATH_PATTERN = re.compile(rb"(?:^|\0)((?://|/|\.\.?/)[^\0]{1,1023})\0")
@@ -21,14 +21,14 @@ MAX_BLOCK_BYTES = 1 << 20  # usual ones have some thousand
 MAX_LIBRARIES = 1000
 
 
-def refuse_special_files(path: Path) -> None:
+def refuse_special_references(path: Path) -> None:
     """Raise if a .blend or one of its libraries refers to something that exists and isn't a regular file."""
     ring, seen = [path], {path}
     while ring and len(seen) < MAX_LIBRARIES:
         blend = ring.pop()
-        for code, named in _named_files(blend):
+        for code, named in _referred_codes_and_paths(blend):
             found = blend.parent / named[2:] if named.startswith("//") else blend.parent / named
-            kind = kind_of_file(found)
+            kind = path_type_phrase(found)
             if kind not in ("", "a file", "a folder"):
                 raise AssetError(f"refers to {named}, which is {kind}, not a file", remedy="delete it from the file")
             if code == b"LI\0\0" and kind == "a file" and found not in seen:
@@ -36,18 +36,18 @@ def refuse_special_files(path: Path) -> None:
                 ring.append(found)
 
 
-def _named_files(path: Path) -> Iterator[tuple[bytes, str]]:
+def _referred_codes_and_paths(path: Path) -> Iterator[tuple[bytes, str]]:
     """Yield block code and path, as written, of every file that a .blend refers to; skip unreadable blocks."""
     try:
-        with open_regular(path) as raw, _decompress_blend(raw) as file:
-            for code, data in _file_blocks(file):
+        with open_regular_file(path) as raw, _decompress_blend(raw) as file:
+            for code, data in _read_reference_blocks(file):
                 for found in PATH_PATTERN.finditer(data):
                     yield code, found[1].decode("utf-8", "surrogateescape")
-    except _damage_errors():
+    except _damage_error_types():
         return
 
 
-def _damage_errors() -> tuple[type[Exception], ...]:
+def _damage_error_types() -> tuple[type[Exception], ...]:
     common = (OSError, EOFError, ValueError, struct.error, zlib.error)
     try:
         import zstandard
@@ -68,7 +68,7 @@ def _decompress_blend(raw: BinaryIO) -> BinaryIO:
     return raw
 
 
-def _file_blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
+def _read_reference_blocks(file: BinaryIO) -> Iterator[tuple[bytes, bytes]]:
     header = _read_exactly(file, 12)
     if not header.startswith(b"BLENDER"):
         return

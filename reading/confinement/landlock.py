@@ -76,7 +76,7 @@ def confine_command(
     program = os.path.realpath(command[0])
     policy = {
         "execute": [*SYSTEM_FOLDERS, *_python_folders(), *more, command[0], os.path.dirname(program)],
-        "list": _searched_folders(),
+        "list": _python_search_folders(),
         "read": [*map(str, read)],
         "write": [*map(str, write), *WRITABLE_DEVICES, *devices],
     }
@@ -86,38 +86,42 @@ def confine_command(
 def _python_folders() -> list[str]:
     """Return the places of this Python, hulldown, and packages; other files in `sys.path`'s folders stay closed."""
     own = [f"{prefix}/{name}" for prefix in (sys.prefix, sys.base_prefix) for name in PYTHON_FOLDERS]
-    return [*own, str(PACKAGE_FOLDER), *(str(path) for entry in _searched_folders() for path in _installed_files(entry))]
+    return [
+        *own,
+        str(PACKAGE_FOLDER),
+        *(str(path) for entry in _python_search_folders() for path in _installed_package_paths(entry)),
+    ]
 
 
-def _searched_folders() -> list[str]:
+def _python_search_folders() -> list[str]:
     own = (sys.prefix, sys.base_prefix)
     entries = [entry for entry in sys.path if entry and not any(Path(entry).is_relative_to(prefix) for prefix in own)]
-    return [entry for entry in entries if PACKAGE_FOLDER.parent == Path(entry) or _installed_files(entry)]
+    return [entry for entry in entries if PACKAGE_FOLDER.parent == Path(entry) or _installed_package_paths(entry)]
 
 
 @cache
-def _installed_files(entry: str) -> tuple[Path, ...]:
+def _installed_package_paths(entry: str) -> tuple[Path, ...]:
     from importlib.metadata import distributions
 
     files = (file for found in distributions(path=[entry]) for file in found.files or ())
     return tuple({Path(entry, file.parts[0]) for file in files if file.parts[0] != ".."})
 
 
-def asset_folders(path: Path) -> list[Path]:
+def readable_asset_folders(path: Path) -> list[Path]:
     """Return the folders that an asset may read: its own, and the one around it unless that's home or near the root."""
     folders = [path.absolute().parent, Path(os.path.realpath(path)).parent]
     around = [folder.parent for folder in folders if len(folder.parts) > 3 and folder.parent != Path.home()]
     return list(dict.fromkeys([*folders, *around]))
 
 
-def is_inside(path: Path, folders: Iterable[Path | str]) -> bool:
+def is_in_readable_folder(path: Path, folders: Iterable[Path | str]) -> bool:
     """Return whether a file, links followed, is in one of these folders or of those in ``HULLDOWN_READ``."""
     more = [folder for folder in os.environ.get(READABLE_VARIABLE, "").split(os.pathsep) if folder]
     real = Path(os.path.realpath(path))
     return any(real.is_relative_to(os.path.realpath(folder)) for folder in [*folders, *more])
 
 
-def confine_process(policy: dict[str, list[str]]) -> None:
+def confine_this_process(policy: dict[str, list[str]]) -> None:
     """Confine this process and its children permanently. Existing threads aren't confined."""
     version = landlock_version()
     handled = FIRST_ABI_RIGHTS | sum(right for since, right in RIGHTS_SINCE_ABI.items() if version >= since)
@@ -161,5 +165,5 @@ def _system_call(number: int, *arguments: object) -> int:
 
 
 if __name__ == "__main__":
-    confine_process(json.loads(sys.argv[1]))
+    confine_this_process(json.loads(sys.argv[1]))
     os.execv(sys.argv[2], sys.argv[2:])

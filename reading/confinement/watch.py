@@ -12,8 +12,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from hulldown.base.arguments import Positive, make_parser
-from hulldown.base.child import Child, memory_limit
+from hulldown.base.arguments import Positive, make_option_parser
+from hulldown.base.child import Child, process_memory_limit
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import print_warning
 from hulldown.reading.confinement.landlock import CONFINEMENT_VARIABLE, unconfined_reason
@@ -24,14 +24,14 @@ LAST_LINES = 40
 MAX_LOG_LINE_BYTES = 4096
 
 
-def parse_gib(text: str) -> int:
+def parse_gib_as_bytes(text: str) -> int:
     """Return bytes of a number of GiB."""
     if not 0.0 < (number := float(text)) < math.inf:
         raise ValueError(text)
     return round(number * GIB_BYTES)
 
 
-GIBIBYTES_PARSER = make_parser("a number above 0", parse_gib, metavar="GIB")
+GIBIBYTES_PARSER = make_option_parser("a number above 0", parse_gib_as_bytes, metavar="GIB")
 
 
 @Parameter(name="*")
@@ -58,9 +58,9 @@ class ReadLimits:
     @property
     def memory(self) -> float:
         """Bytes of memory that one process may use."""
-        return memory_limit(self.memory_bytes, self.share)
+        return process_memory_limit(self.memory_bytes, self.share)
 
-    def check_confinement(self) -> None:
+    def refuse_or_warn_unconfined(self) -> None:
         """Refuse to continue unconfined, or warn once per process."""
         if (why := unconfined_reason()) and self.require_confinement:
             remedy = f"use Linux 5.13 or later without {CONFINEMENT_VARIABLE}=off, or leave out --require-confinement"
@@ -77,7 +77,9 @@ def _warn_unconfined(why: str) -> None:
 DEFAULT_LIMITS = ReadLimits()
 
 
-def run_limited(command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS) -> tuple[int, str, str]:
+def run_limited_command(
+    command: Sequence[str], *, env: Mapping[str, str], limits: ReadLimits = DEFAULT_LIMITS
+) -> tuple[int, str, str]:
     """Run `command` to its end, or until it exceeds a limit; every line that it writes counts as progress."""
     lines: deque[bytes] = deque(maxlen=LAST_LINES)
     heard = time.monotonic()

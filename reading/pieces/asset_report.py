@@ -46,7 +46,7 @@ class ObjectRow:
     by: By = By.FILE
 
 
-def gather_copies(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
+def merge_copy_rows(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
     """Return the rows; many copies of the same kind and use (Tree.001, Tree.002, ...) share a row."""
     families: dict[tuple[str, str, str], list[ObjectRow]] = {}
     for row in rows:
@@ -54,7 +54,7 @@ def gather_copies(rows: Sequence[ObjectRow]) -> tuple[ObjectRow, ...]:
     return tuple(
         row
         for (stem, _, _), family in families.items()
-        for row in ([_shared_row(family, f"{stem}*", family[0].why)] if len(family) >= MIN_FAMILY_COPIES else family)
+        for row in ([_row_for_family(family, f"{stem}*", family[0].why)] if len(family) >= MIN_FAMILY_COPIES else family)
     )
 
 
@@ -63,7 +63,7 @@ def _unnumbered_name(name: str) -> str:
     return stem.rstrip(" ._-") if stem != name else name
 
 
-def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
+def _merge_dropped_rows(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
     families: dict[str, list[ObjectRow]] = {}
     for row in rows:
         if row.use == "dropped":
@@ -72,17 +72,17 @@ def _dropped_together(rows: Sequence[ObjectRow]) -> list[ObjectRow]:
     for why, family in families.items():
         names = ", ".join(row.name for row in family[:MAX_LISTED_ROWS])
         more = f" and {len(family) - MAX_LISTED_ROWS} more" if len(family) > MAX_LISTED_ROWS else ""
-        result += [_shared_row(family, names + more, why)] if len(family) >= MIN_SHARED_ROW_OBJECTS else family
+        result += [_row_for_family(family, names + more, why)] if len(family) >= MIN_SHARED_ROW_OBJECTS else family
     return result
 
 
-def _shared_row(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
+def _row_for_family(family: Sequence[ObjectRow], name: str, why: str) -> ObjectRow:
     x, y, z = (max(lengths) for lengths in zip(*(row.size for row in family), strict=True))
     count, triangles = sum(row.count for row in family), max(row.triangles for row in family)
     return replace(family[0], name=name, why=why, count=count, triangles=triangles, size=(x, y, z))
 
 
-def format_xyz(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
+def xyz_tuple(vector: Float[np.ndarray, "3"]) -> tuple[float, float, float]:
     """Format a vector for reports."""
     return float(vector[0]), float(vector[1]), float(vector[2])
 
@@ -169,7 +169,7 @@ class FileReport:
             justify: Literal["left", "right"] = "right" if column in ("count", "triangles", "size (m)") else "left"
             # A name goes on in the next line: half of one is of no use for `keep` and `drop`.
             table.add_column(column, justify=justify, overflow="fold")
-        for row in _dropped_together(self.rows):
+        for row in _merge_dropped_rows(self.rows):
             size = " x ".join(f"{x:.2f}" for x in row.size)
             table.add_row(escape(row.name), row.use, escape(row.why), str(row.count), f"{row.triangles:,}", size)
         return table
@@ -222,14 +222,14 @@ class SkyReport:
         return [*self.notes, *(f"doubt: {doubt}" for doubt in self.doubts)]
 
 
-def refuse_lost(reports: Sequence[FileReport]) -> None:
+def refuse_lost_geometry(reports: Sequence[FileReport]) -> None:
     """Refuse files of which Blender draws something that wasn't read."""
     lost = ((report, doubt) for report in reports for doubt in report.doubts if doubt.kind == DoubtKind.LOST)
     for report, doubt in lost:
         raise AssetError(str(doubt), path=report.path, remedy="hulldown inspect -o shows both pictures")
 
 
-def refuse_missing(reports: Sequence[FileReport], *, strict: bool) -> None:
+def refuse_missing_files(reports: Sequence[FileReport], *, strict: bool) -> None:
     """Refuse files that lack a texture or a library."""
     for report in reports:
         if report.missing:

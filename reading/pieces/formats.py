@@ -6,7 +6,7 @@ import stat
 from pathlib import Path
 
 from hulldown.base.errors import AssetError
-from hulldown.base.files import open_regular
+from hulldown.base.files import open_regular_file
 from hulldown.base.outside import describe_path
 
 FORMAT_MAGIC = {
@@ -40,9 +40,9 @@ LFS_POINTER = b"version https://git-lfs"  # Git LFS leaves such a text in place 
 def first_bytes(path: Path) -> bytes:
     """Return the first bytes of a regular file: reading a FIFO would wait forever, and a device has no end."""
     try:
-        if (kind := _file_kind(path.stat().st_mode)) != "a file":
+        if (kind := _mode_type_phrase(path.stat().st_mode)) != "a file":
             raise AssetError(f"is {kind}, not a file", path=path, remedy="name files, such as *.blend")
-        with open_regular(path) as file:
+        with open_regular_file(path) as file:
             start = file.read(64)
     except FileNotFoundError:
         raise AssetError("does not exist", path=path, remedy="check its name") from None
@@ -55,15 +55,15 @@ def first_bytes(path: Path) -> bytes:
     return start
 
 
-def kind_of_file(path: Path) -> str:
+def path_type_phrase(path: Path) -> str:
     """Return "a file", "a folder", "a FIFO", "a socket", "a device", or "" for a path where nothing exists."""
     try:
-        return _file_kind(path.stat().st_mode)
+        return _mode_type_phrase(path.stat().st_mode)
     except (OSError, ValueError):
         return ""
 
 
-def _file_kind(mode: int) -> str:
+def _mode_type_phrase(mode: int) -> str:
     kinds = {stat.S_IFREG: "a file", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a FIFO", stat.S_IFSOCK: "a socket"}
     return kinds.get(stat.S_IFMT(mode), "a device")
 

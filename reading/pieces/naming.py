@@ -135,28 +135,28 @@ def _split_words(text: str) -> tuple[str, ...]:
     return tuple(spaced.lower().split())
 
 
-def first_match(name: str, patterns: Iterable[str]) -> str | None:
+def first_matching_pattern(name: str, patterns: Iterable[str]) -> str | None:
     """Return the first of `patterns` that matches `name`, or None."""
     patterns = tuple(patterns)
-    numbers, globs = _compile_patterns(patterns)
-    matched = [numbers[word] for word in _joined_words(name) if word in numbers]
+    numbers, globs = _pattern_words_and_globs(patterns)
+    matched = [numbers[word] for word in _joined_word_runs(name) if word in numbers]
     matched += [i for i, glob in globs if fnmatchcase(name.lower(), glob)]
     return patterns[min(matched)] if matched else None
 
 
-def is_named(name: str, pattern: str) -> bool:
-    """Return whether `pattern` is the whole name, or matches it as in `first_match`."""
-    return name.lower() == pattern.lower() or first_match(name, [pattern]) is not None
+def name_matches_pattern(name: str, pattern: str) -> bool:
+    """Return whether `pattern` is the whole name, or matches it as in `first_matching_pattern`."""
+    return name.lower() == pattern.lower() or first_matching_pattern(name, [pattern]) is not None
 
 
 @lru_cache(maxsize=4096)  # a name is held against many patterns, one after the other
-def _joined_words(name: str) -> tuple[str, ...]:
+def _joined_word_runs(name: str) -> tuple[str, ...]:
     parts = name_words(name)
     return tuple("".join(parts[i:k]) for i in range(len(parts)) for k in range(i + 1, len(parts) + 1))
 
 
 @lru_cache(maxsize=256)
-def _compile_patterns(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int, str]]]:
+def _pattern_words_and_globs(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[tuple[int, str]]]:
     globs = [(i, pattern.lower()) for i, pattern in enumerate(patterns) if any(c in pattern for c in "*?[")]
     numbers: dict[str, int] = {}
     for i, pattern in enumerate(patterns):
@@ -167,7 +167,7 @@ def _compile_patterns(patterns: tuple[str, ...]) -> tuple[dict[str, int], list[t
     return numbers, globs
 
 
-def hinted_stem(name: str, stems: Iterable[str]) -> str | None:
+def first_matching_stem(name: str, stems: Iterable[str]) -> str | None:
     """Return the first of `stems` that a word of `name` begins or ends with, or nearly is; None if none.
 
     Accents make no difference. Stems of up to four letters must be a whole word or begin or end a longer one, and are
@@ -179,7 +179,7 @@ def hinted_stem(name: str, stems: Iterable[str]) -> str | None:
         for word in folded:
             at_end = word.startswith(stem) or word.endswith(stem)
             foreign = not stem.isascii() and stem in word
-            slip = len(stem) >= 5 and word[:1] == stem[0] and abs(len(word) - len(stem)) <= 1 and _one_apart(word, stem)
+            slip = len(stem) >= 5 and word[:1] == stem[0] and abs(len(word) - len(stem)) <= 1 and _is_one_edit_apart(word, stem)
             if (at_end and (len(stem) >= 3 or word == stem)) or foreign or slip:
                 return stem
     return None
@@ -190,7 +190,7 @@ def _fold_text(text: str) -> str:
     return "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
 
 
-def _one_apart(a: str, b: str) -> bool:
+def _is_one_edit_apart(a: str, b: str) -> bool:
     if len(a) > len(b):
         a, b = b, a
     same = next((i for i, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), len(a))

@@ -14,7 +14,14 @@ from jaxtyping import Bool, Float
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.asset_report import By, ObjectRow
 from hulldown.reading.pieces.doubt import Doubt
-from hulldown.reading.pieces.naming import HELPER_WORDS, PERSON_WORDS, PRIMITIVE_WORDS, STAGE_WORDS, first_match, name_words
+from hulldown.reading.pieces.naming import (
+    HELPER_WORDS,
+    PERSON_WORDS,
+    PRIMITIVE_WORDS,
+    STAGE_WORDS,
+    first_matching_pattern,
+    name_words,
+)
 
 MAX_SHEET_THICKNESS_SHARE = 0.02  # of a sheet's longer side
 MAX_STAGE_THICKNESS_SHARE = 0.1  # the same for a possible stage that is called "Plane" and nothing else
@@ -116,9 +123,9 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
     """Return for each piece of a vehicle file whether it's "vehicle" or "dropped", and why."""
     around = [{n for link in piece.chain for n in (link.name, *link.collections)} - {piece.name} for piece in pieces]
     shared = set.intersection(*around) if around else set()  # a parent of all is no helper
-    roles: list[PieceRole | None] = [_vehicle_by_name(piece, keep, drop, shared) for piece in pieces]
+    roles: list[PieceRole | None] = [_vehicle_role_by_name(piece, keep, drop, shared) for piece in pieces]
     open_ = [i for i, role in enumerate(roles) if role is None]
-    doubtful = [i for i in open_ if _stage_name(pieces[i]) or _is_sheet(pieces[i])]
+    doubtful = [i for i in open_ if _stage_name_and_pattern(pieces[i]) or _is_level_sheet(pieces[i])]
     # Certain pieces give the vehicle's size. The others are judged from the smallest up; kept ones are added.
     doubtful.sort(key=lambda i: pieces[i].area)
     sure = set(open_) - set(doubtful)
@@ -128,40 +135,40 @@ def vehicle_roles(pieces: Sequence[Piece], *, keep: Sequence[str] = (), drop: Se
             low, high = np.minimum(low, piece.bounds[0]), np.maximum(high, piece.bounds[1])
     for i in doubtful:
         # Where all is doubtful the smallest thing is a vehicle if anything is.
-        roles[i] = _vehicle_by_place(pieces[i], low, high) if (low <= high).all() else None
+        roles[i] = _vehicle_role_by_place(pieces[i], low, high) if (low <= high).all() else None
         if roles[i] is None:
             low, high = np.minimum(low, pieces[i].bounds[0]), np.maximum(high, pieces[i].bounds[1])
     return [role or PieceRole("vehicle", "by default", By.DEFAULT) for role in roles]
 
 
-def _vehicle_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str], shared: Collection[str]) -> PieceRole | None:
+def _vehicle_role_by_name(piece: Piece, keep: Sequence[str], drop: Sequence[str], shared: Collection[str]) -> PieceRole | None:
     if piece.unseen:
         return PieceRole("dropped", piece.unseen.value, By.FILE)
     if piece.hair:
         return PieceRole("dropped", "hair isn't part of a vehicle", By.FILE)
     for patterns, use in ((keep, "vehicle"), (drop, "dropped")):
-        for name in _piece_names(piece):
-            if pattern := first_match(name, patterns):
+        for name in _names_of_piece_and_parents(piece):
+            if pattern := first_matching_pattern(name, patterns):
                 key = "keep" if use == "vehicle" else "drop"
                 return PieceRole(use, f"{name!r} matches {pattern!r} of the config's {key}", By.CONFIG)
-    for name in _piece_names(piece):
-        if name not in shared and (pattern := first_match(name, HELPER_WORDS)):
+    for name in _names_of_piece_and_parents(piece):
+        if name not in shared and (pattern := first_matching_pattern(name, HELPER_WORDS)):
             return PieceRole("dropped", f"{name!r} matches {pattern!r}", By.NAME)
     return None
 
 
-def _piece_names(piece: Piece) -> list[str]:
+def _names_of_piece_and_parents(piece: Piece) -> list[str]:
     return list(dict.fromkeys([piece.name, piece.data, *(n for link in piece.chain for n in (link.name, *link.collections))]))
 
 
-def is_wanted(piece: Piece, keep: Sequence[str]) -> bool:
+def is_kept_by_name(piece: Piece, keep: Sequence[str]) -> bool:
     """Return whether the config keeps a piece by name."""
-    return any(first_match(name, keep) for name in _piece_names(piece))
+    return any(first_matching_pattern(name, keep) for name in _names_of_piece_and_parents(piece))
 
 
-def _stage_name(piece: Piece) -> tuple[str, str] | None:
+def _stage_name_and_pattern(piece: Piece) -> tuple[str, str] | None:
     for name in (piece.name, piece.data, *piece.chain[0].collections):
-        if pattern := first_match(name, (*STAGE_WORDS, *PERSON_WORDS)):
+        if pattern := first_matching_pattern(name, (*STAGE_WORDS, *PERSON_WORDS)):
             return name, pattern
     # Many meshes are named "Plane", or "truck_Plane" by exporters, after the primitive they were made from.
     named = [word for word in name_words(piece.name) if not word.isdigit()]
@@ -170,20 +177,20 @@ def _stage_name(piece: Piece) -> tuple[str, str] | None:
     return None
 
 
-def _is_sheet(piece: Piece) -> bool:
+def _is_level_sheet(piece: Piece) -> bool:
     return bool(piece.size[2] <= MAX_SHEET_THICKNESS_SHARE * max(piece.size[:2]))
 
 
-def _vehicle_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> PieceRole | None:
+def _vehicle_role_by_place(piece: Piece, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> PieceRole | None:
     size, height = float(max(high[:2] - low[:2])), float(high[2] - low[2])
     under = bool(piece.bounds[1, 2] <= low[2] + MAX_SUNK_SHARE * height)
-    if named := _stage_name(piece):
+    if named := _stage_name_and_pattern(piece):
         out = float(max(np.max(low[:2] - piece.bounds[0, :2]), np.max(piece.bounds[1, :2] - high[:2])))
         if out > MIN_STAGE_REACH_SHARE * size:
             return PieceRole("dropped", f"{named[0]!r} matches {named[1]!r} and reaches {out:.1f} m beyond the rest")
         if under:
             return PieceRole("dropped", f"{named[0]!r} matches {named[1]!r} and is at the underside of the rest")
     larger = piece.area / max(float(np.prod(high[:2] - low[:2])), 1e-12)
-    if under and larger > MIN_STAGE_AREA_RATIO and _is_sheet(piece):
+    if under and larger > MIN_STAGE_AREA_RATIO and _is_level_sheet(piece):
         return PieceRole("dropped", f"a flat sheet {larger:.0f} times as large as the rest, lying under it")
     return None

@@ -19,6 +19,6 @@ def quote_names(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
     return ", ".join(map(repr, unique[:most])) + more
 
 
-def as_key(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
+def names_as_config_value(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:
     """Format names as a config value, without repeats."""
     return json.dumps(list(dict.fromkeys(names))[:most], ensure_ascii=False)

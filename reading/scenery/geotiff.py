@@ -43,7 +43,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
     `area`: west, south, east, and north bound in the raster's own coordinates; None for all of it.
     `scale`: meters per unit of elevation; None to take it from the file.
     """
-    with _open_raster(path) as raster:
+    with _open_geotiff(path) as raster:
         bands = [i for i, kind in enumerate(raster.colorinterp, 1) if kind.name != "alpha"]
         if len(bands) != 1 or raster.dtypes[bands[0] - 1].startswith("complex"):
             kinds = ", ".join(raster.dtypes)
@@ -58,9 +58,9 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
         x, y = raster.transform * (column, row)
         south_up = raster.transform.determinant > 0
         wkt, unit = raster.crs.to_wkt() if raster.crs else "", raster.units[band - 1]
-    doubts = _remove_nodata(z)
-    x, y, crs = _in_meters(x, y, wkt, path, doubts)
-    z = z * (scale or _meters_per_unit(unit, wkt, path))
+    doubts = _remove_undeclared_nodata(z)
+    x, y, crs = _coordinates_and_crs_in_meters(x, y, wkt, path, doubts)
+    z = z * (scale or _elevation_meters_per_unit(unit, wkt, path))
     with np.errstate(invalid="ignore"):
         known = np.isfinite(x) & np.isfinite(y) & (np.abs(z) < 1e6)
     number = np.cumsum(known, dtype=np.int64).reshape(known.shape).astype(np.int32) - 1
@@ -75,7 +75,7 @@ def read_elevations(path: Path, *, area: Sequence[float] | None, scale: float | 
     return Elevations(Mesh(vertices - anchor, faces[:, ::-1] if south_up else faces), anchor, crs, tuple(doubts))
 
 
-def _remove_nodata(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
+def _remove_undeclared_nodata(z: Float[np.ndarray, "m n"]) -> list[Doubt]:
     """Remove undeclared nodata values, far below all others (coasts have many zeros); return a doubt about them."""
     known = z[np.isfinite(z)]
     if not len(known) or (lowest := float(known.min())) > MIN_ELEVATION:
@@ -96,7 +96,7 @@ def read_orthophoto(
     path: Path, *, crs: str, low: Float[np.ndarray, "2"], high: Float[np.ndarray, "2"]
 ) -> UInt8[np.ndarray, "h w 4"]:
     """Read an orthophoto, resampled to a rectangle of a map in `crs` ("": the file's); transparent without pixels."""
-    with _open_raster(path) as raster:
+    with _open_geotiff(path) as raster:
         import rasterio.transform
         import rasterio.warp
         from rasterio.enums import Resampling
@@ -137,7 +137,7 @@ def read_orthophoto(
     return np.moveaxis(shown, 0, -1)
 
 
-def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
+def transform_map_points(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.ndarray, "n 2"]:
     """Transform points from one map to another; x is east and y is north on both."""
     try:
         import pyproj
@@ -151,7 +151,7 @@ def on_map(points: Float[np.ndarray, "n 2"], crs: str, other: str) -> Float[np.n
 
 
 @contextmanager
-def _open_raster(path: Path) -> Iterator[Any]:
+def _open_geotiff(path: Path) -> Iterator[Any]:
     """Open a GeoTIFF, and none of the other formats that GDAL reads."""
     try:
         import rasterio
@@ -190,7 +190,7 @@ def _area_window(raster: Any, area: Sequence[float] | None, path: Path) -> tuple
     return (int(low[1]), int(high[1])), (int(low[0]), int(high[0]))
 
 
-def _in_meters(
+def _coordinates_and_crs_in_meters(
     x: Float[np.ndarray, "h w"], y: Float[np.ndarray, "h w"], wkt: str, path: Path, doubts: list[Doubt]
 ) -> tuple[Float[np.ndarray, "h w"], Float[np.ndarray, "h w"], str]:
     """Return coordinates on a map in meters, and that map: the raster's own if it's true to scale, or UTM."""
@@ -228,7 +228,7 @@ def _in_meters(
     return x, y, utm
 
 
-def _meters_per_unit(unit: str | None, wkt: str, path: Path) -> float:
+def _elevation_meters_per_unit(unit: str | None, wkt: str, path: Path) -> float:
     import pyproj
     from pyproj.database import get_units_map
 

@@ -54,12 +54,12 @@ def hair_mesh(
     cubic = CATMULL_ROM @ corners
     linear = np.repeat(straight, np.diff(first, append=len(points)))[b]
     cubic[linear, 1], cubic[linear, 2:] = strand[b + 1][linear] - strand[b][linear], 0.0
-    count = _piece_count(cubic, thicker * (radii[b] + radii[b + 1]) / 2)
-    ends = np.concatenate([_cut_stretches(cubic[count == n], n) for n in range(1, MAX_STRETCH_PIECES + 1)])
+    count = _subdivision_counts(cubic, thicker * (radii[b] + radii[b + 1]) / 2)
+    ends = np.concatenate([_cut_cubics_evenly(cubic[count == n], n) for n in range(1, MAX_STRETCH_PIECES + 1)])
     return _make_prisms(ends[..., :3], np.maximum(ends[..., 3], 0.0), name)
 
 
-def _piece_count(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
+def _subdivision_counts(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " s"]) -> Int[np.ndarray, " s"]:
     """Return the number of pieces: a chord over t of 1 / n errs by up to 1/8 of the greatest second derivative / n^2.
 
     The part of the derivative along the stretch doesn't bend it.
@@ -72,7 +72,7 @@ def _piece_count(cubic: Float[np.ndarray, "s 4 4"], radius: Float[np.ndarray, " 
     return np.clip(np.nan_to_num(count, nan=1.0), 1, MAX_STRETCH_PIECES).astype(np.int64)
 
 
-def _cut_stretches(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:
+def _cut_cubics_evenly(cubic: Float[np.ndarray, "s 4 4"], n: int) -> Float[np.ndarray, "k 2 4"]:
     at = (np.arange(n + 1)[:, None] / n) ** np.arange(4) @ cubic
     return np.stack([at[:, :-1], at[:, 1:]], axis=2).reshape(-1, 2, 4)
 

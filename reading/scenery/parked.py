@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.geometry.transforms import transform_points
-from hulldown.reading.pieces.naming import NOT_VEHICLE_WORDS, VEHICLE_WORDS, first_match
+from hulldown.reading.pieces.naming import NOT_VEHICLE_WORDS, VEHICLE_WORDS, first_matching_pattern
 from hulldown.reading.pieces.roles import Evaluated, PieceRole
 from hulldown.reading.vehicle.solids import find_solids, find_wheels
 
@@ -26,10 +26,12 @@ def parked_vehicles(drawn: Evaluated, roles: Sequence[PieceRole], meters: Float[
     found: dict[str, list[str]] = {}
     looked: dict[tuple[int, ...], bool] = {}
     left = MAX_ALL_FACES
-    for name, group in _vehicle_groups(drawn, among):
+    for name, group in _vehicle_sized_groups(drawn, among):
         own = list(dict.fromkeys(pieces[i].name for i in group))
         names = [name, *own, *(pieces[i].data for i in group), *pieces[group[0]].chain[0].collections[:1]]
-        is_one = any(first_match(n, VEHICLE_WORDS) and not first_match(n, NOT_VEHICLE_WORDS) for n in names)
+        is_one = any(
+            first_matching_pattern(n, VEHICLE_WORDS) and not first_matching_pattern(n, NOT_VEHICLE_WORDS) for n in names
+        )
         key, faces = tuple(sorted(pieces[i].mesh for i in group)), sum(pieces[i].faces for i in group)
         if not is_one and key not in looked and faces <= min(MAX_THING_FACES, left):
             left -= faces
@@ -41,7 +43,7 @@ def parked_vehicles(drawn: Evaluated, roles: Sequence[PieceRole], meters: Float[
     return found
 
 
-def _vehicle_groups(drawn: Evaluated, among: Sequence[int]) -> list[tuple[str, list[int]]]:
+def _vehicle_sized_groups(drawn: Evaluated, among: Sequence[int]) -> list[tuple[str, list[int]]]:
     """Group things as large as a vehicle: pieces by their topmost parent that isn't larger, with its name."""
     carried: dict[tuple[str, bytes], list[int]] = {}
     for i in among:

@@ -15,17 +15,17 @@ from hulldown.reading.pieces.naming import (
     NOT_WATER,
     WATER_BODY_WORDS,
     WATER_WORDS,
-    first_match,
+    first_matching_pattern,
 )
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Piece, PieceRole, Unseen
 from hulldown.reading.scenery.shape import (
-    carpet_meshes,
-    ground_by_shape,
+    ground_indices_by_shape,
+    ground_tile_indices,
     is_wide_and_level,
-    sheets_in_heights,
-    sunken_ground,
-    tile_meshes,
+    lake_like_sheet_indices,
+    sunken_ground_and_depths,
+    wide_ground_indices,
 )
 
 MIN_WATER_WIDTH_M = 1.0  # for water by its name or material
@@ -49,42 +49,42 @@ def scenery_roles(pieces: Sequence[Piece], options: Options) -> list[PieceRole]:
     if not any(role.use == "ground" for role in roles):
         open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and role.by is not By.CONFIG]
         solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
-        for i in ground_by_shape(pieces, open_, solid):
+        for i in ground_indices_by_shape(pieces, open_, solid):
             roles[i] = PieceRole("ground", "by shape: large, level, and under the rest")
     used = {use: [p for p, role in zip(pieces, roles, strict=True) if role.use == use] for use in ("ground", "obstacle")}
     unsure = [role.use == "obstacle" and role.by in (By.NAME, By.DEFAULT) for role in roles]
     open_ = [i for i in np.flatnonzero(unsure).tolist() if not is_water_name(pieces[i].name)]
     solid = [piece for piece in used["obstacle"] if not piece.hair]
-    wide = carpet_meshes(open_, pieces, used["ground"], solid)
-    tiles = tile_meshes([i for i in open_ if i not in wide], pieces, used["ground"], solid)
+    wide = wide_ground_indices(open_, pieces, used["ground"], solid)
+    tiles = ground_tile_indices([i for i in open_ if i not in wide], pieces, used["ground"], solid)
     for found, why in ((wide, "wide, level, and under other things"), (tiles, "level tiles beside the ground")):
         for i in found:
             named = f", though its {roles[i].why}" if roles[i].by is By.NAME else ""
             roles[i] = PieceRole("ground", f"by shape: {why}{named}")
     ground = [i for i, role in enumerate(roles) if role.use == "ground"]
     solid = [p for p, role in zip(pieces, roles, strict=True) if role.use == "obstacle" and not p.hair]
-    for i, depth, above in sunken_ground(ground, pieces, solid):
+    for i, depth, above in sunken_ground_and_depths(ground, pieces, solid):
         if roles[i].by is not By.CONFIG:
             roles[i] = PieceRole("obstacle", f"by shape: {depth:.0f} m below {above}; to use it, name it in ground")
     if options.water is None:
         heights = [p.bounds for p, role in zip(pieces, roles, strict=True) if role.use == "ground"]
         open_ = [i for i, role in enumerate(roles) if role.use == "obstacle" and role.by is By.DEFAULT]
-        for i in sheets_in_heights(pieces, open_, heights):
+        for i in lake_like_sheet_indices(pieces, open_, heights):
             roles[i] = PieceRole("water", "by shape: a flat sheet with ground below it and above it")
     return roles
 
 
-def unmatched_role_pattern(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
+def unmatched_key_and_pattern(pieces: Sequence[Piece], options: Options) -> tuple[str, str] | None:
     """Return the first key and pattern of a scenery that match nothing; None if all match."""
     for key, _ in ROLE_KEYS:
         for pattern in getattr(options, key) or ():
-            drawn = any(piece.carrier and _is_match(piece.carrier, pattern) for piece in pieces) and key == "drop"
-            if not drawn and not any(matching_pattern(piece, (pattern,)) for piece in pieces):
+            drawn = any(piece.carrier and _is_whole_name_match(piece.carrier, pattern) for piece in pieces) and key == "drop"
+            if not drawn and not any(matching_name_and_pattern(piece, (pattern,)) for piece in pieces):
                 return key, pattern
     return None
 
 
-def matching_pattern(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
+def matching_name_and_pattern(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, str] | None:
     """Return the first pattern that matches a piece: the kind of name, the name, and the pattern."""
     names = {
         "object": (piece.name,),
@@ -93,23 +93,23 @@ def matching_pattern(piece: Piece, patterns: Sequence[str]) -> tuple[str, str, s
         "material": piece.materials,
     }
     for pattern in patterns:
-        if _is_match(piece.name, pattern):
+        if _is_whole_name_match(piece.name, pattern):
             return "object", piece.name, pattern
         level, colon, rest = pattern.partition(":")
         if colon and level in names:
             for name in names[level]:
-                if _is_match(name, rest):
+                if _is_whole_name_match(name, rest):
                     return level, name, pattern
     return None
 
 
-def _is_match(name: str, pattern: str) -> bool:
+def _is_whole_name_match(name: str, pattern: str) -> bool:
     name, pattern = name.lower(), pattern.lower()
     return name == pattern or (any(c in pattern for c in "*?[") and fnmatchcase(name, pattern))
 
 
 def _piece_role(piece: Piece, options: Options) -> PieceRole:
-    asked = _by_config(piece, options)
+    asked = _role_by_config(piece, options)
     if asked and (asked.use == "removed" or (asked.use == "water" and piece.unseen is Unseen.VOLUME)):
         return asked
     if piece.unseen:
@@ -121,7 +121,7 @@ def _piece_role(piece: Piece, options: Options) -> PieceRole:
         return asked
     named = [("object", piece.name), ("mesh", piece.data), *(("collection", c) for c in piece.chain[0].collections)]
     for level, name in named:
-        if level != "collection" and (pattern := first_match(name, BACKDROP_WORDS)):
+        if level != "collection" and (pattern := first_matching_pattern(name, BACKDROP_WORDS)):
             return PieceRole("backdrop", f"{level} {name!r} matches {pattern!r}", By.NAME)
     if options.water is None and (water := _water_role(piece)):
         return water
@@ -129,20 +129,20 @@ def _piece_role(piece: Piece, options: Options) -> PieceRole:
         # A scattered tree isn't ground, although the ground carries it or its collection is "terrain".
         if piece.scattered and (level == "collection" or (level == "object" and piece.anonymous)):
             continue
-        if pattern := first_match(name, NOT_GROUND):
+        if pattern := first_matching_pattern(name, NOT_GROUND):
             return PieceRole("obstacle", f"{level} {name!r} matches {pattern!r}", By.NAME)
-        if pattern := first_match(name, GROUND_WORDS):
+        if pattern := first_matching_pattern(name, GROUND_WORDS):
             return PieceRole("ground", f"{level} {name!r} matches {pattern!r}", By.NAME)
     return PieceRole("obstacle", "by default", By.DEFAULT)
 
 
-def _by_config(piece: Piece, options: Options) -> PieceRole | None:
-    if piece.carrier and any(_is_match(piece.carrier, pattern) for pattern in options.drop):
+def _role_by_config(piece: Piece, options: Options) -> PieceRole | None:
+    if piece.carrier and any(_is_whole_name_match(piece.carrier, pattern) for pattern in options.drop):
         return PieceRole("removed", f"it is drawn by {piece.carrier!r}, which the scenery's `drop` names", By.CONFIG)
     for key, use in ROLE_KEYS:
         if use == "ground" and piece.anonymous:
             continue  # its only name is that of the ground that carries it
-        if found := matching_pattern(piece, getattr(options, key) or ()):
+        if found := matching_name_and_pattern(piece, getattr(options, key) or ()):
             level, name, pattern = found
             return PieceRole(use, f"{level} {name!r} matches {pattern!r} of the scenery's {key}", By.CONFIG)
     return None
@@ -150,7 +150,10 @@ def _by_config(piece: Piece, options: Options) -> PieceRole | None:
 
 def is_water_name(name: str) -> bool:
     """Return whether a name means water, rather than something in or near it."""
-    return not first_match(name, _DRY_WORDS) and first_match(name, (*WATER_WORDS, *WATER_BODY_WORDS)) is not None
+    return (
+        not first_matching_pattern(name, _DRY_WORDS)
+        and first_matching_pattern(name, (*WATER_WORDS, *WATER_BODY_WORDS)) is not None
+    )
 
 
 def _water_role(piece: Piece) -> PieceRole | None:
@@ -158,15 +161,15 @@ def _water_role(piece: Piece) -> PieceRole | None:
         return None
     own = [("object", piece.name), ("mesh", piece.data)]
     own = own[2 * piece.anonymous :]  # such a piece has its carrier's name
-    if any(first_match(name, _DRY_WORDS) for _, name in own):
+    if any(first_matching_pattern(name, _DRY_WORDS) for _, name in own):
         return None
     materials = [("material", name) for name in piece.materials]
     around = [("collection", name) for name in piece.chain[0].collections[:1] if not piece.scattered]
     for candidates, words in ((own + materials, (*WATER_WORDS, *WATER_BODY_WORDS)), (around, WATER_WORDS)):
         for level, name in candidates:
-            if not first_match(name, _DRY_WORDS) and (pattern := first_match(name, words)):
+            if not first_matching_pattern(name, _DRY_WORDS) and (pattern := first_matching_pattern(name, words)):
                 return PieceRole("water", f"{level} {name!r} matches {pattern!r}, and it is wide and level", By.NAME)
-    clear = piece.clear and not piece.unseen and not any(first_match(name, _DRY_WORDS) for _, name in materials)
+    clear = piece.clear and not piece.unseen and not any(first_matching_pattern(name, _DRY_WORDS) for _, name in materials)
     if clear and is_wide_and_level(piece, least=5.0):
         return PieceRole("water", "its material is transparent, and it is wide and level", By.FILE)
     return None

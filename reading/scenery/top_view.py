@@ -17,7 +17,7 @@ VIEW_SIDE_RAYS = 128
 MAX_FLOOR_HEIGHT_M = 1.0  # of the floor far below, which is a level sheet
 
 
-def see_top_view(scenery: Scenery) -> tuple[TopView, list[Doubt]]:
+def top_view_and_doubts(scenery: Scenery) -> tuple[TopView, list[Doubt]]:
     """Return the shares of what's seen from above within the bounds of the ground, or of all, and doubts about it."""
     world = Scene.of(scenery)
     boxes = world.obstacles.bounds

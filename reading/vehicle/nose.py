@@ -18,8 +18,8 @@ from hulldown.reading.pieces.naming import (
     REAR_WORDS,
     TURRET_HINTS,
     TURRET_WORDS,
-    first_match,
-    hinted_stem,
+    first_matching_pattern,
+    first_matching_stem,
 )
 from hulldown.reading.vehicle.solids import MIN_PARALLEL_COSINE, Solids, Wheels
 
@@ -62,11 +62,11 @@ class Direction(Generic[Value]):
     doubt: Doubt | None = None
 
 
-def find_forward(
+def find_nose_direction(
     solids: Solids, wheels: Wheels | None, names: Sequence[str], *, gun: Sequence[bool], corners: Float[np.ndarray, "f 3 3"]
 ) -> Direction[float]:
     """Find the direction of the nose, z up, in the frame of `wheels`; without any sign, along the longer of x and y."""
-    line, why = _long_axis(solids, wheels, gun, corners)
+    line, why = _long_axis_and_reason(solids, wheels, gun, corners)
     ahead = np.array([np.cos(line), np.sin(line), 0.0])
     low, high = solids.bounds[:, 0].min(axis=0), solids.bounds[:, 1].max(axis=0)
     middle = (low + high) / 2
@@ -75,18 +75,21 @@ def find_forward(
         middle = np.array([*((centers.min(axis=0) + centers.max(axis=0)) / 2)[:2], middle[2]])
     along = (solids.bounds.reshape(-1, 3) - middle) @ ahead
     half, length = max(float(np.percentile(np.abs(along), 98)), 1e-12), float(np.ptp(along))
-    barrel = gun_barrel(solids, ahead, middle, half)
-    votes = _name_votes(solids, names, (solids.center - middle) @ ahead / half)
-    raised = rising_end(solids, ahead, length, named=np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
-    tubes, built = rising_end(solids, ahead, length), _shape_votes(solids, wheels, ahead, middle, length)
-    slanted = 0.0 if tubes else slanted_end(corners, ahead)
+    barrel = gun_barrel_index(solids, ahead, middle, half)
+    votes = _nose_vote_by_names(solids, names, (solids.center - middle) @ ahead / half)
+    raised = nose_vote_by_rising_tubes(solids, ahead, length, named=np.asarray(gun, bool)[solids.piece]) if any(gun) else 0.0
+    tubes, built = (
+        nose_vote_by_rising_tubes(solids, ahead, length),
+        _axle_and_mirror_nose_votes(solids, wheels, ahead, middle, length),
+    )
+    slanted = 0.0 if tubes else nose_vote_by_slant(corners, ahead)
     built = [*built, slanted if wheels is not None else float(np.sign(slanted))]
     gun_end, gun_why = 0.0, ""
     if barrel is not None:
         gun_end = float(np.sign((solids.center[barrel] - middle) @ ahead))
         gun_why = f"{names[solids.piece[barrel]]!r} points ahead like a gun"
     else:
-        gun_end, which = _muzzle_end(solids, ahead, half, gun)
+        gun_end, which = _nose_vote_and_muzzle_piece(solids, ahead, half, gun)
         gun_why = f"{names[which]!r} sticks out there" if gun_end else ""
     named = float(np.sign(votes)) * (abs(votes) >= MIN_NAME_VOTE)
     # Tubes side by side may lie behind the middle, and yet they rise ahead.
@@ -99,7 +102,10 @@ def find_forward(
     # Two agreeing signs are as good as a name.
     alone = abs(total) < 2 or abs(total) < abs(tubes) + sum(map(abs, built))
     slender = 0.0 if gun_end else slender_end(corners, ahead)
-    armed = any(first_match(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) or hinted_stem(name, TURRET_HINTS) for name in names)
+    armed = any(
+        first_matching_pattern(name, (*TURRET_WORDS, *GUN_WORDS, "tank")) or first_matching_stem(name, TURRET_HINTS)
+        for name in names
+    )
     # In order of trust: the end of a sign (0 for neither), the reason, the doubt.
     clues = (
         (lifted, "its tubes rise there", "" if lifted in others else ONE_CLUE),
@@ -113,16 +119,16 @@ def find_forward(
     )
     toward, why_sign, problem = next(clue for clue in clues if clue[0])
     angle = line if toward > 0 else line + np.pi
-    angle = snap_angle(float(np.arctan2(np.sin(angle), np.cos(angle))))
+    angle = snap_to_right_angle(float(np.arctan2(np.sin(angle), np.cos(angle))))
     doubt = None
     if problem:
-        stated, back = (forward_text(a) for a in (angle, angle + np.pi))
+        stated, back = (forward_config_text(a) for a in (angle, angle + np.pi))
         text = f"{problem}; taken as forward = {stated}, set forward = {back} if it faces backwards"
-        doubt = Doubt(DoubtKind.FORWARD, text, "forward", forward_key(angle))
+        doubt = Doubt(DoubtKind.FORWARD, text, "forward", forward_config_value(angle))
     return Direction(angle, f"{why}, {why_sign}", doubt)
 
 
-def forward_key(angle: float) -> str | float:
+def forward_config_value(angle: float) -> str | float:
     """Return an angle in the form of the key `forward`."""
     quarter = round(angle / (np.pi / 2))
     if abs(angle - quarter * np.pi / 2) < 1e-9:
@@ -130,18 +136,18 @@ def forward_key(angle: float) -> str | float:
     return round(float(np.degrees(np.arctan2(np.sin(angle), np.cos(angle)))), 1)
 
 
-def forward_text(angle: float) -> str:
+def forward_config_text(angle: float) -> str:
     """Return an angle as it follows `forward =` in a config."""
-    return json.dumps(forward_key(angle))
+    return json.dumps(forward_config_value(angle))
 
 
-def snap_angle(angle: float, within: float = NOSE_SNAP_RADIANS) -> float:
+def snap_to_right_angle(angle: float, within: float = NOSE_SNAP_RADIANS) -> float:
     """Snap an angle to a close multiple of a right angle."""
     quarter = np.round(angle / (np.pi / 2)) * (np.pi / 2)
     return float(quarter) if abs(angle - quarter) < within else angle
 
 
-def _long_axis(
+def _long_axis_and_reason(
     solids: Solids, wheels: Wheels | None, gun: Sequence[bool], corners: Float[np.ndarray, "f 3 3"]
 ) -> tuple[float, str]:
     """Return the angle of the vehicle's long axis, in either direction."""
@@ -156,7 +162,7 @@ def _long_axis(
         if abs(ahead @ across) > 0.1:
             ahead = np.array([across[1], -across[0]])
         return float(np.arctan2(ahead[1], ahead[0])), "by its wheels"
-    line, why = _mirror_line(solids)
+    line, why = _mirror_axis_and_reason(solids)
     if why == NO_LINE:
         own = solids.where(np.asarray(gun, bool)[solids.piece])
         slender = (own.size[:, 0] > MIN_LONE_GUN_SLENDERNESS * own.size[:, 1]) & (
@@ -164,12 +170,12 @@ def _long_axis(
         )
         if slender.any():
             axis = own.axes[np.argmax(np.where(slender, own.size[:, 0], 0.0)), 0]
-            return snap_angle(float(np.arctan2(axis[1], axis[0]))), "along its gun"
-        return _line_of_surface(corners)
+            return snap_to_right_angle(float(np.arctan2(axis[1], axis[0]))), "along its gun"
+        return _surface_axis_and_reason(corners)
     return line, why
 
 
-def _line_of_surface(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
+def _surface_axis_and_reason(corners: Float[np.ndarray, "f 3 3"]) -> tuple[float, str]:
     """Return the axis, x or y, whose mirror plane the vertices have, or the longer one."""
     points = np.unique(corners.reshape(-1, 3), axis=0)
     size = np.ptp(points, axis=0)
@@ -201,7 +207,7 @@ def slender_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3
     return found[0] if len(found) == 1 else 0.0
 
 
-def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
+def nose_vote_by_slant(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3"]) -> float:
     """Return the end that windshields, hoods, and bows slant to: 1 or -1, 2 or -2 if nearly all do, or 0."""
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]) / 2
     area = np.maximum(np.linalg.norm(normal, axis=1), 1e-30)
@@ -216,7 +222,7 @@ def slanted_end(corners: Float[np.ndarray, "f 3 3"], ahead: Float[np.ndarray, "3
     return float(np.sign(share)) * (1 + (abs(share) > MIN_WHOLE_SLANT_SHARE)) * (abs(share) > MIN_SLANT_SHARE)
 
 
-def _mirror_line(solids: Solids) -> tuple[float, str]:
+def _mirror_axis_and_reason(solids: Solids) -> tuple[float, str]:
     """Return the line of the mirror plane of the largest solids, if there is one and x isn't; else x."""
     largest = np.argsort(-solids.size.prod(axis=1))[:MAX_MIRRORED_SOLIDS]
     signs = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)]) / 2
@@ -245,7 +251,7 @@ def _mirror_line(solids: Solids) -> tuple[float, str]:
     return 0.0, NO_LINE
 
 
-def gun_barrel(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], half: float) -> int | None:
+def gun_barrel_index(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], half: float) -> int | None:
     """Return the solid of a gun's barrel: long, slender, along the vehicle, above its lower third, with a free end.
 
     The vehicle is `half` long on either side of `middle` along the horizontal unit vector `ahead` (either way).
@@ -272,7 +278,9 @@ def gun_barrel(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.n
     return int(np.argmax(np.where(fits, length, 0.0)))
 
 
-def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]) -> tuple[float, int]:
+def _nose_vote_and_muzzle_piece(
+    solids: Solids, ahead: Float[np.ndarray, "3"], half: float, named: Sequence[bool]
+) -> tuple[float, int]:
     """Return the end at which the longest piece that is named gun protrudes, and that piece; (0, -1) if none does."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     corners = solids.bounds[:, [[0, 0], [0, 1], [1, 0], [1, 1]], [0, 1]]  # (n, 4, 2) seen from above
@@ -299,11 +307,11 @@ def _muzzle_end(solids: Solids, ahead: Float[np.ndarray, "3"], half: float, name
     return float(np.sign(front - rear)), piece
 
 
-def _name_votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
+def _nose_vote_by_names(solids: Solids, names: Sequence[str], along: Float[np.ndarray, " n"]) -> float:
     """Return how far front-named pieces are ahead of rear-named ones, in half lengths; 1 if all agree."""
     places: dict[int, list[float]] = {1: [], -1: []}
     for piece, name in enumerate(names):
-        sign = bool(first_match(name, FRONT_WORDS)) - bool(first_match(name, REAR_WORDS))
+        sign = bool(first_matching_pattern(name, FRONT_WORDS)) - bool(first_matching_pattern(name, REAR_WORDS))
         of_piece = solids.piece == piece
         if sign and of_piece.any():
             extent = solids.size[of_piece].max(axis=1)
@@ -314,7 +322,7 @@ def _name_votes(solids: Solids, names: Sequence[str], along: Float[np.ndarray, "
     return float(np.mean([*front, *np.negative(rear)])) if front or rear else 0.0
 
 
-def _shape_votes(
+def _axle_and_mirror_nose_votes(
     solids: Solids, wheels: Wheels | None, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float
 ) -> list[float]:
     if wheels is None:
@@ -327,11 +335,11 @@ def _shape_votes(
         first, second = np.diff(axles)
         votes.append(0.0 if max(first, second) < 1.4 * min(first, second) else float(np.sign(second - first)))
     if len(axles) <= MAX_WHEELED_AXLES:
-        votes.append(_mirror_end(solids, ahead, middle, length))
+        votes.append(_nose_vote_by_mirrors(solids, ahead, middle, length))
     return votes
 
 
-def rising_end(
+def nose_vote_by_rising_tubes(
     solids: Solids, ahead: Float[np.ndarray, "3"], length: float, *, named: Bool[np.ndarray, " n"] | bool = False
 ) -> float:
     """Return the end that named tubes, or two alike, rise to, which isn't the tail; 0 without such tubes."""
@@ -354,7 +362,9 @@ def rising_end(
     return float(np.sign(np.sum(np.where(tube, along * solids.size[:, 0], 0.0))))
 
 
-def _mirror_end(solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float) -> float:
+def _nose_vote_by_mirrors(
+    solids: Solids, ahead: Float[np.ndarray, "3"], middle: Float[np.ndarray, "3"], length: float
+) -> float:
     """Return the end at which a pair of small solids, high up, protrudes farthest sideways, like mirrors; or 0."""
     across = np.cross([0.0, 0.0, 1.0], ahead)
     low, high = solids.bounds[:, 0, 2].min(), solids.bounds[:, 1, 2].max()

@@ -15,8 +15,8 @@ from hulldown.reading.pieces.naming import (
     NOT_LAUNCHER,
     TURRET_HINTS,
     TURRET_WORDS,
-    first_match,
-    hinted_stem,
+    first_matching_pattern,
+    first_matching_stem,
     name_words,
 )
 from hulldown.reading.pieces.options import Options
@@ -29,22 +29,22 @@ ObjectKey = tuple[str, bytes]
 MarkedParts = Mapping[ObjectKey, tuple[str, str]]  # the part that an object is regardless of its name, and the reason
 
 
-def _turret_word(name: str, stems: tuple[str, ...]) -> bool:
-    return bool(first_match(name, stems)) or any(word.startswith(stems) for word in name_words(name))
+def _has_turret_word(name: str, stems: tuple[str, ...]) -> bool:
+    return bool(first_matching_pattern(name, stems)) or any(word.startswith(stems) for word in name_words(name))
 
 
 # For each part the words that name it, the next ones only where no name matches: how they are matched, and words that
 # speak against it.
 NAME_TIERS = {
     TURRET_PART: (
-        (_turret_word, TURRET_WORDS, ()),
-        (hinted_stem, TURRET_HINTS, ((first_match, NOT_LAUNCHER),)),
-        (first_match, LAUNCHER_WORDS, ((first_match, NOT_LAUNCHER),)),
-        (hinted_stem, LAUNCHER_HINTS, ((hinted_stem, NOT_GUN_HINTS),)),
+        (_has_turret_word, TURRET_WORDS, ()),
+        (first_matching_stem, TURRET_HINTS, ((first_matching_pattern, NOT_LAUNCHER),)),
+        (first_matching_pattern, LAUNCHER_WORDS, ((first_matching_pattern, NOT_LAUNCHER),)),
+        (first_matching_stem, LAUNCHER_HINTS, ((first_matching_stem, NOT_GUN_HINTS),)),
     ),
     GUN_PART: (
-        (first_match, GUN_WORDS, ((first_match, NOT_GUN),)),
-        (hinted_stem, GUN_HINTS, ((first_match, NOT_GUN), (hinted_stem, NOT_GUN_HINTS))),
+        (first_matching_pattern, GUN_WORDS, ((first_matching_pattern, NOT_GUN),)),
+        (first_matching_stem, GUN_HINTS, ((first_matching_pattern, NOT_GUN), (first_matching_stem, NOT_GUN_HINTS))),
     ),
 }
 
@@ -54,7 +54,7 @@ def link_key(link: Link) -> ObjectKey:
     return link.name, link.pose.tobytes()
 
 
-def pivot_named(name: str) -> str | None:
+def part_by_pivot_name(name: str) -> str | None:
     """Return the part whose pivot an object is by its name, in one word or several; None if it isn't a pivot."""
     joined = "".join(name_words(name)).rstrip("0123456789")
     for word in HELPER_WORDS:
@@ -76,9 +76,9 @@ class Naming:
 
     def chain_part(self, chain: Sequence[Link]) -> str | None:
         """Return the part that the first object of `chain` belongs to, by the nearest part's name; None: the hull."""
-        return self.deciding_name(chain)[0]
+        return self.part_reason_and_name(chain)[0]
 
-    def deciding_name(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
+    def part_reason_and_name(self, chain: Sequence[Link]) -> tuple[str | None, str, str]:
         """Return the part, the reason in words, and the name that decided; None and "" for the hull."""
         for i, link in enumerate(chain):
             if mark := self.marked.get(link_key(link)):
@@ -90,7 +90,7 @@ class Naming:
         return None, "", ""
 
 
-def names_of_parts(whole: PlacedPieces, options: Options, *, no_gun: Collection[str]) -> dict[str, str]:
+def part_by_name(whole: PlacedPieces, options: Options, *, no_gun: Collection[str]) -> dict[str, str]:
     """Return the part that each name of an object or collection names, if any, by the user's patterns if given."""
     of_pieces = [_chain_names(piece.chain) for piece in whole.pieces]
     # A name that covers the whole vehicle is the vehicle's, not a part's.
@@ -110,8 +110,8 @@ def _chain_names(chain: Sequence[Link]) -> set[str]:
 
 def _part_names(part: str, pattern: str | None, known: set[str], drawn: set[str]) -> set[str]:
     if pattern is not None:
-        return {name for name in known if pattern and first_match(name, (pattern,))}
-    helped = {name: pivot_named(name) for name in known}
+        return {name for name in known if pattern and first_matching_pattern(name, (pattern,))}
+    helped = {name: part_by_pivot_name(name) for name in known}
     helpers = {name for name in known if helped[name]}
     for tier, (match, wanted, unless) in enumerate(NAME_TIERS[part]):
         found = {n for n in known if match(n, wanted) and not any(other(n, unwanted) for other, unwanted in unless)}

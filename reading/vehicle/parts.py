@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from hulldown.geometry.transforms import transform_points
-from hulldown.reading.pieces.asset_report import PartRow, format_xyz
+from hulldown.reading.pieces.asset_report import PartRow, xyz_tuple
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import (
     BODY_WORDS,
@@ -19,12 +19,12 @@ from hulldown.reading.pieces.naming import (
     TURRETLESS_WORDS,
     VEHICLE_PART_WORDS,
     WEAPON_WORDS,
-    first_match,
+    first_matching_pattern,
 )
 from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
 from hulldown.reading.pieces.roles import Link, Piece
 from hulldown.reading.pieces.wording import quote_names
-from hulldown.reading.vehicle.nose import gun_barrel, rising_end, snap_angle
+from hulldown.reading.vehicle.nose import gun_barrel_index, nose_vote_by_rising_tubes, snap_to_right_angle
 from hulldown.reading.vehicle.part_names import (
     GUN_PART,
     HULL,
@@ -33,10 +33,10 @@ from hulldown.reading.vehicle.part_names import (
     Naming,
     ObjectKey,
     link_key,
-    names_of_parts,
+    part_by_name,
 )
 from hulldown.reading.vehicle.pivots import MIN_RING_WIDTH_SHARE, PIVOT_KEYS, find_pivot
-from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching_clusters
+from hulldown.reading.vehicle.solids import PlacedPieces, Solids, touching_cluster_labels
 
 ANGLE_LIMITS = {TURRET_PART: (-np.pi, np.pi), GUN_PART: (float(np.radians(-5.0)), float(np.radians(20.0)))}
 MAX_GUN_ANGLE_RADIANS = np.radians(15.0)  # a gun this close to an axis of the vehicle points along it
@@ -65,8 +65,8 @@ class Parts:
 
 def find_parts(whole: PlacedPieces, options: Options = DEFAULT_OPTIONS) -> Parts:
     """Find the hull, turret, and gun among the pieces of a vehicle, by the config's turret, gun, and pivots."""
-    naming, doubts = _named_parts(whole, options)
-    decided = [naming.deciding_name(piece.chain) for piece in whole.pieces]
+    naming, doubts = _naming_and_doubts(whole, options)
+    decided = [naming.part_reason_and_name(piece.chain) for piece in whole.pieces]
     part_of = [part for part, _, _ in decided]
     by_part = {name: whole.where([part == name for part in part_of]) for name in (None, TURRET_PART, GUN_PART)}
     moving: list[PartRow] = []
@@ -81,17 +81,17 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULT_OPTIONS) -> Parts
         if pivot.guessed:
             key, at = PIVOT_KEYS[name], transform_points(np.linalg.inv(whole.vehicle_from_file), pivot.at[None])[0]
             text = f"the {name} turns about {pivot.why}; set {key} if that is wrong"
-            doubts.append(Doubt(DoubtKind.PIVOT, text, key, format_xyz(np.round(at, 6))))
+            doubts.append(Doubt(DoubtKind.PIVOT, text, key, xyz_tuple(np.round(at, 6))))
         behind = pivot.at
         axis = np.array([0.0, 0.0, 1.0])
         if name == GUN_PART:
             axis = _raising_axis(own.all_vertices, pivot.at)
         parent = moving[0].name if moving else HULL
-        moving.append(PartRow(name, parent, format_xyz(pivot.at), format_xyz(axis), ANGLE_LIMITS[name], pivot.why))
+        moving.append(PartRow(name, parent, xyz_tuple(pivot.at), xyz_tuple(axis), ANGLE_LIMITS[name], pivot.why))
         piece_part[np.array(part_of) == name] = len(moving)
-    doubts += _missing_parts([row.name for row in moving], options, naming.no_gun)
+    doubts += _missing_part_doubts([row.name for row in moving], options, naming.no_gun)
     if not moving and not doubts and options.turret is None and options.gun is None:
-        doubts += doubt_unnamed_parts(whole)
+        doubts += unnamed_part_doubts(whole)
     links = [piece.chain[0] for piece in whole.pieces]
     shape = [next((name for name in (link.name, *link.collections) if name in naming.no_gun), "") for link in links]
     return Parts(
@@ -105,16 +105,16 @@ def find_parts(whole: PlacedPieces, options: Options = DEFAULT_OPTIONS) -> Parts
     )
 
 
-def _named_parts(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
-    naming, doubts = names_without_drums(whole, options), list[Doubt]()
-    for find in (pieces_on_turret, by_shape):
+def _naming_and_doubts(whole: PlacedPieces, options: Options) -> tuple[Naming, list[Doubt]]:
+    naming, doubts = naming_without_drums(whole, options), list[Doubt]()
+    for find in (turret_marks_and_doubts, gun_marks_and_doubts):
         marked, more = find(whole, [naming.chain_part(piece.chain) for piece in whole.pieces], options)
         naming = replace(naming, marked={**naming.marked, **marked})
         doubts += more
     return naming, doubts
 
 
-def _missing_parts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
+def _missing_part_doubts(names: Sequence[str], options: Options, no_guns: Collection[str]) -> list[Doubt]:
     if TURRET_PART in names and GUN_PART not in names and options.gun is None:
         drums = f" ({quote_names(sorted(no_guns), most=3)} are shaped like drums)" if no_guns else ""
         return [_parts_doubt(f'it has a turret but no gun was found{drums}; set gun to its name, or to "" if it has none')]
@@ -128,32 +128,32 @@ def _raising_axis(own: Float[np.ndarray, "n 3"], pivot: Float[np.ndarray, "3"]) 
     out = own[:, :2] - pivot[:2]
     reach = np.linalg.norm(out, axis=1)
     tip = out[reach >= 0.95 * reach.max()].mean(axis=0)
-    angle = snap_angle(float(np.arctan2(tip[1], tip[0])), MAX_GUN_ANGLE_RADIANS)
+    angle = snap_to_right_angle(float(np.arctan2(tip[1], tip[0])), MAX_GUN_ANGLE_RADIANS)
     # Rounded, so that an axis of the vehicle comes out as exactly that.
     return np.round([np.sin(angle), -np.cos(angle), 0.0], 15) + 0.0
 
 
-def names_without_drums(whole: PlacedPieces, options: Options) -> Naming:
+def naming_without_drums(whole: PlacedPieces, options: Options) -> Naming:
     """Return what names parts, but call no drum-shaped part a gun."""
     chains = [piece.chain for piece in whole.pieces]
     no_guns: set[str] = set()
     while True:
-        naming = Naming(names_of_parts(whole, options, no_gun=no_guns), frozenset(no_guns))
+        naming = Naming(part_by_name(whole, options, no_gun=no_guns), frozenset(no_guns))
         is_gun = np.array([naming.chain_part(chain) == GUN_PART for chain in chains], bool)
         if options.gun is not None or not is_gun.any() or is_gun.all():
             return naming
         body = whole.where(~is_gun).all_vertices
-        groups = _close_clusters(whole.bounds, np.flatnonzero(is_gun))
+        groups = _close_piece_clusters(whole.bounds, np.flatnonzero(is_gun))
         drums = [group for group in groups if _is_drum(np.concatenate([whole.points[i] for i in group]), body)]
         if not drums:
             return naming
-        no_guns |= {naming.deciding_name(chains[i])[2] for group in drums for i in group}
+        no_guns |= {naming.part_reason_and_name(chains[i])[2] for group in drums for i in group}
 
 
-def _close_clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
+def _close_piece_clusters(bounds: Float[np.ndarray, "k 2 3"], among: Int[np.ndarray, " n"]) -> list[list[int]]:
     own = bounds[among]
     longest = np.ptp(own, axis=1).max(axis=1)
-    label = touching_clusters(own, MAX_PIECE_GAP_SHARE * np.maximum.outer(longest, longest))
+    label = touching_cluster_labels(own, MAX_PIECE_GAP_SHARE * np.maximum.outer(longest, longest))
     return [among[label == k].tolist() for k in np.unique(label)]
 
 
@@ -170,7 +170,9 @@ def _is_drum(own: Float[np.ndarray, "n 3"], body: Float[np.ndarray, "m 3"]) -> b
     return bool((stubby or across) and (middle[0] < (low[0] + high[0]) / 2 or middle[2] < low[2] + 0.5 * (high - low)[2]))
 
 
-def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[MarkedParts, list[Doubt]]:
+def gun_marks_and_doubts(
+    whole: PlacedPieces, part_of: Sequence[str | None], options: Options
+) -> tuple[MarkedParts, list[Doubt]]:
     """Find the gun, and the turret if none is named, by a barrel's shape and its parents; return doubts too."""
     if options.gun is not None or GUN_PART in part_of:
         return {}, []
@@ -179,7 +181,7 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
     wide = np.ptp(bounds[:, :, 0], axis=1) < 0.9 * (high - low)[0]
     body = bounds[wide] if wide.any() else bounds
     middle = (body[:, 0].min(axis=0) + body[:, 1].max(axis=0)) / 2
-    barrel = gun_barrel(solids, np.array([1.0, 0, 0]), middle, float((high - low)[0]) / 2)
+    barrel = gun_barrel_index(solids, np.array([1.0, 0, 0]), middle, float((high - low)[0]) / 2)
     if barrel is None:
         return {}, []
     piece = int(solids.piece[barrel])
@@ -188,7 +190,7 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
     if not one:
         doubt = f'{name!r} has a long barrel in it that cannot be raised; make it an object of its own, or set gun = ""'
         return {}, [_parts_doubt(doubt + ("" if TURRET_PART in part_of else ' and turret = ""'))]
-    carried = _carried_pieces(pieces)
+    carried = _piece_indices_by_link(pieces)
 
     def extent(link: Link) -> Float[np.ndarray, "2 3"]:
         some = bounds[carried[link_key(link)]]
@@ -214,7 +216,7 @@ def by_shape(whole: PlacedPieces, part_of: Sequence[str | None], options: Option
     return marks, [_parts_doubt(f"{taken}; set gun and turret if that is wrong")]
 
 
-def _carried_pieces(pieces: Sequence[Piece]) -> dict[ObjectKey, list[int]]:
+def _piece_indices_by_link(pieces: Sequence[Piece]) -> dict[ObjectKey, list[int]]:
     carried: dict[ObjectKey, list[int]] = {}
     for i, piece in enumerate(pieces):
         for link in piece.chain:
@@ -222,7 +224,9 @@ def _carried_pieces(pieces: Sequence[Piece]) -> dict[ObjectKey, list[int]]:
     return carried
 
 
-def pieces_on_turret(whole: PlacedPieces, part_of: Sequence[str | None], options: Options) -> tuple[MarkedParts, list[Doubt]]:
+def turret_marks_and_doubts(
+    whole: PlacedPieces, part_of: Sequence[str | None], options: Options
+) -> tuple[MarkedParts, list[Doubt]]:
     """Find pieces on a turret without children, for files without a hierarchy; return a doubt about them too."""
     chains = [piece.chain for piece in whole.pieces]
     members = [i for i, part in enumerate(part_of) if part == TURRET_PART and options.turret is None]
@@ -230,7 +234,7 @@ def pieces_on_turret(whole: PlacedPieces, part_of: Sequence[str | None], options
         return {}, []
     roots = {link_key(chains[i][-1]) if len(chains[i]) > 1 else None for i in members}
     parents = [link_key(chain[1]) if len(chain) > 1 else None for chain in chains]
-    named = sum(first_match(chains[i][0].name, TURRET_WORDS) is not None for i in members)
+    named = sum(first_matching_pattern(chains[i][0].name, TURRET_WORDS) is not None for i in members)
     if len(roots) > 1 or len({parents[i] for i in members}) > 1 or named > MAX_PREFIXED_TURRETS:
         return {}, []
     bounds = whole.bounds
@@ -254,17 +258,17 @@ def pieces_on_turret(whole: PlacedPieces, part_of: Sequence[str | None], options
     return {link_key(link): (TURRET_PART, "by its place on the turret") for link in aboard}, [_parts_doubt(doubt)]
 
 
-def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
+def unnamed_part_doubts(whole: PlacedPieces) -> list[Doubt]:
     """Return a doubt about possible aiming parts: by parents, by a name, or by shape if names are meaningless."""
     pieces, bounds = whole.pieces, whole.bounds
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
-    carried = _carried_pieces(pieces)
+    carried = _piece_indices_by_link(pieces)
     upper = [
         key
         for key, some in carried.items()
         if 1 < len(some) < len(pieces)
         and bounds[some, 0, 2].min() > low[2] + MIN_TURRET_HEIGHT_SHARE * (high - low)[2]
-        and not first_match(key[0], TURRETLESS_WORDS)
+        and not first_matching_pattern(key[0], TURRETLESS_WORDS)
     ]
     if upper:
         most = max(upper, key=lambda key: len(carried[key]))
@@ -274,20 +278,20 @@ def doubt_unnamed_parts(whole: PlacedPieces) -> list[Doubt]:
                 f'and gun to what rises; if nothing does, set turret = ""'
             )
         ]
-    if armed := next((p.name for p in pieces if first_match(p.name, WEAPON_WORDS)), None):
+    if armed := next((p.name for p in pieces if first_matching_pattern(p.name, WEAPON_WORDS)), None):
         doubt = f'{armed!r} is there, but nothing named turret or gun; set turret and gun, or turret = "" and gun = ""'
         return [_parts_doubt(doubt)]
-    known = any(first_match(n, KNOWN_WORDS) for p in pieces for n in (p.name, p.data))
-    if len(pieces) > 1 and not known and _may_aim(whole.solids, low, high):
+    known = any(first_matching_pattern(n, KNOWN_WORDS) for p in pieces for n in (p.name, p.data))
+    if len(pieces) > 1 and not known and _has_ring_or_raised_tubes(whole.solids, low, high):
         return [_parts_doubt('its names name no part; set turret and gun if it has any, or turret = ""')]
     return []
 
 
-def _may_aim(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
+def _has_ring_or_raised_tubes(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
     size = high - low
     ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > MIN_RING_WIDTH_SHARE * size[1])
     ring &= solids.center[:, 2] > low[2] + MIN_TURRET_HEIGHT_SHARE * size[2]
-    return bool(ring.any() or rising_end(solids, np.array([1.0, 0, 0]), size[0]))
+    return bool(ring.any() or nose_vote_by_rising_tubes(solids, np.array([1.0, 0, 0]), size[0]))
 
 
 def _parts_doubt(text: str) -> Doubt:

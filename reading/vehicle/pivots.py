@@ -11,10 +11,10 @@ from jaxtyping import Float
 from scipy.spatial.distance import pdist
 
 from hulldown.geometry.transforms import transform_points
-from hulldown.reading.pieces.naming import PIVOT_WORDS, first_match, name_words
+from hulldown.reading.pieces.naming import PIVOT_WORDS, first_matching_pattern, name_words
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link
-from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Naming, ObjectKey, link_key, pivot_named
+from hulldown.reading.vehicle.part_names import GUN_PART, TURRET_PART, Naming, ObjectKey, link_key, part_by_pivot_name
 from hulldown.reading.vehicle.solids import PlacedPieces
 
 MAX_ORIGIN_DISTANCE_SHARE = 0.25  # of a part's longest side: a mesh object's origin may be so far outside it
@@ -71,10 +71,10 @@ def find_pivot(
     # The middle of a helper mesh such as ``turretpivot`` or ``gun_axis`` counts, since its origin often stays at the
     # file's. Empties are among a part's nodes.
     for piece in whole.pieces:
-        if pivot_named(piece.name) == part:
+        if part_by_pivot_name(piece.name) == part:
             return Pivot(middles[link_key(piece.chain[0])], f"the middle of {piece.name!r}, named as a pivot")
     own = by_part[part]
-    nodes, guess = _part_nodes(own, naming, part), _shape_pivot(by_part, part, behind)
+    nodes, guess = _pivot_candidate_nodes(own, naming, part), _pivot_guess_by_shape(by_part, part, behind)
     # One origin shared by most of the hull's objects isn't a pivot.
     resting = np.array([whole.origin(piece.chain[0]) for piece in by_part[None].pieces])
     low, high = own.all_vertices.min(axis=0), own.all_vertices.max(axis=0)
@@ -95,7 +95,7 @@ def find_pivot(
     def first(some: list[Node]) -> Node | None:
         return min(some, key=rank, default=None)
 
-    helpers = [n for n in nodes if first_match(n.link.name, PIVOT_WORDS) or pivot_named(n.link.name) == part]
+    helpers = [n for n in nodes if first_matching_pattern(n.link.name, PIVOT_WORDS) or part_by_pivot_name(n.link.name) == part]
     if node := first([n for n in helpers if believed(n)]):
         return Pivot(whole.origin(node.link), f"origin of {node.link.name!r}, named pivot")
     if node := first([n for n in nodes if n.named and n.link.kind == "EMPTY" and believed(n)]):
@@ -114,7 +114,7 @@ def find_pivot(
     middle = middles.get(link_key(node.link))
     centered = middle is not None and bool(np.linalg.norm(at - middle) < MAX_MIDDLE_DISTANCE_SHARE * size)
     if part == GUN_PART:
-        rear, front = gun_ends(own.all_vertices, behind)
+        rear, front = gun_rear_and_front(own.all_vertices, behind)
         wrong |= float((at - rear) @ (front - rear)) / max(float((front - rear) @ (front - rear)), 1e-30) > GUN_REAR_SHARE
     elif centered and guess.guessed and not wrong:
         return Pivot(at, f"origin of {node.link.name!r}, which is only the middle of its mesh", guessed=True)
@@ -138,11 +138,11 @@ def _configured_pivot(whole: PlacedPieces, part: str, options: Options) -> Pivot
     raise ValueError(f"{key} = {wanted!r} is no object or empty of the file")
 
 
-def _part_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
+def _pivot_candidate_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
     links: dict[ObjectKey, tuple[Link, bool]] = {}
     faces: dict[ObjectKey, int] = {}
     carried = [(piece.chain, piece.faces) for piece in own.pieces]
-    for chain, count in [*carried, *((m, 0) for m in own.markers if read_keypoint(m[0].name) is None)]:
+    for chain, count in [*carried, *((m, 0) for m in own.markers if keypoint_from_name(m[0].name) is None)]:
         for i, link in enumerate(chain):
             if naming.chain_part(chain[i:]) != part:
                 break
@@ -152,15 +152,15 @@ def _part_nodes(own: PlacedPieces, naming: Naming, part: str) -> list[Node]:
     return [Node(link, topmost, naming.parts.get(link.name) == part, faces[key]) for key, (link, topmost) in links.items()]
 
 
-def _shape_pivot(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
+def _pivot_guess_by_shape(by_part: Mapping[str | None, PlacedPieces], part: str, behind: Float[np.ndarray, "3"]) -> Pivot:
     turret, gun, hull = by_part[TURRET_PART], by_part[GUN_PART], by_part[None]
     if not gun.pieces:
-        return turret_guess(turret, hull)
-    of_gun = gun_guess(gun, behind, held=gun_cheeks_pivot(gun, turret if turret.pieces else hull))
-    return of_gun if part == GUN_PART else turret_guess(turret, hull, trunnions=of_gun.at)
+        return guess_turret_pivot(turret, hull)
+    of_gun = guess_gun_pivot(gun, behind, held=pivot_between_gun_cheeks(gun, turret if turret.pieces else hull))
+    return of_gun if part == GUN_PART else guess_turret_pivot(turret, hull, trunnions=of_gun.at)
 
 
-def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[np.ndarray, "3"] | None = None) -> Pivot:
+def guess_turret_pivot(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[np.ndarray, "3"] | None = None) -> Pivot:
     """Estimate a turret's axis from shape: the middle of its ring, of the hull below, or by its gun's trunnions."""
     own, under = turret.all_vertices, hull.all_vertices[:, 1]
     low, high = own.min(axis=0), own.max(axis=0)
@@ -195,7 +195,7 @@ def turret_guess(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: Float[n
     return Pivot(at, why, guessed=True)
 
 
-def gun_cheeks_pivot(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | None:
+def pivot_between_gun_cheeks(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray, "3"] | None:
     """Return the axis near the top of two upright plates of a mount that hold a gun; None if there are none."""
     own, points, others = gun.all_vertices, mount.all_vertices, mount.solids
     low, high = own.min(axis=0), own.max(axis=0)
@@ -221,10 +221,10 @@ def gun_cheeks_pivot(gun: PlacedPieces, mount: PlacedPieces) -> Float[np.ndarray
     return best
 
 
-def gun_guess(gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[np.ndarray, "3"] | None = None) -> Pivot:
+def guess_gun_pivot(gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[np.ndarray, "3"] | None = None) -> Pivot:
     """Estimate a gun's axis from shape: its trunnions, its mantlet, or its rear end."""
     own, solids = gun.all_vertices, gun.solids
-    rear, front = gun_ends(own, behind)
+    rear, front = gun_rear_and_front(own, behind)
     length = float(np.linalg.norm(front - rear))
     if not len(solids) or length <= 0:
         return Pivot(rear, "the middle of its rear end", guessed=True)
@@ -259,7 +259,7 @@ def gun_guess(gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: Float[
     return Pivot(start, "the rear end of its barrel", guessed=True)
 
 
-def gun_ends(
+def gun_rear_and_front(
     own: Float[np.ndarray, "n 3"], behind: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """Return the middle of a gun's rear and of its front end; the front is away from `behind`."""
@@ -272,13 +272,13 @@ def gun_ends(
     return rear, front
 
 
-def read_keypoint(name: str) -> str | None:
+def keypoint_from_name(name: str) -> str | None:
     """Return the keypoint of an empty with this name; None if it isn't one."""
     found = _KEYPOINT_NAME.fullmatch(name)
     return (found[1] or name) if found else None
 
 
-def marked_points(
+def keypoints_from_empties(
     markers: Sequence[tuple[Link, ...]], chains: Sequence[tuple[Link, ...]], piece_part: Sequence[int]
 ) -> dict[str, tuple[Float[np.ndarray, "3"], int | None]]:
     """Return the keypoints of empties: positions in the file, and the part that each belongs to, if any."""
@@ -289,7 +289,7 @@ def marked_points(
     own = {link_key(chain[0]): part for chain, part in zip(chains, piece_part, strict=True)}
     found: dict[str, tuple[Float[np.ndarray, "3"], int | None]] = {}
     for marker, *above in markers:
-        if (name := read_keypoint(marker.name)) is None or name in found:
+        if (name := keypoint_from_name(marker.name)) is None or name in found:
             continue
         # The first one above it that is a piece, or only holds pieces of one part.
         below = (({own[key]} if key in own else parts_below.get(key, set())) for key in map(link_key, above))

@@ -61,7 +61,7 @@ class Solids:
         """Select solids."""
         return Solids(*(getattr(self, each.name)[mask] for each in fields(self)))
 
-    def of_pieces(self, kept: Sequence[int]) -> Solids:
+    def solids_of_pieces(self, kept: Sequence[int]) -> Solids:
         """Select the solids of these ascending pieces, renumbered by their place among them."""
         found = self.where(np.isin(self.piece, kept))
         return replace(found, piece=np.searchsorted(kept, found.piece))
@@ -107,7 +107,7 @@ class PlacedPieces:
         """Select pieces."""
         kept = np.flatnonzero(mask).tolist()
         pieces, points = [self.pieces[i] for i in kept], [self.points[i] for i in kept]
-        return replace(self, pieces=pieces, points=points, solids=self.solids.of_pieces(kept))
+        return replace(self, pieces=pieces, points=points, solids=self.solids.solids_of_pieces(kept))
 
 
 def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[np.ndarray, "_ 3"]]) -> Solids:
@@ -115,7 +115,7 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
     owner: list[int] = []
     clouds: list[np.ndarray] = []
     for number, (vertices, triangles) in enumerate(zip(points, faces, strict=True)):
-        for cloud in _loose_pieces(vertices, triangles):
+        for cloud in _connected_point_sets(vertices, triangles):
             owner.append(number)
             clouds.append(cloud)
     if len(clouds) > MAX_SOLIDS:
@@ -125,12 +125,12 @@ def find_solids(points: Sequence[Float[np.ndarray, "_ 3"]], faces: Sequence[Int[
     axes, size, center, round_about = np.zeros((n, 3, 3)), np.zeros((n, 3)), np.zeros((n, 3)), np.full(n, -1)
     bounds = np.zeros((n, 2, 3))
     for i, cloud in enumerate(clouds):
-        axes[i], size[i], center[i], round_about[i] = _own_axes(cloud)
+        axes[i], size[i], center[i], round_about[i] = _own_box_and_round_axis(cloud)
         bounds[i] = cloud.min(axis=0), cloud.max(axis=0)
     return Solids(np.array(owner, int), bounds, center, axes, size, round_about)
 
 
-def _loose_pieces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:
+def _connected_point_sets(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]) -> list[Float[np.ndarray, "_ 3"]]:
     """Return points of each connected piece; coincident vertices are merged."""
     used = vertices[faces.ravel()]
     step = max(float(np.ptp(used, axis=0).max()), 1e-30) * 1e-6
@@ -142,7 +142,7 @@ def _loose_pieces(vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 
     return np.split(points[np.argsort(label, kind="stable")], np.cumsum(np.bincount(label, minlength=count))[:-1])
 
 
-def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
+def _own_box_and_round_axis(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, np.ndarray, int]:
     """Return a solid's own axes, extents, middle, and the axis that it's round about, or -1."""
     off = cloud - cloud.mean(axis=0)
     moments, vectors = np.linalg.eigh(off.T @ off)
@@ -166,7 +166,9 @@ def _own_axes(cloud: Float[np.ndarray, "n 3"]) -> tuple[np.ndarray, np.ndarray, 
     return vectors.T[order], (high - low)[order], middle, about
 
 
-def touching_clusters(bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float) -> Int[np.ndarray, " k"]:
+def touching_cluster_labels(
+    bounds: Float[np.ndarray, "k 2 3"], slack: Float[np.ndarray, "*k k"] | float
+) -> Int[np.ndarray, " k"]:
     """Return the cluster of each box; two boxes with a gap below their slack are in one cluster."""
     near = np.ones((len(bounds), len(bounds)), bool)
     for low, high in zip(bounds[:, 0].T, bounds[:, 1].T, strict=True):
@@ -191,7 +193,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
             (np.abs(axle @ axle[seed]) > MIN_PARALLEL_COSINE) & (radius > 0.75 * radius[seed]) & (radius < 1.34 * radius[seed])
         )
         left &= ~alike
-        found = _standing_wheels(center[alike], radius[alike], axle[seed])
+        found = _wheel_score_axes_and_mask(center[alike], radius[alike], axle[seed])
         if found is not None and found[0] > best_score:
             best_score, best = found[0], (discs[alike][found[3]], *found[1:3])
     if best is None:
@@ -212,7 +214,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
     return Wheels(index, up, across, level, places=int(joined.max()), sunk=sunk)
 
 
-def _standing_wheels(
+def _wheel_score_axes_and_mask(
     center: Float[np.ndarray, "n 3"], radius: Float[np.ndarray, " n"], axle: Float[np.ndarray, "3"]
 ) -> tuple[float, np.ndarray, np.ndarray, Bool[np.ndarray, " n"]] | None:
     """Return score, up (either way), and axle of the discs, and which of them are wheels; None if too few are."""

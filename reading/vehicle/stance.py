@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from hulldown.geometry.transforms import rotation_z, transform_points
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import GUN_HINTS, GUN_WORDS, NOT_GUN, first_match, hinted_stem
+from hulldown.reading.pieces.naming import GUN_HINTS, GUN_WORDS, NOT_GUN, first_matching_pattern, first_matching_stem
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece
-from hulldown.reading.vehicle.nose import Direction, find_forward
+from hulldown.reading.vehicle.nose import Direction, find_nose_direction
 from hulldown.reading.vehicle.solids import Solids, Wheels, find_solids, find_wheels
 
 UP_AXES = ("z", "-z", "y", "-y", "x", "-x")
@@ -33,7 +33,7 @@ class Upright:
     solids: Solids  # solids of all pieces, in that frame
 
 
-def stand_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
+def turn_pieces_upright(drawn: Evaluated, *, unit: float, stated_up: str, up: str | None) -> Upright:
     """Turn drawn pieces upright by the config's up axis, or by their wheels; `unit` is the file's unit in meters."""
     meters = meters_from_file(unit, stated_up)
     points = [transform_points(meters @ p.pose, drawn.meshes[p.mesh].vertices) for p in drawn.pieces]
@@ -55,8 +55,8 @@ def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
     """Find the file's up axis."""
     if wheels is None:
         return Direction(stated, "as .obj files usually have" if stated == "y" else "as the file states")
-    up = up_matrix(stated)[:3, :3].T @ wheels.up
-    axis = next((axis for axis in UP_AXES if float(up_matrix(axis)[2, :3] @ up) > MIN_UP_COSINE), None)
+    up = z_up_rotation(stated)[:3, :3].T @ wheels.up
+    axis = next((axis for axis in UP_AXES if float(z_up_rotation(axis)[2, :3] @ up) > MIN_UP_COSINE), None)
     if axis is None:
         doubt = Doubt(DoubtKind.UP, "its wheels stand askew to the axes; set up, or turn it upright in Blender")
         return Direction(stated, "as the file states", doubt)
@@ -70,7 +70,7 @@ def find_up_axis(wheels: Wheels | None, stated: str) -> Direction[str]:
     return Direction(axis, f"{why}, not {stated} as the file states", None if sure else doubt)
 
 
-def find_solids_again(upright: Upright, kept: Sequence[int]) -> Upright:
+def refind_solids_of_pieces(upright: Upright, kept: Sequence[int]) -> Upright:
     """Find solids in these pieces alone, since larger ones of others may have replaced theirs."""
     pieces, meshes = [upright.drawn.pieces[i] for i in kept], upright.drawn.meshes
     points = [transform_points(upright.meters @ piece.pose, meshes[piece.mesh].vertices) for piece in pieces]
@@ -78,7 +78,7 @@ def find_solids_again(upright: Upright, kept: Sequence[int]) -> Upright:
     return replace(upright, solids=replace(solids, piece=np.asarray(kept)[solids.piece]))
 
 
-def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
+def z_up_rotation(axis: str) -> Float[np.ndarray, "4 4"]:
     """Return the rotation that turns an axis of the file to z: about x for y, -y, and -z, about y for x and -x."""
     turn = {
         "z": [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
@@ -95,21 +95,23 @@ def up_matrix(axis: str) -> Float[np.ndarray, "4 4"]:
 
 def meters_from_file(unit: float, up: str) -> Float[np.ndarray, "4 4"]:
     """Return the transform from a file's coordinates to meters, z up, with the same origin."""
-    return np.diag([unit, unit, unit, 1.0]) @ up_matrix(up)
+    return np.diag([unit, unit, unit, 1.0]) @ z_up_rotation(up)
 
 
-def find_nose(upright: Upright, kept: Sequence[int], options: Options) -> tuple[Direction[float], Solids, Wheels | None]:
+def find_nose_and_wheels(
+    upright: Upright, kept: Sequence[int], options: Options
+) -> tuple[Direction[float], Solids, Wheels | None]:
     """Return the nose of the kept pieces, their solids numbered as in `kept`, and their wheels; z up."""
-    solids = upright.solids.of_pieces(kept)
+    solids = upright.solids.solids_of_pieces(kept)
     wheels = find_wheels(solids)
     if wheels is not None and wheels.up[2] < 0.9:
         wheels = None
     if options.forward is None:
         names = [upright.drawn.pieces[i].name for i in kept]
-        gun = [_named_gun(upright.drawn.pieces[i]) for i in kept]
-        found = find_forward(solids, wheels, names, gun=gun, corners=_piece_triangles(upright, kept))
+        gun = [_is_named_gun(upright.drawn.pieces[i]) for i in kept]
+        found = find_nose_direction(solids, wheels, names, gun=gun, corners=_piece_triangles(upright, kept))
     else:
-        found = Direction(_forward_angle(options.forward), "as the config states")
+        found = Direction(_angle_from_forward_key(options.forward), "as the config states")
     return found, solids, wheels
 
 
@@ -119,7 +121,7 @@ def _piece_triangles(upright: Upright, kept: Sequence[int]) -> Float[np.ndarray,
     return np.concatenate(placed)
 
 
-def _forward_angle(forward: str | float | tuple[float, ...]) -> float:
+def _angle_from_forward_key(forward: str | float | tuple[float, ...]) -> float:
     if isinstance(forward, str):
         return NOSE_YAWS[forward]
     if isinstance(forward, tuple):
@@ -136,6 +138,9 @@ def vehicle_from_upright(angle: float) -> Float[np.ndarray, "4 4"]:
     return turned
 
 
-def _named_gun(piece: Piece) -> bool:
+def _is_named_gun(piece: Piece) -> bool:
     names = [link.name for link in piece.chain]
-    return any((first_match(n, GUN_WORDS) or hinted_stem(n, GUN_HINTS)) and not first_match(n, NOT_GUN) for n in names)
+    return any(
+        (first_matching_pattern(n, GUN_WORDS) or first_matching_stem(n, GUN_HINTS)) and not first_matching_pattern(n, NOT_GUN)
+        for n in names
+    )

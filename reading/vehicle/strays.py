@@ -10,11 +10,11 @@ from jaxtyping import Float
 
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import PERSON_WORDS, STAGE_WORDS, first_match, name_words
+from hulldown.reading.pieces.naming import PERSON_WORDS, STAGE_WORDS, first_matching_pattern, name_words
 from hulldown.reading.pieces.roles import MAX_SUNK_SHARE, MIN_STAGE_AREA_RATIO, Piece
-from hulldown.reading.pieces.wording import as_key, quote_names
+from hulldown.reading.pieces.wording import names_as_config_value, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
-from hulldown.reading.vehicle.things import piece_patterns, triangle_areas
+from hulldown.reading.vehicle.things import exclusive_piece_patterns, triangle_areas
 
 MAX_BELOW_SHARE = 0.03  # of the vehicle's height: a tire pressed into the ground
 MIN_OUTREACH_SHARE = 0.1  # of the rest's length
@@ -39,11 +39,11 @@ class Stray:
 
     def doubt(self, *, helps: bool) -> Doubt:
         """Return a doubt that proposes to drop the pieces if that `helps`, or else to look at them first."""
-        advice = f"set drop = {as_key(self.drop)} if that" if helps else "look at it, and name it in drop if it"
+        advice = f"set drop = {names_as_config_value(self.drop)} if that" if helps else "look at it, and name it in drop if it"
         return Doubt(DoubtKind.STRAY, f"{self.text}; {advice} isn't part of it")
 
 
-def find_strays(
+def find_left_out_and_strays(
     whole: PlacedPieces, meshes: Sequence[Mesh], wheels: Wheels | None, *, wanted: Collection[int], left_out: Sequence[Piece]
 ) -> tuple[dict[int, str], list[Doubt], list[Stray]]:
     """Find pieces that don't belong to the vehicle by two independent signs, and those that might not, by one."""
@@ -62,7 +62,7 @@ def find_strays(
         beyond_wheels = ((bounds[:, 0] < first) & (bounds[:, 1] > last))[:, :2].all(axis=1)
         under = loose & beyond_wheels & (bounds[:, 1, 2] < wheels.level + slack)
     hidden = np.array([piece.hidden for piece in pieces], bool)
-    regular = loose & [_is_regular(piece, own) for piece, own in zip(pieces, whole.points, strict=True)]
+    regular = loose & [_is_regular_primitive(piece, own) for piece, own in zip(pieces, whole.points, strict=True)]
     apart = far = sheets = around = none
     if count > 1:
         rest, gap = np.empty_like(bounds), np.empty(count)  # around all others, and to the nearest of them
@@ -89,7 +89,7 @@ def find_strays(
     backdrops = (sheets | around) & [
         _is_backdrop(own, meshes[p.mesh], sure_parts) for p, own in zip(pieces, whole.points, strict=True)
     ]
-    named = apart & [first_match(piece.name, STRAY_WORDS) is not None for piece in pieces]
+    named = apart & [first_matching_pattern(piece.name, STRAY_WORDS) is not None for piece in pieces]
     sure = backdrops | named | (hidden & (regular | sheets)) | under
     reasons = (
         (backdrops, "a sheet that lies under the rest and rises beside it"),
@@ -105,7 +105,7 @@ def find_strays(
     out_doubts = [
         Doubt(
             DoubtKind.LEFT_OUT,
-            f"{pieces[i].name!r}: {why}; left out, set keep = {as_key([pieces[i].name])} if it is part of it",
+            f"{pieces[i].name!r}: {why}; left out, set keep = {names_as_config_value([pieces[i].name])} if it is part of it",
         )
         for i, why in out.items()
         if not sure[i]
@@ -116,7 +116,7 @@ def find_strays(
     for what, mask in signs.items():
         own = np.flatnonzero(mask & ~seen)
         share = float(area[own].sum() / max(area.sum(), 1e-30))
-        if len(own) and (drop := piece_patterns(own.tolist(), [*pieces, *left_out])):
+        if len(own) and (drop := exclusive_piece_patterns(own.tolist(), [*pieces, *left_out])):
             names = quote_names((pieces[i].name for i in own), most=MAX_LISTED_NAMES)
             much = share > MAX_DROPPED_SURFACE_SHARE
             text = f"{names}: {what}" + (f", {100 * share:.0f} % of its surface" if much else "")
@@ -125,7 +125,7 @@ def find_strays(
     return out, out_doubts, strays
 
 
-def _is_regular(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
+def _is_regular_primitive(piece: Piece, points: Float[np.ndarray, "v 3"]) -> bool:
     named = [word for word in name_words(piece.name) if not word.isdigit()]
     off = points - points.mean(axis=0)
     moments = np.linalg.eigvalsh(off.T @ off)

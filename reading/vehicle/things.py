@@ -12,12 +12,12 @@ from jaxtyping import Bool, Float
 from scipy.spatial import ConvexHull, QhullError, cKDTree
 
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.pieces.asset_report import Thing, format_xyz
+from hulldown.reading.pieces.asset_report import Thing, xyz_tuple
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
-from hulldown.reading.pieces.naming import VEHICLE_WORDS, first_match, name_words
-from hulldown.reading.pieces.roles import Piece, is_wanted
-from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, as_key, quote_names
-from hulldown.reading.vehicle.solids import PlacedPieces, touching_clusters
+from hulldown.reading.pieces.naming import VEHICLE_WORDS, first_matching_pattern, name_words
+from hulldown.reading.pieces.roles import Piece, is_kept_by_name
+from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, names_as_config_value, quote_names
+from hulldown.reading.vehicle.solids import PlacedPieces, touching_cluster_labels
 
 MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: closer pieces are one thing
 MIN_THING_DIAGONAL_SHARE = 0.5  # of the largest thing's; smaller things belong to the nearest one
@@ -36,29 +36,33 @@ MAX_PIECES = 2000  # more are one thing
 MAX_LISTED_NAMES = 6  # in a sentence
 
 
-def find_things(whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]) -> tuple[tuple[Thing, ...], list[Doubt]]:
+def find_things_and_doubts(
+    whole: PlacedPieces, meshes: Sequence[Mesh], rest: Sequence[Piece]
+) -> tuple[tuple[Thing, ...], list[Doubt]]:
     """Find things to be read by themselves, as entries of a config, and doubts that propose their keys."""
     pieces = [*whole.pieces, *rest]
-    groups = side_by_side(whole.bounds) if len(whole.pieces) <= MAX_PIECES else []
-    if groups := groups or _vehicle_library(whole):
-        things = [_make_thing(whole, group, keep=piece_patterns(group, pieces)) for group in groups]
+    groups = side_by_side_groups(whole.bounds) if len(whole.pieces) <= MAX_PIECES else []
+    if groups := groups or _groups_of_vehicle_pieces(whole):
+        things = [_make_thing(whole, group, keep=exclusive_piece_patterns(group, pieces)) for group in groups]
         head = f"it holds {len(things)} things that share one label; if they're vehicles of their own,"
         if not all(thing.keep for thing in things):
             return (), [_several_doubt(f"{head} give the objects of each a name in common, and list the file once for each")]
-        listed = ", ".join(f"keep = {as_key(thing.keep)} ({_thing_words(thing)})" for thing in things[:MAX_LISTED_NAMES])
+        listed = ", ".join(
+            f"keep = {names_as_config_value(thing.keep)} ({_thing_size_text(thing)})" for thing in things[:MAX_LISTED_NAMES]
+        )
         more = f" and {len(things) - MAX_LISTED_NAMES} more" if len(things) > MAX_LISTED_NAMES else ""
         text = f'{head} list the file once for each, with drop = ["*"] and {listed}{more}'
         return tuple(things), [_several_doubt(text)]
-    if joined := side_by_side(whole.solids.bounds):
+    if joined := side_by_side_groups(whole.solids.bounds):
         text = f"{len(joined)} things side by side share an object, and a label; make each a file of its own in Blender"
         return (), [_several_doubt(text)]
-    spare = surface_copies(whole, meshes) if 1 < len(whole.pieces) <= MAX_PIECES else []
+    spare = surface_copy_indices(whole, meshes) if 1 < len(whole.pieces) <= MAX_PIECES else []
     if not spare:
         return (), []
-    drop = piece_patterns(spare, pieces)
+    drop = exclusive_piece_patterns(spare, pieces)
     names = quote_names((whole.pieces[i].name for i in spare), most=MAX_LISTED_NAMES)
     what = "other levels of detail, or meshes for collisions or shadows"
-    key = f"set drop = {as_key(drop)}" if drop else "rename and drop them"
+    key = f"set drop = {names_as_config_value(drop)}" if drop else "rename and drop them"
     text = f"{names}: drawn over the rest, and nearly as large; {key} if that's {what}"
     left = np.delete(np.arange(len(whole.pieces)), spare).tolist()
     return ((_make_thing(whole, left, drop=drop),) if drop else ()), [_several_doubt(text)]
@@ -70,21 +74,21 @@ def _several_doubt(text: str) -> Doubt:
 
 def _make_thing(whole: PlacedPieces, group: list[int], *, keep: tuple[str, ...] = (), drop: tuple[str, ...] = ()) -> Thing:
     box = whole.bounds[group]
-    size = format_xyz(box[:, 1].max(axis=0) - box[:, 0].min(axis=0))
+    size = xyz_tuple(box[:, 1].max(axis=0) - box[:, 0].min(axis=0))
     if drop:
         return Thing("", size, drop=drop)
     return Thing(keep[0].strip("*[]_-. ") if len(keep) == 1 else whole.pieces[group[0]].name, size, keep, ("*",))
 
 
-def _thing_words(thing: Thing) -> str:
+def _thing_size_text(thing: Thing) -> str:
     return " x ".join(f"{length:.1f}" for length in thing.size) + " m"
 
 
-def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
+def side_by_side_groups(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
     """Return groups of pieces that are separate things of comparable size; empty if they're one thing."""
     if len(bounds) < 2:
         return []
-    label = touching_clusters(bounds, MAX_PIECE_GAP_SHARE * float(np.ptp(bounds, axis=1).max()))
+    label = touching_cluster_labels(bounds, MAX_PIECE_GAP_SHARE * float(np.ptp(bounds, axis=1).max()))
     boxes = np.array([[bounds[label == k, 0].min(axis=0), bounds[label == k, 1].max(axis=0)] for k in np.unique(label)])
     size = np.ptp(boxes, axis=1)
     diagonal, volume = np.linalg.norm(size, axis=1), size.prod(axis=1)
@@ -101,19 +105,19 @@ def side_by_side(bounds: Float[np.ndarray, "k 2 3"]) -> list[list[int]]:
     return [np.flatnonzero(owner[label] == k).tolist() for k in range(len(large))]
 
 
-def _vehicle_library(whole: PlacedPieces) -> list[list[int]]:
+def _groups_of_vehicle_pieces(whole: PlacedPieces) -> list[list[int]]:
     """Return groups of pieces named as vehicles of different kinds, if there's nothing else or they're in one place."""
     chains = [[link.name for link in reversed(piece.chain)] for piece in whole.pieces]
     shared = set.intersection(*map(set, chains)) if len(chains) > 1 else set[str]()
     named: dict[str, list[int]] = {}
     for i, names in enumerate(chains):
-        owner = (name for name in names if name not in shared and first_match(name, VEHICLE_WORDS))
+        owner = (name for name in names if name not in shared and first_matching_pattern(name, VEHICLE_WORDS))
         named.setdefault(next(owner, names[-1]), []).append(i)
     groups = list(named.values())
     boxes = np.array([[whole.bounds[g, 0].min(axis=0), whole.bounds[g, 1].max(axis=0)] for g in groups])
     size = np.ptp(boxes, axis=1)
     large = (size >= MIN_THING_DIAGONAL_SHARE * size.max(axis=0)).all(axis=1)
-    kinds = [first_match(name, VEHICLE_WORDS) for name, wide in zip(named, large, strict=True) if wide]
+    kinds = [first_matching_pattern(name, VEHICLE_WORDS) for name, wide in zip(named, large, strict=True) if wide]
     if len(set(kinds)) < 2 or not all(kinds):
         return []
     low, high = boxes[large].transpose(1, 0, 2)
@@ -138,9 +142,9 @@ def _are_coupled(a: Float[np.ndarray, "2 3"], b: Float[np.ndarray, "2 3"]) -> bo
     )
 
 
-def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
+def surface_copy_indices(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
     """Return pieces that repeat the surface of others in place, more coarsely; empty if most is drawn once."""
-    if spare := _coarse_levels(whole):
+    if spare := _coarse_level_indices(whole):
         return spare
     pieces, bounds = whole.pieces, whole.bounds
     faces = np.array([piece.faces for piece in pieces])
@@ -149,7 +153,7 @@ def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
     samples = cache(lambda i: _surface_samples(triangles[i]))
     kept, spare, doubled = list[int](), list[int](), np.zeros(len(pieces), bool)
     for i in np.argsort(-faces, kind="stable").tolist():
-        near = np.flatnonzero(_bounds_agree(bounds[kept], bounds[i])).tolist()
+        near = np.flatnonzero(_bounds_match_mask(bounds[kept], bounds[i])).tolist()
         twin = next((kept[j] for j in near if _surfaces_agree(samples(i), samples(kept[j]))), None)
         if twin is None:
             kept.append(i)
@@ -159,27 +163,29 @@ def surface_copies(whole: PlacedPieces, meshes: Sequence[Mesh]) -> list[int]:
     if area[doubled].sum() >= MIN_COPIED_SURFACE_SHARE * area.sum():
         return sorted(spare)
     around = np.array([bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)])
-    for i in np.flatnonzero(_bounds_agree(bounds, around)).tolist():
+    for i in np.flatnonzero(_bounds_match_mask(bounds, around)).tolist():
         others = np.delete(np.arange(len(pieces)), i)
-        if not _bounds_agree(bounds[i], np.array([bounds[others, 0].min(axis=0), bounds[others, 1].max(axis=0)])):
+        if not _bounds_match_mask(bounds[i], np.array([bounds[others, 0].min(axis=0), bounds[others, 1].max(axis=0)])):
             continue
         cloud = _surface_samples(np.concatenate([triangles[j] for j in others]))
         finer, much_finer = (faces[i] <= share * faces[others].sum() for share in (1.0, MAX_COARSE_TRIANGLE_SHARE))
         if (finer and _surfaces_agree(samples(i), cloud)) or (
-            much_finer and _encloses_cloud(whole.points[i], float(area[i]), cloud)
+            much_finer and _is_hull_around_cloud(whole.points[i], float(area[i]), cloud)
         ):
             return [i]
     return []
 
 
-def _coarse_levels(whole: PlacedPieces) -> list[int]:
+def _coarse_level_indices(whole: PlacedPieces) -> list[int]:
     """Return pieces that are a level of detail, by their own or a parent's name, beside a finer one of like extent."""
     level = np.array([_detail_level(piece) for piece in whole.pieces])
     found = np.unique(level[level >= 0])
     boxes = [whole.bounds[level == k] for k in found]
     boxes = [np.array([box[:, 0].min(axis=0), box[:, 1].max(axis=0)]) for box in boxes]
     coarse = [
-        k for k, box in zip(found[1:], boxes[1:], strict=True) if _bounds_agree(box, boxes[0], within=3 * COPY_BOUNDS_SHARE)
+        k
+        for k, box in zip(found[1:], boxes[1:], strict=True)
+        if _bounds_match_mask(box, boxes[0], within=3 * COPY_BOUNDS_SHARE)
     ]
     return np.flatnonzero(np.isin(level, coarse)).tolist()
 
@@ -194,7 +200,7 @@ def _detail_level(piece: Piece) -> int:
     return -1
 
 
-def _bounds_agree(
+def _bounds_match_mask(
     a: Float[np.ndarray, "*n 2 3"], b: Float[np.ndarray, "2 3"], *, within: float = COPY_BOUNDS_SHARE
 ) -> Bool[np.ndarray, "*n"]:
     return np.abs(a - b).max(axis=(-1, -2)) <= within * float(np.ptp(b, axis=0).max())
@@ -221,7 +227,7 @@ def _surfaces_agree(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "m 3"]) ->
     return all((cKDTree(to).query(of[:MAX_SAMPLES])[0] <= close).mean() >= MIN_COPIED_AREA_SHARE for of, to in ((a, b), (b, a)))
 
 
-def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
+def _is_hull_around_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[np.ndarray, "n 3"]) -> bool:
     try:
         hull = ConvexHull(points)
     except QhullError:
@@ -231,13 +237,13 @@ def _encloses_cloud(points: Float[np.ndarray, "v 3"], area: float, cloud: Float[
     return bool(area >= MIN_CONVEX_AREA_SHARE * hull.area and inside.mean() >= MIN_COPIED_AREA_SHARE)
 
 
-def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
+def exclusive_piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str, ...]:
     """Return a few patterns for `keep` or `drop` that match these pieces and no others; empty if that's impossible.
 
     >>> from types import SimpleNamespace
     >>> def piece(name):
     ...     return SimpleNamespace(name=name, data="", chain=[SimpleNamespace(name=name, collections=())])
-    >>> piece_patterns([0, 1], [piece("hull_LOD1"), piece("gun_LOD1"), piece("hull_LOD0"), piece("gun_LOD0")])
+    >>> exclusive_piece_patterns([0, 1], [piece("hull_LOD1"), piece("gun_LOD1"), piece("hull_LOD0"), piece("gun_LOD0")])
     ('*_LOD1',)
     """
     inside = np.isin(np.arange(len(pieces)), members)
@@ -246,7 +252,7 @@ def piece_patterns(members: Sequence[int], pieces: Sequence[Piece]) -> tuple[str
     while open_.any() and len(found) < MAX_SENTENCE_NAMES:
         best, most = "", 0
         for candidate in _candidate_patterns([pieces[i] for i in np.flatnonzero(open_)]):
-            matched = np.array([is_wanted(piece, (candidate,)) for piece in pieces])
+            matched = np.array([is_kept_by_name(piece, (candidate,)) for piece in pieces])
             if not (matched & ~inside).any() and (count := int((matched & open_).sum())) > most:
                 best, most, covered = candidate, count, matched
         if not best:

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from hulldown.blender.add_nodes import add_math, add_node, feed_input
+from hulldown.blender.add_nodes import add_math_output, add_node, feed_input
 from hulldown.weather.kinds import WEATHER_KINDS
 
 SHARE_ATTRIBUTE = "hulldown share"
@@ -55,17 +55,17 @@ class Group:
 
     def maths(self, operation: str, *values: Any, clamp: bool = False) -> Any:
         """Return one operation on numbers."""
-        return add_math(self.tree, operation, *values, clamp=clamp)
+        return add_math_output(self.tree, operation, *values, clamp=clamp)
 
-    def add_dot(self, a: Any, b: Any) -> Any:
+    def dot_product_socket(self, a: Any, b: Any) -> Any:
         """Return the scalar product of two vectors."""
         return self.add("VectorMath", {0: a, 1: b}, operation="DOT_PRODUCT").outputs["Value"]
 
-    def add_ramp(self, value: Any, low: float, high: float) -> Any:
+    def smooth_step_socket(self, value: Any, low: float, high: float) -> Any:
         """Return 0 at `low` to 1 at `high`, smoothly."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
-    def even_noise(self, where: Any, sizes: Sequence[float], weights: Sequence[float] = (1.0,)) -> Any:
+    def even_noise_socket(self, where: Any, sizes: Sequence[float], weights: Sequence[float] = (1.0,)) -> Any:
         """Return noise in patches of several sizes, uniform in 0 to 1 within 0.02.
 
         `where`: position in meters.
@@ -76,7 +76,7 @@ class Group:
             noise = self.add("TexNoise", {"Vector": where, "Scale": 1 / size, **PATCH_NOISE})
             total = self.maths("MULTIPLY_ADD", noise.outputs[0], weight, total)
         reach = 2.1 * NOISE_SPREAD  # of a smooth step that is nearly the normal distribution
-        return self.add_ramp(total, NOISE_MEAN - reach, NOISE_MEAN + reach)
+        return self.smooth_step_socket(total, NOISE_MEAN - reach, NOISE_MEAN + reach)
 
     def finish_tree(self, **outputs: Any) -> Any:
         """Link the outputs, and return the finished tree."""
@@ -95,7 +95,7 @@ def wetting_group(name: str, *, film: bool) -> Any:
     soaks = g.maths("MULTIPLY_ADD", rough, scale, -MIN_POROUS_ROUGHNESS * scale, clamp=True)
     soaks = g.maths("MULTIPLY", soaks, g.maths("SUBTRACT", 1.0, g.given["Metallic"], clamp=True))
     soaked = g.maths("MULTIPLY", soaks, g.share)
-    color = _scale_vector(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_ALBEDO_SHARE - 1, 1.0))
+    color = _scaled_vector_socket(g, g.given["Base Color"], g.maths("MULTIPLY_ADD", soaked, WET_ALBEDO_SHARE - 1, 1.0))
     rough = g.maths("MULTIPLY", rough, g.maths("MULTIPLY_ADD", soaked, WET_ROUGHNESS_SHARE - 1, 1.0))
     shine = g.maths("MULTIPLY", shine, g.maths("MULTIPLY_ADD", soaked, WATER_SPECULAR_SHARE - 1, 1.0))
     coat, blur = g.given["Coat Weight"], g.given["Coat Roughness"]
@@ -108,19 +108,21 @@ def wetting_group(name: str, *, film: bool) -> Any:
 def soaking_group(name: str) -> Any:
     """Return a group before a diffuse shader's color; such a surface is fully porous."""
     g = Group(name, {"Color": "Color"}, {"Color": "Color"})
-    return g.finish_tree(Color=_scale_vector(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_ALBEDO_SHARE - 1, 1.0)))
+    return g.finish_tree(
+        Color=_scaled_vector_socket(g, g.given["Color"], g.maths("MULTIPLY_ADD", g.share, WET_ALBEDO_SHARE - 1, 1.0))
+    )
 
 
-def _scale_vector(g: Group, vector: Any, factor: Any) -> Any:
+def _scaled_vector_socket(g: Group, vector: Any, factor: Any) -> Any:
     return g.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE").outputs[0]
 
 
 def snow_group(name: str) -> Any:
     """Return a group for the output: white where it's level and, to camera rays, open to the sky."""
-    g = _cover_group(name)
+    g = _start_cover_group(name)
     seen = g.add("NewGeometry").outputs
     low, high = (math.cos(math.radians(slope)) for slope in (MIN_BARE_SLOPE_DEG, MAX_FULL_SNOW_DEG))
-    lies = g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), low, high)
+    lies = g.smooth_step_socket(g.dot_product_socket(seen["Normal"], UP_NORMAL), low, high)
     # A distance of 0 costs no ray: for surfaces that are too steep or not seen directly.
     camera = g.add("LightPath").outputs["Is Camera Ray"]
     wanted = g.maths("MULTIPLY", camera, g.maths("GREATER_THAN", lies, 0.0))
@@ -129,38 +131,38 @@ def snow_group(name: str) -> Any:
     between = g.add("VectorMath", {0: g.add("VectorMath", {0: seen["Normal"], 1: UP_NORMAL}).outputs[0]}, operation="NORMALIZE")
     rays = {"Distance": reach, "Normal": between.outputs[0]}
     sky = g.add("AmbientOcclusion", rays, samples=SKY_RAYS).outputs["AO"]
-    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.add_ramp(sky, MIN_SKY_SHARE, FULL_SKY_SHARE))
-    patches = g.even_noise(seen["Position"], PATCH_SIZES_M, PATCH_WEIGHTS)
+    share = g.maths("MULTIPLY", g.maths("MULTIPLY", lies, g.share), g.smooth_step_socket(sky, MIN_SKY_SHARE, FULL_SKY_SHARE))
+    patches = g.even_noise_socket(seen["Position"], PATCH_SIZES_M, PATCH_WEIGHTS)
     # Edges are narrower for small and large shares, so that the mean cover is the share.
     bare = g.maths("SUBTRACT", 1.0, share)
     edge = g.maths("MULTIPLY_ADD", g.maths("MULTIPLY", share, bare), 4 * PATCH_EDGE_SHARE, 1e-4)
     inside = g.maths("SUBTRACT", share, patches)
     covered = g.maths("ADD", g.maths("DIVIDE", inside, edge), 0.5, clamp=True)
     some = g.maths("GREATER_THAN", share, 0.0)
-    return _finish_cover(g, g.maths("MULTIPLY", covered, some), "snow")
+    return _finish_cover_tree(g, g.maths("MULTIPLY", covered, some), "snow")
 
 
 def dust_group(name: str, *, climbs: bool) -> Any:
     """Return a group before the output: a thin brown film on level surfaces; near the ground too if it `climbs`."""
-    g = _cover_group(name)
+    g = _start_cover_group(name)
     seen = g.add("NewGeometry").outputs
-    uneven = g.even_noise(seen["Position"], (DUST_PATCH_M,))
-    lies = g.maths("MULTIPLY", g.add_ramp(g.add_dot(seen["Normal"], UP_NORMAL), 0.5, 1.0), TOP_DUST_SHARE)
+    uneven = g.even_noise_socket(seen["Position"], (DUST_PATCH_M,))
+    lies = g.maths("MULTIPLY", g.smooth_step_socket(g.dot_product_socket(seen["Normal"], UP_NORMAL), 0.5, 1.0), TOP_DUST_SHARE)
     if climbs:
         plane = g.add("Attribute", attribute_type="OBJECT", attribute_name=UNDERSIDE_PROPERTY).outputs
-        height = g.maths("ADD", g.add_dot(seen["Position"], plane["Vector"]), plane["Alpha"])
+        height = g.maths("ADD", g.dot_product_socket(seen["Position"], plane["Vector"]), plane["Alpha"])
         ragged = g.maths("ADD", height, g.maths("MULTIPLY_ADD", uneven, 0.4, -0.2))
-        low = g.maths("SUBTRACT", 1.0, g.add_ramp(ragged, FULL_DUST_HEIGHT_M, MAX_DUST_HEIGHT_M))
+        low = g.maths("SUBTRACT", 1.0, g.smooth_step_socket(ragged, FULL_DUST_HEIGHT_M, MAX_DUST_HEIGHT_M))
         lies = g.maths("MAXIMUM", lies, low)
     thick = g.maths("MULTIPLY", lies, g.maths("MULTIPLY_ADD", uneven, 0.4, 0.6))
-    return _finish_cover(g, g.maths("MULTIPLY", thick, g.share), "dust")
+    return _finish_cover_tree(g, g.maths("MULTIPLY", thick, g.share), "dust")
 
 
-def _cover_group(name: str) -> Group:
+def _start_cover_group(name: str) -> Group:
     return Group(name, {"Surface": "Shader", "Opacity": "Float"}, {"Surface": "Shader"})
 
 
-def _finish_cover(g: Group, share: Any, weather: str) -> Any:
+def _finish_cover_tree(g: Group, share: Any, weather: str) -> Any:
     """Finish the cover of a kind of weather; holes in the surface stay holes."""
     albedo = WEATHER_KINDS[weather].cover_albedo
     assert albedo is not None

@@ -27,18 +27,20 @@ def available_devices() -> list[dict[str, str]]:
     """Return `kind` and `name` of every device for Cycles, preferred ones first, the CPU last."""
     preferences = _cycles_preferences()
     devices = [
-        {"kind": device.type, "name": device.name} for kind in GPU_KINDS for device in _graphics_cards(preferences, kind)
+        {"kind": device.type, "name": device.name}
+        for kind in GPU_KINDS
+        for device in _set_kind_and_list_cards(preferences, kind)
     ]
     preferences.compute_device_type = "NONE"
     return [*devices, {"kind": "CPU", "name": platform.processor() or platform.machine()}]
 
 
-def choose_device(wanted: str, index: int = 0) -> tuple[str, int]:
+def activate_device(wanted: str, index: int = 0) -> tuple[str, int]:
     """Make Cycles render on the device `wanted`; return its name, and the number of devices of its kind."""
     preferences = _cycles_preferences()
     kinds: tuple[str, ...] = {"auto": GPU_KINDS, "gpu": GPU_KINDS, "cpu": ()}.get(wanted, (wanted.upper(),))
     for kind in kinds:
-        if cards := _graphics_cards(preferences, kind):
+        if cards := _set_kind_and_list_cards(preferences, kind):
             own_card = cards[index % len(cards)]
             for device in preferences.devices:
                 device.use = device == own_card
@@ -56,7 +58,7 @@ def _cycles_preferences() -> Any:
     return addon.preferences
 
 
-def _graphics_cards(preferences: Any, kind: str) -> list[Any]:
+def _set_kind_and_list_cards(preferences: Any, kind: str) -> list[Any]:
     try:
         preferences.compute_device_type = kind
     except TypeError:  # this build of Blender does not know the kind
@@ -93,7 +95,7 @@ def configure_scene(scene: Any, settings: CyclesSettings, *, device: str, thread
     render.use_persistent_data = True
 
 
-def set_exposure(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
+def set_exposure_and_white_balance(scene: Any, settings: CyclesSettings, exposure: float, white_balance: float) -> None:
     """Set exposure in EV and the white balance's offset in kelvin; Cycles' limits of radiance are scaled too."""
     view, scale = scene.view_settings, 2.0**-exposure
     view.exposure = exposure

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from hulldown.blender.add_nodes import add_node
-from hulldown.blender.frames import set_pose
+from hulldown.blender.frames import set_object_pose
 from hulldown.render.blender.hdri_light import HdriWorld
 from hulldown.weather.kinds import air_layers
 
@@ -30,7 +30,7 @@ class Fog:
         self._object, self._world = obj, world
         obj.visible_diffuse = obj.visible_glossy = obj.visible_transmission = obj.visible_shadow = False
         mesh = obj.data
-        mesh.from_pydata(*_unit_box())
+        mesh.from_pydata(*_box_mesh_data())
         material = bpy.data.materials.new("hulldown fog")
         mesh.materials.append(material)
         tree = material.node_tree
@@ -43,7 +43,7 @@ class Fog:
 
     def clear(self) -> None:
         """Remove the fog."""
-        set_hidden(self._object, True)
+        set_hidden_in_render(self._object, True)
         self._world.dim_light([], 0.0, np.zeros(3))
 
     def fill_air(self, kind: str, visibility: float, glow: np.ndarray, camera: np.ndarray, *, below: float) -> None:
@@ -57,18 +57,18 @@ class Fog:
         _, above, reach = air[0]
         box = np.diag([reach, reach, (reach + above) / 2, 1.0])
         box[:3, 3] = camera + np.array([0.0, 0.0, (above - reach) / 2])
-        set_pose(self._object, box)
-        set_hidden(self._object, False)
+        set_object_pose(self._object, box)
+        set_hidden_in_render(self._object, False)
         self._world.dim_light(air, below, glow)
 
 
-def set_hidden(obj: Any, hidden: bool) -> None:
+def set_hidden_in_render(obj: Any, hidden: bool) -> None:
     """Hide an object from renders, or show it."""
     if obj.hide_render != hidden:  # even setting the same value makes Blender rebuild its graph of all objects
         obj.hide_render = hidden
 
 
-def _unit_box() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:
+def _box_mesh_data() -> tuple[list[tuple[int, int, int]], list[Any], list[tuple[int, int, int, int]]]:
     corners = [(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     return corners, [], faces

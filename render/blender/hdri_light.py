@@ -11,11 +11,11 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.blender.add_nodes import add_math, add_node
+from hulldown.blender.add_nodes import add_math_output, add_node
 from hulldown.blender.buffers import image_pixels
-from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, even_color, fade_sines
+from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, backdrop_color, backdrop_fade_sines
 from hulldown.render.blender.messages import LightInput
-from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky
+from hulldown.weather.kinds import DUST_LAYERS, AirLayer, even_sky_radiance
 
 MAX_LIFT_RADIANS = math.radians(89.0)  # what the camera sees is lifted by no more
 SKY_MAP_COLUMNS = 1024  # Cycles finds the bright parts of the sky by this map; a texel is 0.35 degrees
@@ -67,19 +67,21 @@ class HdriWorld:
             # Without pixels Cycles would light the scene with magenta.
             if 0 in self._texture.image.size:
                 raise RuntimeError(f"{path}: Blender cannot read this picture")
-            self._set_map_columns(sky_map(self._texture.image.size[0]))
+            self._set_map_columns(sky_map_columns(self._texture.image.size[0]))
             self._path = path
         # The node turns the direction that is looked up, so the sky turns the other way.
         self._mapping.inputs["Rotation"].default_value = (0.0, 0.0, -light.yaw)
         self._background.inputs["Strength"].default_value = light.strength
-        seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.lifted_directions(horizon)
-        self._link_nodes(seen, self._texture.inputs["Vector"])
+        seen = self._mapping.outputs["Vector"] if horizon is None else self._lifted.lifted_direction_socket(horizon)
+        self._link_if_changed(seen, self._texture.inputs["Vector"])
         color = self._texture.outputs["Color"]
         if horizon is not None and horizon > HIGH_HORIZON_RADIANS:
-            color = self._veil.visible_color(min(horizon, MAX_LIFT_RADIANS), even_color(self._map_of_path(), horizon))
-        self._link_nodes(color, self._background.inputs["Color"])
+            color = self._veil.veiled_color_socket(
+                min(horizon, MAX_LIFT_RADIANS), backdrop_color(self._radiance_map(), horizon)
+            )
+        self._link_if_changed(color, self._background.inputs["Color"])
 
-    def _link_nodes(self, output: Any, socket: Any) -> None:
+    def _link_if_changed(self, output: Any, socket: Any) -> None:
         if socket.links[0].from_socket != output:  # new links make Cycles compile the sky anew
             self._tree.links.new(output, socket)
 
@@ -94,16 +96,16 @@ class HdriWorld:
             self._world.cycles.sample_map_resolution = columns
             self._world.update_tag()  # or the first map's width stays, and a picture depends on those before it
 
-    def airlight_radiance(self) -> np.ndarray:
+    def sky_airlight_radiance(self) -> np.ndarray:
         """Return the radiance (3,) of air in this sky's light: an even sky that lights the ground as brightly."""
-        return even_sky(self._map_of_path()) * self._background.inputs["Strength"].default_value
+        return even_sky_radiance(self._radiance_map()) * self._background.inputs["Strength"].default_value
 
     def dim_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> None:
         """Dim light by air of the radiance `glow`; the camera sees the sky through the air above the box of `Fog`."""
-        light = self._dimmed.dimmed_light(air, below, glow) if air else self._background.outputs["Background"]
-        self._link_nodes(light, self._output)
+        light = self._dimmed.dimmed_light_socket(air, below, glow) if air else self._background.outputs["Background"]
+        self._link_if_changed(light, self._output)
 
-    def _map_of_path(self) -> np.ndarray:
+    def _radiance_map(self) -> np.ndarray:
         """Radiance (128, 256, 3) of the HDRI, the zenith in the first row."""
         if self._path not in self._small:
             small = self._texture.image.copy()
@@ -116,7 +118,7 @@ class HdriWorld:
         return self._small[self._path]
 
 
-def sky_map(width: int) -> int:
+def sky_map_columns(width: int) -> int:
     """Return columns of Cycles' importance map for an HDRI of `width` columns.
 
     A texel of the map is as bright as the HDRI at its center. If a sun is in the texel but not at its center,
@@ -133,12 +135,14 @@ class _Veil:
         z = add_node(tree, "SeparateXYZ", {0: direction}).outputs[2]
         self._share = add_node(tree, "MapRange", {0: z, "To Min": 1.0, "To Max": 0.0}, clamp=True)
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
-        share = add_math(tree, "MULTIPLY", camera, self._share.outputs[0])
+        share = add_math_output(tree, "MULTIPLY", camera, self._share.outputs[0])
         self._mix = add_node(tree, "Mix", {0: share, 6: color}, data_type="RGBA")
 
-    def visible_color(self, horizon: float, color: np.ndarray) -> Any:
+    def veiled_color_socket(self, horizon: float, color: np.ndarray) -> Any:
         """Return the visible color: even below an elevation in radians, the HDRI above."""
-        self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = fade_sines(horizon)
+        self._share.inputs["From Min"].default_value, self._share.inputs["From Max"].default_value = backdrop_fade_sines(
+            horizon
+        )
         self._mix.inputs[7].default_value = (*color, 1.0)
         return self._mix.outputs[2]
 
@@ -148,15 +152,15 @@ class _Lifted:
 
     def __init__(self, tree: Any, direction: Any) -> None:
         x, y, z = add_node(tree, "SeparateXYZ", {0: direction}).outputs
-        squared = add_math(tree, "ADD", add_math(tree, "MULTIPLY", x, x), add_math(tree, "MULTIPLY", y, y))
-        flat = add_math(tree, "SQRT", squared)
+        squared = add_math_output(tree, "ADD", add_math_output(tree, "MULTIPLY", x, x), add_math_output(tree, "MULTIPLY", y, y))
+        flat = add_math_output(tree, "SQRT", squared)
         self._slope = add_node(tree, "Math", {0: flat}, operation="MULTIPLY")
-        lifted = add_math(tree, "MAXIMUM", z, self._slope.outputs[0])
+        lifted = add_math_output(tree, "MAXIMUM", z, self._slope.outputs[0])
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
         seen = add_node(tree, "Mix", {0: camera, 2: z, 3: lifted}, data_type="FLOAT").outputs[0]
         self._lifted = add_node(tree, "CombineXYZ", {0: x, 1: y, 2: seen})
 
-    def lifted_directions(self, horizon: float) -> Any:
+    def lifted_direction_socket(self, horizon: float) -> Any:
         self._slope.inputs[1].default_value = math.tan(min(horizon, MAX_LIFT_RADIANS))
         return self._lifted.outputs[0]
 
@@ -169,14 +173,17 @@ class _Dimmed:
         camera = add_node(tree, "LightPath").outputs["Is Camera Ray"]
         self._layers, depths = [], []
         for _ in range(DUST_LAYERS):
-            overhead, steepness = add_math(tree, "MULTIPLY_ADD", camera, 0.0, 0.0), add_math(tree, "MAXIMUM", z, 1.0)
+            overhead, steepness = (
+                add_math_output(tree, "MULTIPLY_ADD", camera, 0.0, 0.0),
+                add_math_output(tree, "MAXIMUM", z, 1.0),
+            )
             self._layers.append((*overhead.node.inputs[1:], steepness.node.inputs[1]))
-            depths.append(add_math(tree, "DIVIDE", overhead, steepness))
-        share = add_math(tree, "EXPONENT", reduce(partial(add_math, tree, "ADD"), depths))
+            depths.append(add_math_output(tree, "DIVIDE", overhead, steepness))
+        share = add_math_output(tree, "EXPONENT", reduce(partial(add_math_output, tree, "ADD"), depths))
         self._glow = add_node(tree, "Background")
         self._mix = add_node(tree, "MixShader", {0: share, 1: self._glow.outputs[0], 2: light})
 
-    def dimmed_light(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
+    def dimmed_light_socket(self, air: Sequence[AirLayer], below: float, glow: np.ndarray) -> Any:
         whole = sum(layer.extinction for layer in air)
         for number, (more, overhead, steepness) in enumerate(self._layers):
             layer = air[number] if number < len(air) else AirLayer(0.0, 0.0, 1.0)

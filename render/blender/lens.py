@@ -54,7 +54,7 @@ SHADER_SOURCE = """shader hulldown_lens(
 """
 
 
-def set_lens(camera: Any, intrinsics: Intrinsics, near: float) -> None:
+def set_distorting_lens(camera: Any, intrinsics: Intrinsics, near: float) -> None:
     """Give a camera of Blender a distorting lens."""
     assert intrinsics.pinhole is not None
     values = dict(zip(("fx", "fy", "cx", "cy"), intrinsics.pinhole, strict=True))

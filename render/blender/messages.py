@@ -85,7 +85,7 @@ class BlendJob:
 
 @dataclass(frozen=True, slots=True)
 class StartJob:
-    """Choose a device by `render.blender.cycles.choose_device`, and the number of CPU threads (0: all)."""
+    """Choose a device by `render.blender.cycles.activate_device`, and the number of CPU threads (0: all)."""
 
     device: str
     index: int

@@ -8,9 +8,9 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.blender.light_pictures import render_light, see_pixel_centers
+from hulldown.blender.light_pictures import render_light, set_light_at_pixel_centers
 from hulldown.blender.opacity_nodes import show_opacity
-from hulldown.blender.shaders import is_volume
+from hulldown.blender.shaders import is_volume_only_material
 from hulldown.render.blender import cycles
 from hulldown.render.blender.messages import CyclesSettings
 from hulldown.render.blender.scene import BlenderScene
@@ -33,38 +33,38 @@ class IndexPictures:
         dark.node_tree.nodes.clear()
         for scene in (stage.scene, self._bare):
             cycles.configure_scene(scene, ONE_RAY, device=device, threads=threads)
-            see_pixel_centers(scene)
+            set_light_at_pixel_centers(scene)
             scene.world = dark
         for obj in stage.scene.objects:
             if _is_only_volume(obj):
                 obj.hide_render = True
         self._plain = bpy.data.materials.new("hulldown index")
 
-    def index_maps(self, vehicles: Sequence[Sequence[Any]]) -> np.ndarray:
+    def render_vehicle_index_maps(self, vehicles: Sequence[Sequence[Any]]) -> np.ndarray:
         """Return the vehicle at each pixel's center."""
         for number, objects in enumerate(vehicles):
             for obj in objects:
                 obj.pass_index = FIRST_OBJECT_NUMBER + number
-        self._emit_numbers()
-        pictures = [_object_numbers(self.stage.scene)]
+        self._make_materials_emit_index()
+        pictures = [_render_object_numbers(self.stage.scene)]
         render, bare = self.stage.scene.render, self._bare
         for name in ("resolution_x", "resolution_y", "pixel_aspect_x", "pixel_aspect_y"):
             setattr(bare.render, name, getattr(render, name))
         for objects in vehicles:
             for obj in objects:
                 bare.collection.objects.link(obj)
-            pictures.append(_object_numbers(bare))
+            pictures.append(_render_object_numbers(bare))
             for obj in objects:
                 bare.collection.objects.unlink(obj)
         numbers = np.stack(pictures)
         return np.where(numbers >= FIRST_OBJECT_NUMBER, numbers - FIRST_OBJECT_NUMBER + 1, 0).astype(np.uint8)
 
-    def _emit_numbers(self) -> None:
+    def _make_materials_emit_index(self) -> None:
         for material in bpy.data.materials:
             if INDEX_NODE_LABEL not in material and not material.is_grease_pencil:
                 if material.node_tree is None:  # before Blender 5.0 it may have none
                     material.use_nodes = True
-                show_opacity(material, _emit_index)
+                show_opacity(material, _object_index_socket)
                 material[INDEX_NODE_LABEL] = True
         for blocks in (bpy.data.meshes, bpy.data.curves, bpy.data.hair_curves, bpy.data.metaballs):
             for data in blocks:
@@ -78,11 +78,11 @@ class IndexPictures:
                     slot.material = self._plain
 
 
-def _object_numbers(scene: Any) -> np.ndarray:
+def _render_object_numbers(scene: Any) -> np.ndarray:
     return np.rint(render_light(scene)[::-1, :, 0]).astype(np.int64)
 
 
-def _emit_index(tree: Any) -> Any:
+def _object_index_socket(tree: Any) -> Any:
     return tree.nodes.new("ShaderNodeObjectInfo").outputs["Object Index"]
 
 
@@ -92,4 +92,4 @@ def _is_only_volume(obj: Any) -> bool:
         return True
     materials = [slot.material for slot in obj.material_slots if slot.material is not None]
     shown = [material for material in materials if material.node_tree is not None]
-    return bool(shown) and all(is_volume(material) for material in shown)
+    return bool(shown) and all(is_volume_only_material(material) for material in shown)

@@ -15,7 +15,7 @@ from hulldown.render.blender.lens import LENS_DEVICES as LENS_DEVICES
 from hulldown.render.blender.messages import BlendJob, CyclesSettings, Job, MaskJob, RenderJob, StartJob
 from hulldown.render.blender.object_index import IndexPictures
 from hulldown.render.blender.reply import Reply
-from hulldown.render.blender.saved_scene import save_scene
+from hulldown.render.blender.saved_scene import strip_and_save_scene
 from hulldown.render.blender.scene import BlenderScene
 
 
@@ -39,17 +39,17 @@ class Renderer:
         """Do a job; return the reply."""
         match job:
             case StartJob():
-                return self._start_job(job)
+                return self._do_start_job(job)
             case RenderJob():
                 return self._render_picture(job)
             case BlendJob():
-                save_scene(self._prepare_scene(job.picture).scene, job.output)
+                strip_and_save_scene(self._prepare_picture_scene(job.picture).scene, job.output)
                 self.forget_assets()  # it has lost what the picture doesn't need
                 return Reply()
-        return self._render_mask(job)
+        return self._render_masks(job)
 
-    def _start_job(self, job: StartJob) -> Reply:
-        self._device, count = cycles.choose_device(job.device, job.index)
+    def _do_start_job(self, job: StartJob) -> Reply:
+        self._device, count = cycles.activate_device(job.device, job.index)
         self._threads = job.threads
         return Reply(device=self._device, devices=count)
 
@@ -66,21 +66,23 @@ class Renderer:
             self._loaded = wanted
         return self._stage
 
-    def _prepare_scene(self, job: RenderJob) -> BlenderScene:
+    def _prepare_picture_scene(self, job: RenderJob) -> BlenderScene:
         stage = self._prepare_stage(job)
-        self._set_part("settings", self._configure_scene, job.settings)
-        self._set_part("vehicles", stage.place_vehicles, job.vehicles)
-        self._set_part("camera", stage.set_camera, job.camera)
-        self._set_part("light", stage.world.set, job.light)
+        self._set_if_changed("settings", self._apply_cycles_settings, job.settings)
+        self._set_if_changed("vehicles", stage.place_vehicles, job.vehicles)
+        self._set_if_changed("camera", stage.set_camera, job.camera)
+        self._set_if_changed("light", stage.world.set, job.light)
         camera = job.camera
-        self._set_part("exposure", cycles.set_exposure, stage.scene, job.settings, camera.exposure, camera.white_balance)
+        self._set_if_changed(
+            "exposure", cycles.set_exposure_and_white_balance, stage.scene, job.settings, camera.exposure, camera.white_balance
+        )
         stage.set_weather(job.weather, job.seed)
         stage.scene.cycles.seed = job.seed
         return stage
 
     def _render_picture(self, job: RenderJob) -> Reply:
         start = time.process_time()
-        stage = self._prepare_scene(job)
+        stage = self._prepare_picture_scene(job)
         output = Path(job.output)
         output.unlink(missing_ok=True)  # from a failed attempt
         stage.scene.render.filepath = os.fspath(output)
@@ -98,24 +100,24 @@ class Renderer:
         }
         return Reply(seconds=seconds)
 
-    def _configure_scene(self, settings: CyclesSettings) -> None:
+    def _apply_cycles_settings(self, settings: CyclesSettings) -> None:
         assert self._stage is not None
         self._inputs.clear()  # the settings include some of the others
         cycles.configure_scene(self._stage.scene, settings, device=self._device, threads=self._threads)
 
-    def _set_part(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
+    def _set_if_changed(self, part: str, setter: Callable[..., object], *inputs: object) -> None:
         """Set up a part of the scene unless the last job had the same inputs, since Cycles rebuilds what is set."""
         if self._inputs.get(part) != inputs:
             self._inputs.pop(part, None)  # in case it fails
             setter(*inputs)
             self._inputs[part] = inputs
 
-    def _render_mask(self, job: MaskJob) -> Reply:
+    def _render_masks(self, job: MaskJob) -> Reply:
         stage = self._prepare_stage(job)
         assert self._index is not None
         vehicles = stage.place_vehicles(job.vehicles)
         stage.set_camera(job.camera)
-        np.save(job.output, self._index.index_maps(vehicles))
+        np.save(job.output, self._index.render_vehicle_index_maps(vehicles))
         return Reply()
 
 

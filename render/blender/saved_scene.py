@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 
-def save_scene(scene: Any, path: str) -> None:
+def strip_and_save_scene(scene: Any, path: str) -> None:
     """Save a scene with all data that it uses and nothing else; other data are removed from memory."""
     scene.render.filepath = "//"  # the folder of the file
     for window in bpy.context.window_manager.windows:

@@ -9,14 +9,14 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.blender.frames import set_pose, world_from_blender_camera
+from hulldown.blender.frames import set_object_pose, world_from_blender_camera
 from hulldown.blender.opening import disarm_file, open_blend
 from hulldown.blender.tidy_properties import PART_PROPERTY, REST_PROPERTY, VISIBILITY_FLAGS
 from hulldown.render.blender.covers import UNDERSIDE_PROPERTY
 from hulldown.render.blender.cycles import Unusable
 from hulldown.render.blender.fog import Fog
 from hulldown.render.blender.hdri_light import HdriWorld
-from hulldown.render.blender.lens import set_lens
+from hulldown.render.blender.lens import set_distorting_lens
 from hulldown.render.blender.messages import CameraInput, VehicleInput
 from hulldown.render.blender.paint_nodes import PaintedMaterials
 from hulldown.render.blender.streaks import Precipitation, falling_streaks
@@ -35,7 +35,7 @@ class BlenderScene:
     def __init__(self, tidy: str) -> None:
         bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)  # an open file isn't read again
         with bpy.data.libraries.load(tidy) as (source, _):
-            refuse_newer(source, tidy)
+            refuse_newer_twin(source, tidy)
         # Appending takes the square of the number of objects. The twin has no scene, and another one's settings
         # wouldn't count: ours is new.
         open_blend(tidy)
@@ -74,8 +74,8 @@ class BlenderScene:
             above = np.linalg.inv(parts[0])[2].tolist()
             for obj in objects:
                 obj[UNDERSIDE_PROPERTY] = above
-                set_pose(obj, parts[obj[PART_PROPERTY]] @ np.array(obj[REST_PROPERTY]).reshape(4, 4))
-            if loaded.painted.is_first(vehicle.paint):
+                set_object_pose(obj, parts[obj[PART_PROPERTY]] @ np.array(obj[REST_PROPERTY]).reshape(4, 4))
+            if loaded.painted.needs_paint_nodes(vehicle.paint):
                 self.surfaces.clear()  # paint is inserted below water and snow
             loaded.painted.paint(objects, vehicle.paint)
             placed.append(objects)
@@ -90,7 +90,7 @@ class BlenderScene:
     def set_camera(self, camera: CameraInput) -> None:
         """Set the row's camera."""
         self._view = camera
-        set_pose(self.camera, world_from_blender_camera(camera.world_from_camera))
+        set_object_pose(self.camera, world_from_blender_camera(camera.world_from_camera))
         data = self.camera.data
         data.sensor_fit = "HORIZONTAL"
         data.lens_unit = "MILLIMETERS"
@@ -108,7 +108,7 @@ class BlenderScene:
         render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1.0 / stretch), max(1.0, stretch)
         data.shift_x, data.shift_y = (width / 2 - cx) / width, (cy - height / 2) / width * stretch
         if distorting:
-            set_lens(data, intrinsics, camera.near)
+            set_distorting_lens(data, intrinsics, camera.near)
         elif data.type != "PERSP":
             data.type = "PERSP"
         data.clip_start, data.clip_end = camera.near, CLIP_END_M
@@ -123,7 +123,7 @@ class BlenderScene:
         vehicles = [obj for loaded in self._vehicles.values() for obj in loaded.objects()]
         self.surfaces.set(weather.kind, weather.ground_cover, weather.vehicle_cover, vehicles)
         pose = np.array(self._view.world_from_camera)
-        glow = airlight_radiance(weather.kind, self.world.airlight_radiance())
+        glow = airlight_radiance(weather.kind, self.world.sky_airlight_radiance())
         below = max(0.0, pose[2, 3] - self._lowest)
         self.fog.fill_air(weather.kind, weather.visibility_m, glow, pose[:3, 3], below=below)
         streaks = falling_streaks(weather, self._view, seed)
@@ -138,12 +138,12 @@ class _LoadedVehicle:
     """Copies of a vehicle's tidy twin; unused ones are hidden, since unlinking would rebuild Blender's graph."""
 
     def __init__(self, tidy: str, scene: Any, root: Any) -> None:
-        collection, materials = append_twin(tidy)
+        collection, materials = append_twin_and_materials(tidy)
         self._scene, self._collections = scene, [collection]
         self.painted = PaintedMaterials(collection.objects, materials)
         for obj in collection.objects:
             obj.parent = root
-            obj.matrix_basis.identity()  # `set_pose` has the whole transform
+            obj.matrix_basis.identity()  # `set_object_pose` has the whole transform
         self._looks = [[getattr(obj, ray) for ray in VISIBILITY_FLAGS] for obj in collection.objects]  # as in the file
         scene.collection.children.link(collection)
 
@@ -172,7 +172,7 @@ class _LoadedVehicle:
         bpy.data.orphans_purge(do_recursive=True)
 
 
-def refuse_newer(source: Any, tidy: str) -> None:
+def refuse_newer_twin(source: Any, tidy: str) -> None:
     """Raise Unusable for a tidy twin by a later Blender; `source` is what `libraries.load` yields."""
     if source.version[:2] > bpy.app.version[:2]:
         wrote = ".".join(map(str, source.version[:2]))
@@ -181,10 +181,10 @@ def refuse_newer(source: Any, tidy: str) -> None:
         raise Unusable(problem, remedy)
 
 
-def append_twin(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
+def append_twin_and_materials(tidy: str) -> tuple[bpy.types.Collection, dict[str, bpy.types.Material]]:
     """Append the collection of a tidy twin and its materials, by the twin's names."""
     with bpy.data.libraries.load(tidy, link=False) as (source, target):
-        refuse_newer(source, tidy)
+        refuse_newer_twin(source, tidy)
         target.collections = source.collections[:1]
         names = list(source.materials)
         target.materials = list(names)

@@ -8,12 +8,12 @@ from typing import Any
 import bpy
 import numpy as np
 
-from hulldown.blender.add_nodes import add_math, add_node
-from hulldown.blender.frames import set_pose
-from hulldown.render.blender.fog import set_hidden
+from hulldown.blender.add_nodes import add_math_output, add_node
+from hulldown.blender.frames import set_object_pose
+from hulldown.render.blender.fog import set_hidden_in_render
 from hulldown.render.blender.messages import CameraInput
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
-from hulldown.weather.precipitation import Streaks, drops_in_view, streak_quads, symmetric_view
+from hulldown.weather.precipitation import Streaks, precipitation_view, sample_drops_in_view, streak_quads
 
 STREAKS_NAME = "hulldown precipitation"
 
@@ -24,8 +24,8 @@ def falling_streaks(weather: Weather, camera: CameraInput, seed: int) -> Streaks
     if sizes_of is None:
         return None
     pose = np.array(camera.world_from_camera)
-    view = symmetric_view(pose, camera.intrinsics, weather.exposure_s)
-    return streak_quads(drops_in_view(sizes_of(weather), view, weather.wind_m_s, seed=seed), view)
+    view = precipitation_view(pose, camera.intrinsics, weather.exposure_s)
+    return streak_quads(sample_drops_in_view(sizes_of(weather), view, weather.wind_m_s, seed=seed), view)
 
 
 class Precipitation:
@@ -37,13 +37,13 @@ class Precipitation:
             setattr(obj, f"visible_{rays}", False)
         material = bpy.data.materials.new(STREAKS_NAME)
         material.cycles.emission_sampling = "NONE"  # otherwise they'd be thousands of lamps
-        self._emission = _glow_by_opacity(material.node_tree)
+        self._emission = _build_streak_material(material.node_tree)
         obj.data.materials.append(material)
         self.clear()
 
     def clear(self) -> None:
         """Remove all streaks."""
-        set_hidden(self._object, True)
+        set_hidden_in_render(self._object, True)
 
     def draw_streaks(self, streaks: Streaks, radiance: np.ndarray, eye: np.ndarray) -> None:
         """Draw streaks around the eye, in the scenery's frame."""
@@ -63,14 +63,14 @@ class Precipitation:
         self._emission.inputs["Color"].default_value = (*radiance, 1.0)
         around = np.eye(4)
         around[:3, 3] = eye
-        set_pose(self._object, around)
-        set_hidden(self._object, False)
+        set_object_pose(self._object, around)
+        set_hidden_in_render(self._object, False)
 
 
-def _glow_by_opacity(tree: Any) -> Any:
+def _build_streak_material(tree: Any) -> Any:
     """Build the material: emission with the mean opacity of a moving disc, in closed form, times the gain."""
     tree.nodes.clear()
-    math = partial(add_math, tree)
+    math = partial(add_math_output, tree)
     profile = add_node(tree, "Attribute", attribute_name="profile").outputs["Vector"]
     gain = add_node(tree, "Attribute", attribute_name="gain").outputs["Fac"]
     u, v, way = add_node(tree, "SeparateXYZ", {0: profile}).outputs

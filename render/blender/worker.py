@@ -30,11 +30,11 @@ MIN_BLENDER_VERSION = (5, 0)  # older ones keep compositor and world nodes elsew
 
 def main() -> int:
     """Do jobs until stdin ends."""
-    _find_hulldown()
+    _make_hulldown_importable()
     replies = _claim_stdout()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the supervisor's; it closes our stdin
     jobs: queue.SimpleQueue[Job | None] = queue.SimpleQueue()
-    threading.Thread(target=_read_jobs, args=(jobs,), daemon=True).start()
+    threading.Thread(target=_queue_jobs_from_stdin, args=(jobs,), daemon=True).start()
     import bpy  # takes a second, and its messages belong in the log
 
     from hulldown.render.blender.reply import REPLY_PREFIX, Reply
@@ -74,7 +74,7 @@ def main() -> int:
     return 0
 
 
-def _find_hulldown() -> None:
+def _make_hulldown_importable() -> None:
     """Make `hulldown` importable in any Python, but not this folder, whose cycles.py would hide Blender's."""
     here = Path(__file__).resolve().parent
     sys.path[:] = [entry for entry in sys.path if Path(entry or ".").resolve() != here]
@@ -93,7 +93,7 @@ def _claim_stdout() -> TextIO:
     return stream
 
 
-def _read_jobs(jobs: queue.SimpleQueue[Job | None]) -> None:
+def _queue_jobs_from_stdin(jobs: queue.SimpleQueue[Job | None]) -> None:
     """Queue jobs; end at once, even during a picture, when the supervisor is gone."""
     try:
         with contextlib.suppress(EOFError, pickle.UnpicklingError):  # the end, perhaps in the middle of a job

@@ -6,10 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.annotate.label_list import label_misfits
+from hulldown.annotate.label_list import invalid_label_field_sentences
 from hulldown.annotate.labels.box_3d import Box3D, BoxInCamera
 from hulldown.annotate.records import Image, Label
-from hulldown.dataset.exports.layouts.kitti import label_line
+from hulldown.dataset.exports.layouts.kitti import kitti_label_line
 from hulldown.dataset.row_records import label_records
 from hulldown.geometry.transforms import transform_points
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config
@@ -55,7 +55,7 @@ def test_kittis_rotation_and_location_are_the_boxs(rows):
     for row in rows:
         label = label_records(row)[0]
         of_image = {"id": 1, "image_id": 1, "category_id": 1}
-        numbers = [float(word) for word in label_line(Label.of({**label, **of_image}, {1: "tank"})).split()[1:]]
+        numbers = [float(word) for word in kitti_label_line(Label.of({**label, **of_image}, {1: "tank"})).split()[1:]]
         rotation, center = np.array(label["bbox_3d"]["rotation"]), np.array(label["bbox_3d"]["center"])
         ground = center - rotation[:, 2] * label["bbox_3d"]["size"][2] / 2
         np.testing.assert_allclose(numbers[10:13], ground, atol=1e-5)
@@ -88,7 +88,7 @@ def test_an_invalid_box_is_found(rows, change, problem):
 
     def problems():
         found = Label.of(label, {})
-        return list(label_misfits(label)) or list(found.read(BoxInCamera).problems(found, image, None))
+        return list(invalid_label_field_sentences(label)) or list(found.read(BoxInCamera).problems(found, image, None))
 
     assert problems() == []
     change(label)

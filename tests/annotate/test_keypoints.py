@@ -7,13 +7,13 @@ from PIL import Image
 from pycocotools.coco import COCO
 from pycocotools.cocoeval import COCOeval
 
-from hulldown.annotate.labels.keypoints import category_fields, keypoints_in_image
+from hulldown.annotate.labels.keypoints import category_keypoint_fields, keypoints_in_image
 from hulldown.assets.bundle import load_vehicle, save_asset
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.geometry.meshes import Mesh
-from hulldown.reading.vehicle.pivots import marked_points
+from hulldown.reading.vehicle.pivots import keypoints_from_empties
 from hulldown.render.verify import verify_dataset
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
@@ -58,24 +58,24 @@ def test_a_keypoint_moves_with_the_part_of_the_nearest_surface(tmp_path):
     marked = shape.with_keypoints({f"p{i}": (point, None) for i, point in enumerate(points)})
     turned = {name: 0.3 for name in shape.part_names[1:]}
     moved = vertices_at(shape, turned)[:: max(1, len(shape.mesh.vertices) // 40)]
-    shared = np.abs(marked.turned_keypoints(turned) - moved).max(axis=1) > 1e-9
+    shared = np.abs(marked.articulated_keypoints(turned) - moved).max(axis=1) > 1e-9
     assert shared.mean() < 0.2  # two parts touch there
     save_asset(tmp_path / "v.npz", marked)
     again = load_vehicle(tmp_path / "v.npz")
     assert again.keypoint_names == marked.keypoint_names
-    assert np.array_equal(again.turned_keypoints(turned), marked.turned_keypoints(turned))
+    assert np.array_equal(again.articulated_keypoints(turned), marked.articulated_keypoints(turned))
 
 
 def test_names_and_skeletons_of_categories(tmp_path):
     shapes = [CUBE_WITH_POINTS, SHAPE.with_keypoints({"muzzle": ([1, 0, 0], 0), "turret": ([0, 0, 1], 0)})]
-    found = category_fields(shapes, ["muzzle", "turret", "[n]ear*"], None, path=tmp_path)
+    found = category_keypoint_fields(shapes, ["muzzle", "turret", "[n]ear*"], None, path=tmp_path)
     assert found == {"keypoints": ["near", "muzzle", "turret"], "skeleton": []}
-    assert category_fields(shapes, ["*"], [("far", "near")], path=tmp_path)["skeleton"] == [[2, 1]]
-    assert category_fields(shapes, None, None, path=tmp_path) == {}
+    assert category_keypoint_fields(shapes, ["*"], [("far", "near")], path=tmp_path)["skeleton"] == [[2, 1]]
+    assert category_keypoint_fields(shapes, None, None, path=tmp_path) == {}
     with pytest.raises(ConfigError, match=r"'wheel_.' matches no keypoint of a vehicle; there are: 'near'"):
-        category_fields(shapes, ["wheel_*"], None, path=tmp_path)
+        category_keypoint_fields(shapes, ["wheel_*"], None, path=tmp_path)
     with pytest.raises(ConfigError, match="'far' is no keypoint; these are: 'near'"):
-        category_fields(shapes, ["near"], [("far", "near")], path=tmp_path)
+        category_keypoint_fields(shapes, ["near"], [("far", "near")], path=tmp_path)
 
 
 NAMES = ["muzzle", "wheel_left", "wheel_right"]
@@ -168,7 +168,7 @@ def test_empties_mark_points_of_their_parents_part():
         ("pivot", 9.0): (root,),
     }
     markers = [(link(name, kind="EMPTY", at=(x, 0, 0)), *chain) for (name, x), chain in above.items()]
-    found = marked_points(markers, chains, [0, 1, 2])
+    found = keypoints_from_empties(markers, chains, [0, 1, 2])
     assert {name: (at[0], part) for name, (at, part) in found.items()} == {
         "muzzle": (5.0, 2),
         "hatch": (6.0, 1),

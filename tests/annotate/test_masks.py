@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.annotate.masks import area_and_box, decode_mask
+from hulldown.annotate.masks import decode_mask, mask_area_and_box
 
 
 def test_uncompressed_run_lengths_and_polygons_are_read():
@@ -41,7 +41,7 @@ def test_invalid_segmentations_are_refused(segmentation):
 
 def test_a_mask_of_40_000_million_pixels_needs_no_memory():
     n = 200_000
-    pixels, box = area_and_box({"size": [n, n], "counts": [5 * n + 7, 3, n * n - 5 * n - 10]}, n, n)
+    pixels, box = mask_area_and_box({"size": [n, n], "counts": [5 * n + 7, 3, n * n - 5 * n - 10]}, n, n)
     assert (pixels, box.tolist()) == (3, [5.0, 7.0, 1.0, 3.0])
     with pytest.raises(ValueError, match="pixels at most"):
-        area_and_box([[0, 0, 5, 0, 5, 5]], n, n)
+        mask_area_and_box([[0, 0, 5, 0, 5, 5]], n, n)

@@ -8,12 +8,12 @@ import pytest
 from PIL import Image, ImageDraw
 
 from hulldown.annotate.masks import encode_mask
-from hulldown.annotate.rectangles import mask_rectangle, rectangle_corners
+from hulldown.annotate.rectangles import rectangle_corners, smallest_mask_rectangle
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
-from hulldown.dataset.record_checks import read_usable
-from hulldown.dataset.row_records import Segmenter, image_record
+from hulldown.dataset.record_checks import read_usable_dataset
+from hulldown.dataset.row_records import Segmenter, row_image_fields
 from hulldown.geometry.transforms import transform_points
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.detections import dataset as dataset_of
@@ -40,7 +40,7 @@ def test_the_rectangle_is_the_smallest_around_the_mask():
     rng = np.random.default_rng(0)
     for i in range(1000):
         mask = random_mask(rng, i % 3)
-        found = mask_rectangle(encode_mask(mask), mask.shape[1], mask.shape[0])
+        found = smallest_mask_rectangle(encode_mask(mask), mask.shape[1], mask.shape[0])
         if not mask.any():
             assert found is None
             continue
@@ -69,7 +69,7 @@ def dataset(planned, tmp_path_factory):
     segmenter = Segmenter(assets.vehicles, assets.sceneries)
     with CocoDataset.open(folder, categories=["main battle tank", "truck"]) as dataset:
         for row in rows:
-            image = {"file_name": row.file_name, **image_record(row)}
+            image = {"file_name": row.file_name, **row_image_fields(row)}
             (folder / row.file_name).parent.mkdir(exist_ok=True)
             Image.new("RGB", (row.width, row.height), "gray").save(folder / row.file_name)
             dataset.append(image, segmenter.records(row))
@@ -77,7 +77,7 @@ def dataset(planned, tmp_path_factory):
 
 
 def test_the_corners_are_those_of_the_posed_box_the_ground_first(planned, dataset):
-    images = {image.id: image for image in read_usable(dataset).images}
+    images = {image.id: image for image in read_usable_dataset(dataset).images}
     for image_id, row in enumerate(planned[1], start=1):
         if image_id not in images or not images[image_id].labels or row.hides_target:
             continue
@@ -131,7 +131,7 @@ def test_verify_finds_a_rectangle_that_does_not_fit_its_mask(dataset, tmp_path, 
 
 def test_supervision_reads_the_corners(dataset, tmp_path):
     wanted = {}
-    for image in read_usable(dataset).images:
+    for image in read_usable_dataset(dataset).images:
         full = [(one.category, rectangle_corners(one.record["obb"])) for one in image.labels if not one.crowd]
         wanted[image.file_name.rpartition("/")[2][:-4]] = full
     export_dataset(dataset, tmp_path / "yolo", layout="yolo-obb", fractions=(1.0, 0.0, 0.0))

@@ -3,7 +3,7 @@ import math
 import numpy as np
 
 from hulldown.annotate.boxes import VehicleBoxes
-from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.annotate.silhouettes import whole_and_visible_masks
 from hulldown.camera.cameras import NEAR_M, Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.geometry.meshes import Mesh
@@ -22,7 +22,7 @@ HERE = PosedVehicle(VehicleCaster(SHAPE), np.eye(4)[None], {})
 
 
 def visible(vehicle: PosedVehicle, camera: Cameras, **options) -> np.ndarray:
-    return vehicle_masks(vehicle, camera, **options)[1]
+    return whole_and_visible_masks(vehicle, camera, **options)[1]
 
 
 def square(x: int, y: int, w: int, h: int) -> np.ndarray:

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes
-from hulldown.annotate.silhouettes import vehicle_masks
-from hulldown.annotate.visibility import visible_fraction
+from hulldown.annotate.silhouettes import whole_and_visible_masks
+from hulldown.annotate.visibility import measure_visibility
 from hulldown.benchmarks.visibility import error_bound
 from hulldown.camera.cameras import NEAR_M, Cameras
-from hulldown.camera.framing import pan_to_pixel as aimed_off
+from hulldown.camera.framing import pan_center_to_pixel as aimed_off
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
-from hulldown.geometry.hulls import extreme_points
+from hulldown.geometry.hulls import extreme_point_indices
 from hulldown.geometry.meshes import Mesh
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
 from hulldown.scene.ground import Plane
@@ -43,7 +43,7 @@ def scene_of(*meshes: Mesh) -> InstancedScene:
 def test_objects_behind_the_target_or_the_camera_hide_nothing() -> None:
     everywhere = ((-50.0, 50.0), (-50.0, 50.0))
     scene = scene_of(wall(*everywhere, x=-3.1), wall(*everywhere, x=30.1), wall(*everywhere, x=30 - NEAR_M / 2))
-    assert visible_fraction([CRATE], FRONT, world=Scene(obstacles=scene)).fraction[0] == 1
+    assert measure_visibility([CRATE], FRONT, world=Scene(obstacles=scene)).fraction[0] == 1
 
 
 def test_hidden_shares_are_counted_by_the_first_occluder_ground_obstacles_or_vehicles() -> None:
@@ -55,7 +55,7 @@ def test_hidden_shares_are_counted_by_the_first_occluder_ground_obstacles_or_veh
     # ... and its right third behind another crate.
     other = PosedVehicle(CRATE.caster, rigid_matrix(np.eye(3), [10.0, 2.0, 0])[None], {})
     worlds = [Scene(ridge, side, [other]), Scene(ridge), Scene(obstacles=side), Scene(vehicles=[other])]
-    views = [visible_fraction([CRATE], far, world=world, rays=10_000) for world in worlds]
+    views = [measure_visibility([CRATE], far, world=world, rays=10_000) for world in worlds]
     # Perspective at 2 km moves these edges by less than 1 %.
     np.testing.assert_allclose([seen.fraction[0] for seen in views], [0.8 / 3, 0.8, 2 / 3, 2 / 3], atol=0.006)
     for seen in views:
@@ -80,8 +80,8 @@ def test_visibility_is_the_share_of_pixels_that_show_the_vehicle(name: str, lens
     world = Scene(RayCaster(SCENES[name]))
     target = PosedVehicle(TANK, rigid_matrix(rotation_z(0.6), np.zeros(3))[None], turned)
     box = VehicleBoxes(TANK.shape).box(target.world_from_vehicle[0], camera, turned)
-    whole, left = (mask.sum() for mask in vehicle_masks(target, camera, xywh=box, world=world))
-    seen = visible_fraction([target], camera.at_poses(camera.world_from_camera[None]), world=world, rays=20_000)
+    whole, left = (mask.sum() for mask in whole_and_visible_masks(target, camera, xywh=box, world=world))
+    seen = measure_visibility([target], camera.with_poses(camera.world_from_camera[None]), world=world, rays=20_000)
     assert 0.1 < left / whole < 0.95
     assert seen.fraction[0] == pytest.approx(left / whole, abs=0.005)
     assert seen.area[0] == pytest.approx(whole, rel=0.01)
@@ -95,8 +95,8 @@ def test_the_stated_error_holds_and_is_reached_with_dust() -> None:
     vertices = (squares[None] + np.insert(grid, 0, 0, axis=1)[:, None] + [0, -1.5, -0.5]).reshape(-1, 3)
     quads = np.arange(len(vertices)).reshape(-1, 4)
     dust = RayCaster(Mesh(vertices, np.concatenate([quads[:, :3], quads[:, [0, 2, 3]]])))
-    truth = visible_fraction([CRATE], FRONT, world=Scene(dust), rays=100_000).fraction[0]
-    views = [visible_fraction([CRATE], FRONT, world=Scene(dust), rays=64, seed=s) for s in range(250)]
+    truth = measure_visibility([CRATE], FRONT, world=Scene(dust), rays=100_000).fraction[0]
+    views = [measure_visibility([CRATE], FRONT, world=Scene(dust), rays=64, seed=s) for s in range(250)]
     off = np.array([v.fraction[0] for v in views]) - truth
     hits = np.mean([v.hits[0] for v in views])
     assert off.std() == pytest.approx(math.sqrt(truth * (1 - truth) / hits), rel=0.15)
@@ -110,8 +110,8 @@ def test_the_stated_error_holds_and_is_reached_with_dust() -> None:
 def test_straight_edges_are_several_times_better_than_the_bound() -> None:
     options = {"world": Scene(RayCaster(SCENES["a corner"]))}
     tank = [PosedVehicle(TANK, HERE, {})]
-    truth = visible_fraction(tank, FRONT, rays=100_000, **options).fraction[0]
-    off = [visible_fraction(tank, FRONT, rays=256, seed=s, **options).fraction[0] - truth for s in range(60)]
+    truth = measure_visibility(tank, FRONT, rays=100_000, **options).fraction[0]
+    off = [measure_visibility(tank, FRONT, rays=256, seed=s, **options).fraction[0] - truth for s in range(60)]
     assert np.std(off) < 0.5 * 0.5 / math.sqrt(256)
 
 
@@ -126,7 +126,7 @@ def test_targets_outside_the_frame_have_no_fraction() -> None:
     away = FRONT.world_from_camera.copy()
     away[:, :3, :3] = away[:, :3, :3] @ np.diag([1.0, -1, -1])  # turned around
     aside = camera_pose([0, 40.0, 1], 30.0, 0.0, 0.0)
-    seen = visible_fraction([CRATE], Cameras(VGA, np.stack([away[0], aside])), world=Scene(Plane(0.0)))
+    seen = measure_visibility([CRATE], Cameras(VGA, np.stack([away[0], aside])), world=Scene(Plane(0.0)))
     assert np.isnan(seen.fraction).all()
     assert np.isnan(error_bound(seen.hits)).all()
     assert seen.hits.tolist() == [0, 0]
@@ -136,7 +136,7 @@ def test_targets_outside_the_frame_have_no_fraction() -> None:
 def test_cameras_inside_the_vehicle_or_with_the_vehicle_across_the_near_plane() -> None:
     inside = camera_pose([0, 0, 1.0], 0.5, 0.3, 0.1)
     across = camera_pose([3.0, 0, 1.0], NEAR_M / 2, 0.0, 0.0)
-    seen = visible_fraction([CRATE], Cameras(VGA, np.stack([inside, across])))
+    seen = measure_visibility([CRATE], Cameras(VGA, np.stack([inside, across])))
     np.testing.assert_array_equal(seen.fraction, [1, 1])
     # From inside, the vehicle fills the frame.
     assert seen.hits.tolist() == [256, 256]
@@ -148,7 +148,7 @@ def test_few_points_stand_for_many(flat: bool) -> None:
     ball = rng.normal(size=(3000, 3))
     ball /= np.linalg.norm(ball, axis=1, keepdims=True)
     ball *= [3.0, 1.0, 0.0 if flat else 0.01]
-    hull = ball[extreme_points(ball)]
+    hull = ball[extreme_point_indices(ball)]
     around = bounding_points(hull)
     assert len(around) <= (len(ball) if flat else 100)
     along = rng.normal(size=(500, 3))
@@ -164,10 +164,10 @@ def test_results_do_not_depend_on_other_rows() -> None:
     scene = scene_of(box([8, -4, 0], [9, 1, 3]), box([-9, -4, 0], [-8, 4, 1]))
     options = {"world": Scene(Plane(0.3), scene)}
     turned = [{"turret": angle} for angle in rng.uniform(-3, 3, n)]
-    many = visible_fraction([PosedVehicle(TANK, vehicles, turned)], cameras, **options)
+    many = measure_visibility([PosedVehicle(TANK, vehicles, turned)], cameras, **options)
     for i in (0, 1, 300, 1499):
         target = PosedVehicle(TANK, vehicles[i : i + 1], turned[i])
-        one = visible_fraction([target], cameras.take(slice(i, i + 1)), **options)
+        one = measure_visibility([target], cameras.take(slice(i, i + 1)), **options)
         assert one.fraction[0] == many.fraction[i]
         assert one.hits[0] == many.hits[i]
     assert 0.2 < many.fraction.mean() < 0.98
@@ -177,6 +177,6 @@ def test_results_do_not_depend_on_other_rows() -> None:
 def test_extreme_lenses_and_targets_smaller_than_a_pixel(fov_deg: float, distance: float) -> None:
     lens, half = Intrinsics(640, 480, math.radians(fov_deg)), scene_of(wall((-50, 0), (-50, 50)))
     camera = Cameras(lens, camera_pose([0, 0, 1.0], distance, 0.0, 0.0)[None])
-    seen = visible_fraction([CRATE], camera, world=Scene(obstacles=half))
+    seen = measure_visibility([CRATE], camera, world=Scene(obstacles=half))
     assert seen.fraction[0] == pytest.approx(0.5, abs=0.05)
     assert seen.hits[0] > 200

@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
-from hulldown.annotate.visibility import visible_fraction
-from hulldown.base.arrays import checked_array, whole_number
+from hulldown.annotate.visibility import measure_visibility
+from hulldown.base.arrays import checked_array, checked_whole_number
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.shell import camera_pose, draw_elevation
+from hulldown.camera.shell import camera_pose, sample_elevations
 from hulldown.camera.size import solve_distance
-from hulldown.geometry.meshes import Mesh, first_equal, merge_meshes
-from hulldown.geometry.transforms import invert_rigid, tilt_rotation, transform_points, upright_rotation
+from hulldown.geometry.meshes import Mesh, first_equal_indices, merge_meshes_with_sources
+from hulldown.geometry.transforms import invert_rigid, tilt_rotation, transform_points, yaw_and_up_rotation
 from hulldown.placement.candidates import sample_candidates
 from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.footprint import contact_footprint, vehicle_underside
-from hulldown.placement.rest import support_plane
+from hulldown.placement.rest import fit_support_planes
 from hulldown.placement.settle import REST_RULES, SettleRules, settle
 from hulldown.placement.terrain import Terrain
 from hulldown.scene.instances import InstancedScene
@@ -69,7 +69,7 @@ def framed(poses=AWAY, points=POINTS[None], **options):
 
 
 def clear(**options):
-    return CameraRoom(Terrain(0.0), Obstacles(NO_OBSTACLES)).reject_places([[0.0, 0.0, 3.0]], **options)
+    return CameraRoom(Terrain(0.0), Obstacles(NO_OBSTACLES)).clearance_rejections([[0.0, 0.0, 3.0]], **options)
 
 
 WRONG = [
@@ -81,9 +81,12 @@ WRONG = [
     (lambda: checked_array("here", "xy", ("n", 2)), r"xy: expected float64 array of shape \(n, 2\), got 'here'"),
     (lambda: checked_array([1.0, 2.0 + 1j], "xy", (2,)), r"xy: expected float64 array of shape \(2,\), got"),
     (lambda: checked_array([[1.5]], "xy", ("n", 1), dtype=np.int64), r"xy: expected int64 array of shape \(n, 1\)"),
-    *((lambda v=v: whole_number(v, "n"), "n: expected a whole number, got") for v in (2.5, 2.0, "2", True, None, math.nan)),
+    *(
+        (lambda v=v: checked_whole_number(v, "n"), "n: expected a whole number, got")
+        for v in (2.5, 2.0, "2", True, None, math.nan)
+    ),
     (lambda: tilt_rotation([0.0, 0.0, -1.0]), "normal: expected a direction away from -z"),
-    (lambda: upright_rotation(0.0, [1.0, 0.0, 0.0]), "up: expected directions with z > 0"),
+    (lambda: yaw_and_up_rotation(0.0, [1.0, 0.0, 0.0]), "up: expected directions with z > 0"),
     (lambda: transform_points(np.eye(3), np.zeros((1, 3))), "b_from_a: expected shape"),
     (lambda: invert_rigid(np.full((4, 4), np.nan)), "b_from_a: expected finite numbers"),
     (lambda: mesh(POINTS[:, :2]), r"mesh 'hill': vertices: expected numbers of shape \(v, 3\), got float64 \(4, 2\)"),
@@ -96,7 +99,7 @@ WRONG = [
     (lambda: mesh(faces=[[-1, 0, 1]]), r"mesh 'hill': face 0 is \[-1, 0, 1\]"),
     (lambda: mesh(np.full((4, 3), np.nan)), r"mesh 'hill': vertex 0 is \[nan, nan, nan\]; expected finite"),
     (lambda: mesh(np.vstack([POINTS[:3], [0, 1, np.inf]])), r"mesh 'hill': vertex 3 is \[0\.0, 1\.0, inf\]"),
-    (lambda: merge_meshes([]), "meshes: expected at least one mesh"),
+    (lambda: merge_meshes_with_sources([]), "meshes: expected at least one mesh"),
     (lambda: InstancedScene([CUBE], [1], ONE), "instance_mesh: expected indices below 1, got 1 to 1"),
     (lambda: InstancedScene([CUBE], [-1], ONE), "instance_mesh: expected indices below 1"),
     (lambda: InstancedScene([CUBE], [0, 0], ONE), r"instance_mesh: expected shape \(1,\), got \(2,\)"),
@@ -135,7 +138,7 @@ WRONG = [
     (lambda: camera_pose([0, 0, 0], math.nan, 0.0, 0.0), "distance: expected finite"),
     (lambda: camera_pose([0, 0, 0], 1.0, 0.0, 1.6), "elevation: expected radians .*, got 1.6"),
     (lambda: camera_pose([0, 0, 0], 1.0, 0.0, -45.0), "elevation: expected radians .*, got -45"),
-    (lambda: draw_elevation(1, (0.5, 0.4), rng=rng()), "bounds: expected"),
+    (lambda: sample_elevations(1, (0.5, 0.4), rng=rng()), "bounds: expected"),
     (lambda: Intrinsics(0, 10, 1.0), "width: expected"),
     *((lambda x=fov_x: Intrinsics(9, 9, x), "fov_x: expected radians") for fov_x in (0.0, math.pi, 60.0, math.nan)),
     (lambda: VGA.target_distance(0, 0.1), "size: expected positive numbers"),
@@ -151,9 +154,9 @@ WRONG = [
     (lambda: framed(points=np.zeros((3, 8, 3))), "points_world: expected 1 or 1 sets of points, got 3"),
     (lambda: solved(pixels=0.0), "pixels: expected"),
     (lambda: solved(center=[100.0, 0, 0]), "center: expected"),
-    (lambda: visible_fraction(SEEN, Cameras(VGA, AWAY), rays=0), "rays: expected at least 1"),
+    (lambda: measure_visibility(SEEN, Cameras(VGA, AWAY), rays=0), "rays: expected at least 1"),
     (
-        lambda: visible_fraction([PosedVehicle(SEEN[0].caster, ONE.repeat(3, 0), {})], Cameras(VGA, AWAY)),
+        lambda: measure_visibility([PosedVehicle(SEEN[0].caster, ONE.repeat(3, 0), {})], Cameras(VGA, AWAY)),
         "subjects: expected 1 or 1 poses, got 3",
     ),
     (lambda: PosedVehicle(SEEN[0].caster, ONE, [{}, {}]), "articulation: expected one or 1, got 2"),
@@ -186,18 +189,18 @@ NO_ROWS = [
     (lambda: Terrain(FLOOR).top_hits(np.empty((0, 2))).normal, (0, 3)),
     *((lambda r=r: settled(n=0, rules=SettleRules(rule=r)).world_from_vehicle, (0, 4, 4)) for r in REST_RULES),
     (lambda: SCENES[0].bounds, (0, 2, 3)),
-    (lambda: support_plane(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).gradient, (0, 2)),
+    (lambda: fit_support_planes(GRID, np.zeros((0, 25)), np.zeros((0, 25), bool)).gradient, (0, 2)),
     *((lambda s=scene: s.first_hits(RAYS).distance, (0,)) for scene in SCENES),
     *((lambda s=scene: s.occlusion(RAYS), (0,)) for scene in SCENES),
     (lambda: Scene(obstacles=SCENES[2], vehicles=SEEN).first_hits(RAYS).normal, (0, 3)),
-    (lambda: visible_fraction(SEEN, Cameras(VGA, ONE[:0]), world=Scene(obstacles=SCENES[1])).fraction, (0,)),
+    (lambda: measure_visibility(SEEN, Cameras(VGA, ONE[:0]), world=Scene(obstacles=SCENES[1])).fraction, (0,)),
     (lambda: tries(n=0)[0], (0, 2)),
     (lambda: camera_pose(np.zeros(3), np.zeros(0), 0.0, 0.0), (0, 4, 4)),
     (lambda: framed(ONE[:0]).world_from_camera, (0, 4, 4)),
     (lambda: solved(ONE[:0]), (0,)),
     (lambda: Cameras(NO_CAMERA, ONE[:0]).project(POINTS[None]).pixels, (0, 4, 2)),
     (lambda: VehicleBoxes(CRATE).boxes(ONE[:0], Cameras(NO_CAMERA, ONE[:0])).xywh, (0, 4)),
-    (lambda: first_equal(np.empty((0, 2))), (0,)),
+    (lambda: first_equal_indices(np.empty((0, 2))), (0,)),
     (lambda: SCENES[1].bounds, (0, 2, 3)),
 ]
 
@@ -217,7 +220,7 @@ def test_an_empty_world_and_ground_without_area_are_never_met():
         assert not empty.first_hits(ray).hit.any()
         assert not empty.occlusion(ray).any()
     assert surface_box(POINTS, np.empty((0, 3), dtype=int), Cameras(VGA, ONE[0])) is None
-    assert not support_plane(LINE, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
+    assert not fit_support_planes(LINE, np.zeros((3, 2)), np.ones((3, 2), bool)).found.any()
 
 
 def test_checked_arrays_are_contiguous_float64():

@@ -13,7 +13,7 @@ from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Cutouts, Extension
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.tests.builders.shapes import scenery_of, vehicle_of
 
 TRIANGLES = Mesh(np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1 / 3, 1e-17, 5.4e6 + 1 / 7]]), np.array([[0, 1, 2], [1, 2, 3]]))
@@ -102,7 +102,7 @@ def test_holes_round_trip_and_each_texture_is_stored_once(tmp_path: Path) -> Non
     assert np.shares_memory(ground.maps[0].texels, card.maps[1].texels)
     with np.load(tmp_path / "s.npz") as file:
         assert len(file["uint8"]) == 64, "stored once"
-    both, _ = merge_meshes([found.ground, found.obstacle_meshes[0]])
+    both, _ = merge_meshes_with_sources([found.ground, found.obstacle_meshes[0]])
     assert len(both.cutouts.maps) == 3, "the same texture, looked up alike, is one again"
 
 

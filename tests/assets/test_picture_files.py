@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import Overlay, draw_boxes
+from hulldown.annotate.drawing import Overlay, picture_with_labels
 from hulldown.assets.picture_files import read_picture, read_pixels, rgb_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.table import Dataset
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.editing import write_dataset
-from hulldown.training.inputs.sources import read_sources
+from hulldown.training.inputs.sources import read_classes_and_sources
 
 GRAY = np.array([[0, 51, 102], [153, 204, 255]], dtype=np.uint8)  # fifths of the range, in every bit depth
 COLOR = np.stack([GRAY, GRAY[::-1], np.full_like(GRAY, 128)], axis=2)
@@ -104,9 +104,9 @@ def turned(tmp_path):
 def test_every_reader_uses_the_displayed_picture(turned):
     shown = np.rot90(np.kron(COLOR, np.ones((32, 32, 1), np.uint8)), -1)
     np.testing.assert_array_equal(np.asarray(Dataset.read(turned).picture(0, labels=False)), shown)
-    np.testing.assert_array_equal(read_sources({"real": turned})[1][0].sample(0).picture, shown)
+    np.testing.assert_array_equal(read_classes_and_sources({"real": turned})[1][0].sample(0).picture, shown)
     (label,) = Dataset.read(turned).images[0].labels
-    drawn = draw_boxes(Image.fromarray(shown), [Overlay(label.bbox, 1, "tank")])
+    drawn = picture_with_labels(Image.fromarray(shown), [Overlay(label.bbox, 1, "tank")])
     sheet = np.asarray(Dataset.read(turned).sheet(columns=1, tile_width=64).convert("RGB"))
     assert (sheet[..., :].reshape(-1, 3) == np.asarray(drawn)[16, 48]).all(axis=1).any()
 

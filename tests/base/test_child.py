@@ -50,7 +50,7 @@ def test_last_words_belong_to_this_process(heard, tmp_path):
         with started(code, heard, log=tmp_path / "log") as child:
             child.wait()
             how = f"ended with exit code {1 if words else 3}"
-            assert child.last_words() == (f"{how}; its last words: {words}" if words else how)
+            assert child.describe_end() == (f"{how}; its last words: {words}" if words else how)
 
 
 def test_a_surviving_grandchild_does_not_block(heard):

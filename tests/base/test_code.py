@@ -30,6 +30,6 @@ def test_any_changed_module_counts_and_its_location_does_not(copied):
 def test_another_version_is_named():
     own = code.package_versions("numpy", "no-such-package")
     assert own.keys() == {"hulldown", "numpy", "no-such-package"}
-    assert code.version_difference(own) == ""
-    assert code.version_difference({**own, "numpy": "0.1"}) == f"has numpy {own['numpy']}, and the client 0.1"
-    assert code.version_difference({"no-such-package": "1"}) == "has no-such-package not installed, and the client 1"
+    assert code.describe_version_difference(own) == ""
+    assert code.describe_version_difference({**own, "numpy": "0.1"}) == f"has numpy {own['numpy']}, and the client 0.1"
+    assert code.describe_version_difference({"no-such-package": "1"}) == "has no-such-package not installed, and the client 1"

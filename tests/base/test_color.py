@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from hulldown.base.color import LUMINANCE_WEIGHTS, linear_color, linear_from_srgb, srgb_from_linear
+from hulldown.base.color import LUMINANCE_WEIGHTS, linear_from_srgb, linear_rgb_from_hex, srgb_from_linear
 
 
 def test_colors_are_linear_light():
-    assert linear_color("#ffffff") == (1.0, 1.0, 1.0)
-    assert linear_color("#808080") == pytest.approx((0.2158605,) * 3)
+    assert linear_rgb_from_hex("#ffffff") == (1.0, 1.0, 1.0)
+    assert linear_rgb_from_hex("#808080") == pytest.approx((0.2158605,) * 3)
     assert LUMINANCE_WEIGHTS.sum() == pytest.approx(1.0)
 
 

@@ -6,7 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from hulldown.base.outputs import DONE_NAME, LOCK_NAME, OutputBusy, OutputError, OutputFolder, OutputLock, claim_file
+from hulldown.base.outputs import (
+    DONE_NAME,
+    LOCK_NAME,
+    OutputBusy,
+    OutputError,
+    OutputFolder,
+    OutputLock,
+    require_replaceable_file,
+)
 
 
 def test_only_new_empty_and_own_files_are_claimed(tmp_path):
@@ -16,16 +24,16 @@ def test_only_new_empty_and_own_files_are_claimed(tmp_path):
     empty.touch()
     linked.symlink_to(tmp_path / "nowhere")
     for path in (tmp_path / "new" / "file", ours, empty):
-        claim_file(path, "a page", b"MARK")
+        require_replaceable_file(path, "a page", b"MARK")
     for path in (mine, linked):
         with pytest.raises(OutputError, match="exists and isn't a page by hulldown; name another file by -o"):
-            claim_file(path, "a page", b"MARK")
+            require_replaceable_file(path, "a page", b"MARK")
     with pytest.raises(OutputError, match="is an input of this command"):
-        claim_file(ours, "a page", b"MARK", inputs=[mine, tmp_path / "." / "ours"])
+        require_replaceable_file(ours, "a page", b"MARK", inputs=[mine, tmp_path / "." / "ours"])
     with pytest.raises(OutputError, match="is a folder; name a file for a page"):
-        claim_file(tmp_path, "a page")
+        require_replaceable_file(tmp_path, "a page")
     with pytest.raises(OutputError, match=r"mine/x: cannot be written \(.*mine is a file\)"):
-        claim_file(mine / "x", "a page")
+        require_replaceable_file(mine / "x", "a page")
 
 
 def test_only_new_empty_and_own_folders_are_filled(tmp_path):
@@ -58,14 +66,14 @@ def test_an_output_has_one_writer_and_its_lock_and_empty_folders_are_removed(tmp
 
 def test_a_place_without_files_is_not_a_second_process():
     with pytest.raises(OutputError, match=r"cannot be written \(no file can be made here\)"):
-        OutputLock.of_file(Path("/proc/plan.jsonl"), "plan")
+        OutputLock.acquire_for_file(Path("/proc/plan.jsonl"), "plan")
 
 
 def test_what_others_put_into_a_folder_stays_when_the_work_fails(tmp_path):
     folder = tmp_path / "out"
 
     def export(fill):
-        with OutputFolder(folder, "export", [DONE_NAME]) as output, output.all_or_nothing("key") as unfinished:
+        with OutputFolder(folder, "export", [DONE_NAME]) as output, output.stage_content("key") as unfinished:
             fill(unfinished)
 
     def fill_disk(unfinished):
@@ -87,13 +95,13 @@ def test_what_others_put_into_a_folder_stays_when_the_work_fails(tmp_path):
 @pytest.mark.parametrize("change", [lambda path: path.unlink(), lambda path: path.write_text("other")])
 def test_a_folder_is_done_if_all_its_files_are_there_as_they_were_made(tmp_path, change):
     folder = tmp_path / "out"
-    with OutputFolder(folder, "export", [DONE_NAME]) as output, output.all_or_nothing("key") as unfinished:
+    with OutputFolder(folder, "export", [DONE_NAME]) as output, output.stage_content("key") as unfinished:
         (unfinished / "train").mkdir()
         (unfinished / "train" / "1.txt").write_text("1")
     (folder / "labels.cache").touch()  # a training tool's
     with OutputFolder(folder, "export", [DONE_NAME]) as output:
-        assert output.is_done("key")
-        assert not output.is_done("other key")
+        assert output.finish_earlier_run("key")
+        assert not output.finish_earlier_run("other key")
         change(folder / "train" / "1.txt")
         with pytest.raises(OutputError, match=r"1\.txt: is missing, or isn't as it was written; delete .*out"):
-            output.is_done("key")
+            output.finish_earlier_run("key")

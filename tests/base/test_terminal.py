@@ -3,14 +3,14 @@
 import io
 
 from hulldown.base import terminal
-from hulldown.base.terminal import Terminal, titled_bar, track_items
+from hulldown.base.terminal import Terminal, one_bar_for_all_titles, track_items
 
 
 def test_a_bar_of_images_shows_workers_speed_and_remaining_time(monkeypatch):
     out, now = io.StringIO(), [0.0]
     console = Terminal(file=out, force_terminal=True, width=150, get_time=lambda: now[0])
     monkeypatch.setattr(terminal, "STDERR_TERMINAL", console)
-    with titled_bar(unit="images") as advance:
+    with one_bar_for_all_titles(unit="images") as advance:
         advance("rendering on 1 worker", 10, 40)  # images of an earlier run, which don't count for the speed
         for finished in (11, 12):
             now[0] += 5.0

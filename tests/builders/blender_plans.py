@@ -11,7 +11,7 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
 from hulldown.planning.write import write_plan
 from hulldown.render.blender.messages import CyclesSettings
-from hulldown.render.jobs import render_job
+from hulldown.render.jobs import make_render_job
 from hulldown.render.process import Blender
 
 IMAGES = 12
@@ -56,7 +56,7 @@ def make_plan(folder, seed=0, **sections):
 def job(row, assets, output, samples=4):
     """The job of rendering a row."""
     settings = CyclesSettings(samples, denoise=False, adaptive_threshold=0.0, bounces=2)
-    return render_job(row, assets, settings, output)
+    return make_render_job(row, assets, settings, output)
 
 
 def draw(folder, turns, samples=4, *, as_planned=True):

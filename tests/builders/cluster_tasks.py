@@ -7,7 +7,7 @@ from pathlib import Path
 
 from distributed import get_worker
 
-from hulldown.cluster.workers import TaskResult, task_is_wanted
+from hulldown.cluster.workers import TaskResult, make_task_wanted_check
 
 
 def address_unless(refused):
@@ -36,7 +36,7 @@ def kills_its_worker(deadly):
 
 def until_unwanted(folder):
     """Write a file `begun`, and a file `ended` once the client has stopped waiting."""
-    is_wanted = task_is_wanted()
+    is_wanted = make_task_wanted_check()
     (Path(folder) / "begun").touch()
     while is_wanted():
         time.sleep(0.05)

@@ -39,7 +39,7 @@ while around:
         paths += [path] * (hidden != path)
     else:
         around += [os.path.join(path, name) for name in os.listdir(path)]
-landlock.confine_process({"execute": paths, "read": [], "write": paths})
+landlock.confine_this_process({"execute": paths, "read": [], "write": paths})
 os.execv(command[0], command)
 """
 

@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 
 from hulldown.blender.add_nodes import add_node
-from hulldown.blender.light_pictures import render_light, see_pixel_centers
-from hulldown.reading.blender.surfaces.bake import bake_opacities
+from hulldown.blender.light_pictures import render_light, set_light_at_pixel_centers
+from hulldown.reading.blender.surfaces.bake import bake_opacity_by_material
 from hulldown.reading.blender.surfaces.opacity import is_opaque
 from hulldown.render.blender import cycles
 from hulldown.render.blender.object_index import ONE_RAY
@@ -187,7 +187,7 @@ def show():
     lens.type, lens.ortho_scale = "ORTHO", STEP * len(CARDS)
     scene.camera = place("camera", lens, (lens.ortho_scale / 2, -5.0, 0.5), rot=(np.pi / 2, 0.0, 0.0))
     scene.render.resolution_x, scene.render.resolution_y = round(lens.ortho_scale * PIXELS), PIXELS
-    see_pixel_centers(scene)
+    set_light_at_pixel_centers(scene)
     return render_light(scene)[..., 0]
 
 
@@ -209,10 +209,10 @@ IMAGES = {
 cards()
 (FOLDER / "lost.png").unlink()
 save(FOLDER / "cards.blend")
-every = bake_opacities([material for material in bpy.data.materials if not is_opaque(material)])
+every = bake_opacity_by_material([material for material in bpy.data.materials if not is_opaque(material)])
 for name in ("multiply", "invert"):
     key = bpy.data.materials[name].as_pointer()
-    (alone,) = bake_opacities([bpy.data.materials[name]]).values()
+    (alone,) = bake_opacity_by_material([bpy.data.materials[name]]).values()
     assert np.array_equal(alone.curve, every[key].curve), "one material is baked like many"
 np.save(FOLDER / "shown.npy", show())
 (FOLDER / "cards.json").write_text(json.dumps(CARDS))

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.dataset.images import LabeledImages
-from hulldown.training.evaluation.labels import Labels, evaluation_labels
+from hulldown.training.evaluation.labels import Labels, labels_from_images
 from hulldown.training.evaluation.matching import match_detections
-from hulldown.training.evaluation.metrics import grouped_sums
-from hulldown.training.evaluation.predictions import Predictions, read_checked_predictions
+from hulldown.training.evaluation.metrics import metric_sums_by_bin
+from hulldown.training.evaluation.predictions import Predictions, predictions_from_results
 
 HERE = Path("dataset")
 
@@ -36,8 +36,8 @@ def results(found):
 
 
 def loaded(coco, found) -> tuple[Labels, Predictions]:
-    labels = evaluation_labels(LabeledImages.from_coco(coco), path=HERE)
-    return labels, read_checked_predictions(found, labels, path=Path("predictions.json"), name="predictions")
+    labels = labels_from_images(LabeledImages.from_coco_dict(coco), path=HERE)
+    return labels, predictions_from_results(found, labels, path=Path("predictions.json"), name="predictions")
 
 
 def matched(coco, found):
@@ -47,7 +47,7 @@ def matched(coco, found):
 def by_position(seen):
     """`metrics.SUM_METRICS` of each position."""
     all_of = {"of_detection": np.zeros(len(seen.box), dtype=int), "of_label": np.zeros(len(seen.detection), dtype=int)}
-    return grouped_sums(seen, **all_of, bins=1)[:, 0]
+    return metric_sums_by_bin(seen, **all_of, bins=1)[:, 0]
 
 
 def total(seen):

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from hulldown.camera.response import CARD_ALBEDO
-from hulldown.reading.blender.hdri_picture import _write_picture
+from hulldown.reading.blender.hdri_picture import _write_radiance_exr
 from hulldown.tests.builders.blend_parts import cuboid, fresh, gather, save
 from hulldown.tests.builders.render_worlds import diffuse
 
@@ -16,4 +16,4 @@ cuboid("card", (2.0, 2.0, 1.0), (0.0, 0.0, -0.5), diffuse("card", (CARD_ALBEDO,)
 gather()
 save(FOLDER / "card.blend")
 for sky in FOLDER.glob("*.npy"):
-    _write_picture(np.load(sky), str(sky.with_suffix(".exr")))
+    _write_radiance_exr(np.load(sky), str(sky.with_suffix(".exr")))

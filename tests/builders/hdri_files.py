@@ -10,7 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.reading.blender.hdri_picture import _write_picture
+from hulldown.reading.blender.hdri_picture import _write_radiance_exr
 
 WIDTH, HEIGHT = 64, 32
 
@@ -24,7 +24,7 @@ def sky():
 def tinted(folder):
     """The same sky in linear Rec. 709 and in ACEScg, as the files' metadata say."""
     pixels = sky() * np.array([1.0, 0.6, 0.2], dtype=np.float32)
-    _write_picture(pixels, str(folder / "plain.exr"))
+    _write_radiance_exr(pixels, str(folder / "plain.exr"))
     image = bpy.data.images.load(str(folder / "plain.exr"))
     image.colorspace_settings.name = "Linear Rec.709"  # data without a color space isn't converted
     settings = bpy.context.scene.render.image_settings
@@ -36,11 +36,11 @@ def tinted(folder):
 
 def main(folder):
     tinted(folder)
-    _write_picture(sky(), str(folder / "sky.exr"))
+    _write_radiance_exr(sky(), str(folder / "sky.exr"))
     for name, value in (("sun", np.inf), ("nan", np.nan)):
         pixels = sky()
         pixels[20, 31:33] = value
-        _write_picture(pixels, str(folder / f"{name}.exr"))
+        _write_radiance_exr(pixels, str(folder / f"{name}.exr"))
     image = bpy.data.images.load(str(folder / "sky.exr"))
     scene = bpy.context.scene
     scene.view_settings.view_transform = "Raw"

@@ -11,13 +11,13 @@ import bpy
 import numpy as np
 
 from hulldown.blender.add_nodes import add_node
-from hulldown.blender.light_pictures import render_light, see_pixel_centers
+from hulldown.blender.light_pictures import render_light, set_light_at_pixel_centers
 from hulldown.reading.blender import reader
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import reader_job
 from hulldown.render.blender import cycles
 from hulldown.render.blender.object_index import ONE_RAY
-from hulldown.render.blender.scene import append_twin
+from hulldown.render.blender.scene import append_twin_and_materials
 from hulldown.tests.builders.blend_parts import empty, fresh, mesh, place, save
 
 COPIES = 9  # enough to be drawn by one object
@@ -46,14 +46,14 @@ def picture(scene):
     scene.camera.location, scene.camera.rotation_euler = (count / 2, -5, 0.5), (np.pi / 2, 0, 0)
     scene.render.resolution_x, scene.render.resolution_y = count * 4, 4
     cycles.configure_scene(scene, ONE_RAY, device="CPU")
-    see_pixel_centers(scene)
+    set_light_at_pixel_centers(scene)
     return render_light(scene)[1, 1::4, 0]
 
 
 def twin(path):
     """A scene with the twin, beside what is already there."""
     scene = bpy.data.scenes.new("shown")
-    scene.collection.children.link(append_twin(str(path))[0])
+    scene.collection.children.link(append_twin_and_materials(str(path))[0])
     return scene
 
 
@@ -76,7 +76,7 @@ if __name__ == "__main__":
         out = folder / up
         out.mkdir()
         job = reader_job(folder / "cards.blend", out, kind="scenery", options=Options(up=up))
-        found[up] = [doubt.text for doubt in reader.read_asset_file(job).report.doubts]
+        found[up] = [doubt.text for doubt in reader.run_asset_job(job).report.doubts]
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     pictures += [picture(twin(folder / "z" / "tidy.blend")) for _ in range(2)]
     np.savez(folder / "pictures.npz", *pictures)

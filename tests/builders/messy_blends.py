@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix, Vector
 
-from hulldown.render.blender.scene import append_twin
+from hulldown.render.blender.scene import append_twin_and_materials
 from hulldown.tests.builders.blend_parts import empty, fresh, place, save
 from hulldown.tests.builders.messy_export import FOV, SIZE
 from hulldown.tests.builders.messy_parts import CASES, FOLDER, box
@@ -99,7 +99,7 @@ def render_tidy() -> None:
     """Render the tidy twins named in tidy.json from their cameras, loaded as the renderer loads them."""
     for name, twin in json.loads((FOLDER / "tidy.json").read_text(encoding="utf-8")).items():
         fresh()
-        collection, _ = append_twin(twin["path"])
+        collection, _ = append_twin_and_materials(twin["path"])
         bpy.context.scene.collection.children.link(collection)
         if twin["kind"] == "vehicle":
             root = empty("root")

@@ -16,7 +16,7 @@ from hulldown.assets.vehicle import VehicleShape
 from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported, Job, ask_reader, finished_export, reader_job
+from hulldown.reading.reader_process import Exported, Job, finished_export, reader_job, run_reader_jobs
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.ray_caster import RayCaster
 from hulldown.scene.rays import RayList
@@ -105,7 +105,7 @@ def build(folder: Path) -> None:
     for name in jobs:
         (folder / f"out_{name}").mkdir()
     # One process for all files, which starts Blender once; users get one process each.
-    ask_reader(list(jobs.values()))
+    run_reader_jobs(list(jobs.values()))
     made = load(folder)
     twins = {
         name: {

@@ -8,7 +8,7 @@ import torch
 from transformers import AutoModelForObjectDetection, DFineConfig, HGNetV2Config, RTDetrImageProcessor
 
 from hulldown.training.detectors import detr
-from hulldown.training.detectors.transformers_detector import save_transformers
+from hulldown.training.detectors.transformers_detector import save_transformers_weights
 from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import load_settings
 
@@ -61,7 +61,7 @@ def tiny_network(classes=CLASSES):
 
 def write_small_weights(folder, classes=CLASSES):
     """Write the folder of weights of a tiny network."""
-    save_transformers(tiny_network(classes), RTDetrImageProcessor(size={"height": 64, "width": 64}), folder)
+    save_transformers_weights(tiny_network(classes), RTDetrImageProcessor(size={"height": 64, "width": 64}), folder)
     return folder
 
 
@@ -87,4 +87,4 @@ def nano_module(settings, classes, folder):
 def nano_weights(folder):
     settings = load_settings(None, {"model": "nano", "resolution": 64, "weights": "none", "queries": 20, "groups": 1})
     module = nano_module(settings, CLASSES, folder)
-    return detr.detr_contents(module, CLASSES, module.model)
+    return detr.detr_checkpoint_contents(module, CLASSES, module.model)

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from hulldown.assets.plan_assets import Assets
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.schema import Config
@@ -27,7 +27,7 @@ def vehicle(name, scale=1.0):
         box((-1.2, -1.1, 1.4), (1.3, 1.1, 2.3)),
         box((1.3, -0.1, 1.7), (5.0, 0.1, 1.9)),
     ]
-    mesh, _ = merge_meshes(boxes)
+    mesh, _ = merge_meshes_with_sources(boxes)
     low, high = mesh.bounds
     foot = np.array([(low[0] + high[0]) / 2, (low[1] + high[1]) / 2, low[2]])
     pivots = np.array([[0, 0, 0], np.array([0, 0, 1.4]) - foot, np.array([1.3, 0, 1.8]) - foot]) * scale
@@ -125,5 +125,5 @@ def filled_share(size, row, measure):
 def plan(config, assets):
     """Yield the rows of a plan in order."""
     planner = Planner(config, assets)
-    for start in range(0, planner.budget.n_positions, POSITIONS_PER_BLOCK):
-        yield from planner.rows(start, min(start + POSITIONS_PER_BLOCK, planner.budget.n_positions))
+    for start in range(0, planner.budget.n_planned_positions, POSITIONS_PER_BLOCK):
+        yield from planner.rows(start, min(start + POSITIONS_PER_BLOCK, planner.budget.n_planned_positions))

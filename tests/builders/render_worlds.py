@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from hulldown.blender.add_nodes import add_node
-from hulldown.reading.blender.hdri_picture import _write_picture
+from hulldown.reading.blender.hdri_picture import _write_radiance_exr
 from hulldown.tests.builders.blend_parts import cuboid, empty, fresh, gather, mesh, place, save
 from hulldown.tests.builders.node_trees import material_of, principled, shader_of, write_picture
 
@@ -161,7 +161,7 @@ def bright_side(path):
 def hdri(path, radiance):
     """Write a gray sky, with the zenith in the first row, and its radiance beside it for `oracles.rendered`."""
     np.save(path.with_suffix(".npy"), radiance)
-    _write_picture(np.repeat(radiance[::-1, :, None], 3, axis=2), str(path))
+    _write_radiance_exr(np.repeat(radiance[::-1, :, None], 3, axis=2), str(path))
 
 
 def targets(path):

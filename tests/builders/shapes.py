@@ -8,7 +8,7 @@ import numpy as np
 
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.vehicle import Articulation, VehicleShape
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import axis_rotation, transform_points
 
 CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
@@ -61,7 +61,7 @@ def vehicle_of(*meshes: Mesh, name: str = "box", pivots=((0.0, 0.0, 0.0),) * 3) 
     parts = len(meshes)
     return VehicleShape(
         name=name,
-        mesh=merge_meshes(meshes, name=name)[0],
+        mesh=merge_meshes_with_sources(meshes, name=name)[0],
         vertex_part=np.repeat(np.arange(parts), [len(mesh.vertices) for mesh in meshes]),
         part_names=PARTS[:parts],
         part_parent=np.arange(parts) - 1,

@@ -10,8 +10,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
-from hulldown.blender.add_nodes import add_math, add_node
-from hulldown.blender.light_pictures import render_light, store_light
+from hulldown.blender.add_nodes import add_math_output, add_node
+from hulldown.blender.light_pictures import render_light, set_linear_light_output
 from hulldown.blender.tidy_properties import PART_PROPERTY, REST_PROPERTY
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.render.blender import cycles
@@ -43,7 +43,9 @@ def mixed(tree):
 def holes(tree):
     """A black leaf card with holes in stripes 0.1 m wide."""
     across = add_node(tree, "SeparateXYZ", {0: add_node(tree, "NewGeometry").outputs["Position"]}).outputs[0]
-    alpha = add_math(tree, "GREATER_THAN", add_math(tree, "FRACT", add_math(tree, "MULTIPLY", across, 5.0)), 0.5)
+    alpha = add_math_output(
+        tree, "GREATER_THAN", add_math_output(tree, "FRACT", add_math_output(tree, "MULTIPLY", across, 5.0)), 0.5
+    )
     black = {"Base Color": (*gray(0.0), 1.0), "Roughness": 1.0}
     return add_node(tree, "BsdfPrincipled", {**black, "Alpha": alpha}).outputs[0]
 
@@ -145,7 +147,7 @@ class Studio:
         self.folder = folder
         self.stage = BlenderScene(str(folder / f"{name}.blend"))
         cycles.configure_scene(self.stage.scene, SETTINGS, device="CPU")
-        store_light(self.stage.scene)
+        set_linear_light_output(self.stage.scene)
 
     def picture(self, name, camera, covered, vehicles=()):
         stage = self.stage

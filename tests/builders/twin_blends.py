@@ -15,7 +15,7 @@ import bpy
 from hulldown.blender.opening import open_blend
 from hulldown.reading.blender import duplicates, reader
 from hulldown.reading.reader_process import reader_job
-from hulldown.render.blender.scene import append_twin
+from hulldown.render.blender.scene import append_twin_and_materials
 from hulldown.tests.builders.blend_parts import collection, fresh, instance, mesh, place, save
 from hulldown.tests.builders.shapes import CORNERS, QUADS
 
@@ -151,7 +151,7 @@ def make():
 def drawn(path):
     """What a tidy twin renders: pose, mesh, materials, and visibility of each object."""
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
-    bpy.context.scene.collection.children.link(append_twin(str(path))[0])
+    bpy.context.scene.collection.children.link(append_twin_and_materials(str(path))[0])
     found = []
     for each in bpy.context.evaluated_depsgraph_get().object_instances:
         thing = each.object
@@ -181,6 +181,6 @@ if __name__ == "__main__":
         reader.main(str(job))
         answer[name] = drawn(str(told.file("tidy.blend")))
     taken = {}
-    open_blend(str(path), then=lambda: taken.update(duplicates.take_duplicates()))
+    open_blend(str(path), then=lambda: taken.update(duplicates.remove_duplicate_objects()))
     answer["taken"] = sorted(duplicate.name for same in taken.values() for duplicate in same)
     (folder / "answer.json").write_text(json.dumps(answer))

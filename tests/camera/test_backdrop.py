@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hulldown.camera.backdrop import even_color, fade_sines
+from hulldown.camera.backdrop import backdrop_color, backdrop_fade_sines
 from hulldown.tests.oracles.rendered import radiance
 
 
@@ -21,7 +21,7 @@ def at(elevation_deg):
 
 
 def test_objects_above_a_high_horizon_leave_no_streaks_below():
-    assert even_color(street(), np.radians(30.0)).tolist() == [2.0] * 3
+    assert backdrop_color(street(), np.radians(30.0)).tolist() == [2.0] * 3
     for elevation in (-5.0, 10.0, 29.9):
         seen = radiance(street(), at(elevation), yaw=0.4, strength=1.5, horizon_deg=30.0)
         np.testing.assert_allclose(seen, 3.0, rtol=1e-12)
@@ -35,5 +35,5 @@ def test_a_low_horizon_keeps_its_surroundings_colors():
 
 @pytest.mark.parametrize("horizon_deg", [15.1, 60.0, 79.9, 85.0, 90.0])
 def test_the_fade_ends_above_its_start(horizon_deg):
-    low, high = fade_sines(np.radians(horizon_deg))
+    low, high = backdrop_fade_sines(np.radians(horizon_deg))
     assert low < high <= 1.0

@@ -12,7 +12,7 @@ import pytest
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import frame_target
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.shell import camera_pose, shell_axes, shell_place
+from hulldown.camera.shell import camera_pose, outward_and_camera_axes, shell_coordinates
 from hulldown.camera.size import solve_distance
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix
 from hulldown.tests.builders.cameras import unproject
@@ -37,7 +37,11 @@ def test_a_point_at_half_the_field_of_view_is_at_the_images_edge(fov_deg: float)
     assert camera.half_tangents == pytest.approx((960 / camera.f_px, 540 / camera.f_px), rel=1e-12)
     # A row has 12 decimals.
     assert camera.fov_x_deg.round(12) == fov_deg
-    assert Intrinsics.of_fields(1920, 1080, fov_x_deg=fov_deg) == camera == camera.with_size(480, 270).with_size(1920, 1080)
+    assert (
+        Intrinsics.from_record_fields(1920, 1080, fov_x_deg=fov_deg)
+        == camera
+        == camera.with_size(480, 270).with_size(1920, 1080)
+    )
 
 
 def test_points_at_or_behind_the_camera_have_a_depth_but_no_pixel() -> None:
@@ -113,10 +117,10 @@ def test_a_level_camera_in_the_east_looks_west_with_north_to_its_right() -> None
 
 def test_a_position_on_the_shell_has_its_angles() -> None:
     azimuth, elevation = np.array([0.3, -3.1, 2.0, 0.0]), np.array([0.2, -1.2, 1.5, math.pi / 2])
-    found = shell_place(7.0 * shell_axes(azimuth, elevation)[0])
+    found = shell_coordinates(7.0 * outward_and_camera_axes(azimuth, elevation)[0])
     np.testing.assert_allclose(found[0], 7.0, rtol=1e-15)
     np.testing.assert_allclose(found[1:], [azimuth, elevation], atol=1e-15)
-    assert [float(each) for each in shell_place(np.zeros(3))] == [0.0, 0.0, 0.0]
+    assert [float(each) for each in shell_coordinates(np.zeros(3))] == [0.0, 0.0, 0.0]
 
 
 def test_cuts_of_each_side_and_corner_are_as_frequent_and_as_deep_as_their_area() -> None:

@@ -122,7 +122,7 @@ def test_the_bounds_of_an_image_contain_all_its_rays():
         intrinsics = Intrinsics.calibrated(1920, 1080, PINHOLE, lens)
         low, high = intrinsics.window
         pixels = np.stack(np.meshgrid(np.linspace(0, 1920, 200), np.linspace(0, 1080, 113)), -1).reshape(-1, 2)
-        unit = intrinsics.at_unit_depth(pixels)
+        unit = intrinsics.unit_points_from_pixels(pixels)
         assert (unit >= low).all()
         assert (unit <= high).all()
         np.testing.assert_allclose([unit.min(axis=0), unit.max(axis=0)], [low, high], atol=0.01)

@@ -10,7 +10,7 @@ from hulldown.dataset.exports.export import export_dataset
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.editing import write_dataset
 from hulldown.training.evaluation.labels import read_labels
-from hulldown.training.inputs.sources import read_sources
+from hulldown.training.inputs.sources import read_classes_and_sources
 
 
 def dataset(folder, *boxes):
@@ -26,7 +26,7 @@ def exported(folder, out, **options):
 def test_a_box_slightly_outside_is_clipped(tmp_path):
     folder = dataset(tmp_path, (-0.004, 2, 10, 5), (30, 20, 2.9, 4.5))
     clipped = [[0, 2, 9.996, 5], [30, 20, 2, 4]]
-    np.testing.assert_allclose(read_sources({"real": folder})[1][0].xywh, clipped, atol=1e-12)
+    np.testing.assert_allclose(read_classes_and_sources({"real": folder})[1][0].xywh, clipped, atol=1e-12)
     assert [(each.severity, each.figure) for each in verify_dataset(folder)] == [
         ("warning", 0.004),
         ("warning", pytest.approx(0.9)),
@@ -34,7 +34,7 @@ def test_a_box_slightly_outside_is_clipped(tmp_path):
     np.testing.assert_allclose(exported(folder, tmp_path / "out"), clipped, atol=1e-12)
 
 
-@pytest.mark.parametrize("use", [lambda folder, out: read_sources({"real": folder}), export_dataset])
+@pytest.mark.parametrize("use", [lambda folder, out: read_classes_and_sources({"real": folder}), export_dataset])
 def test_all_other_boxes_are_listed_together(tmp_path, use):
     folder = dataset(tmp_path, (-5, 2, 10, 5), (1, 1, 4, 4), (30, 20, 9, 4), (3, 3, 0, 4))
     with pytest.raises(DatasetError) as error:

@@ -135,7 +135,7 @@ def test_a_crash_between_the_two_files_doubles_nothing(tmp_path):
 
 
 def test_a_reader_changes_nothing_and_misses_nothing_that_is_merged_while_it_reads(tmp_path, monkeypatch):
-    read = documents._read_annotations
+    read = documents._read_coco_document
     with CocoDataset.open(tmp_path) as dataset:
         dataset.append(image(1), [annotation()])
         assert [i["id"] for i in read_coco(tmp_path)["images"]] == [1]
@@ -150,7 +150,7 @@ def test_a_reader_changes_nothing_and_misses_nothing_that_is_merged_while_it_rea
             return document
 
         with monkeypatch.context() as patch:
-            patch.setattr(documents, "_read_annotations", and_merge)
+            patch.setattr(documents, "_read_coco_document", and_merge)
             assert [i["id"] for i in read_coco(tmp_path)["images"]] == [1, 2, 3]
     assert read_coco(tmp_path) == load(tmp_path)
     assert len(load(tmp_path)["annotations"]) == 3

@@ -106,7 +106,7 @@ def test_folders_of_other_tools_are_read(tmp_path, write):
     picture.parent.mkdir(exist_ok=True, parents=True)
     Image.new("RGB", (100, 50)).save(picture)
     (tmp_path / "images").mkdir(exist_ok=True)
-    found = LabeledImages.from_coco(read_coco(tmp_path))
+    found = LabeledImages.from_coco_dict(read_coco(tmp_path))
     assert [each.name for each in found.categories] == ["tank"]
     assert [tmp_path / each.file_name for each in found.images] == [picture]
     assert found.images[0].labels[0].bbox == pytest.approx([10, 7.5 if "yolo" in repr(write) else 9, 20, 20])

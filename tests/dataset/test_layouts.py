@@ -17,9 +17,9 @@ from hulldown.annotate.outlines import mask_polygons
 from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
 from hulldown.dataset.exports.export import LAYOUTS, WITH_POLYGONS, export_dataset
-from hulldown.dataset.exports.layouts.kitti import label_line
+from hulldown.dataset.exports.layouts.kitti import kitti_label_line
 from hulldown.tests.builders.editing import edit, write_dataset
-from hulldown.verbs.command import command_line
+from hulldown.verbs.command import make_command_app
 
 WIDTH, HEIGHT = 64, 40
 NAMES = ["tank", 'truck "6x6"', "armored car"]  # the last has no label
@@ -268,7 +268,7 @@ def test_kittis_angles_are_zero_for_a_vehicle_ahead_that_drives_to_the_right(x, 
     box = {"center": [x, 0.0, 20.0], "size": [8.0, 3.0, 2.0], "rotation": rotation}
     label = {"bbox": [1, 2, 3, 4], "bbox_3d": box, "visible_fraction": 0.7, "truncated_fraction": 0.25}
     label |= {"id": 1, "image_id": 1, "category_id": 1}
-    kind, truncated, occluded, *fields = label_line(Label.of(label, {1: "a b"})).split()
+    kind, truncated, occluded, *fields = kitti_label_line(Label.of(label, {1: "a b"})).split()
     assert (kind, truncated, occluded) == ("a_b", "0.2500", "1")
     wanted = [alpha, 1, 2, 4, 6, 2, 3, 8, x, 1, 20, turn]
     np.testing.assert_allclose([float(each) for each in fields], wanted, rtol=0, atol=1e-6)
@@ -277,7 +277,7 @@ def test_kittis_angles_are_zero_for_a_vehicle_ahead_that_drives_to_the_right(x, 
 @pytest.mark.parametrize("layout", LAYOUTS)
 def test_the_command_knows_every_layout(layout):
     words = ["export", "d", "-o", "out", "--format", layout]
-    _, given, _ = command_line(words, cli.VERBS).parse_args(words, exit_on_error=False)
+    _, given, _ = make_command_app(words, cli.VERBS).parse_args(words, exit_on_error=False)
     assert given.arguments["layout"] == layout
 
 

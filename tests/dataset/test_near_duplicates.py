@@ -6,7 +6,7 @@ from PIL import Image
 from scipy import ndimage
 
 from hulldown.assets.picture_files import read_pixels
-from hulldown.dataset.verification.check_pictures import near_duplicates, picture_hash
+from hulldown.dataset.verification.check_pictures import near_duplicate_pairs, perceptual_hash
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.editing import write_dataset
 
@@ -26,7 +26,7 @@ def photographs(tmp_path_factory):
 
 
 def hashes(paths):
-    return [picture_hash(read_pixels(path)) for path in paths]
+    return [perceptual_hash(read_pixels(path)) for path in paths]
 
 
 def paths(folder):
@@ -50,14 +50,14 @@ def test_a_saved_copy_of_a_picture_is_found_and_no_other(photographs, tmp_path, 
         with Image.open(path) as picture:
             change(picture).save(tmp_path / f"{i}{suffix}")
         again.append(tmp_path / f"{i}{suffix}")
-    pairs = near_duplicates(hashes(paths(photographs)), hashes(again))
+    pairs = near_duplicate_pairs(hashes(paths(photographs)), hashes(again))
     np.testing.assert_array_equal(pairs, np.stack([np.arange(20)] * 2, axis=1))
 
 
 def test_plain_pictures_match_nothing():
-    plain = [picture_hash(np.full((90, 160, 3), level, dtype=np.uint8)) for level in (0, 90, 255)]
+    plain = [perceptual_hash(np.full((90, 160, 3), level, dtype=np.uint8)) for level in (0, 90, 255)]
     assert plain == [None] * 3
-    assert len(near_duplicates(plain, plain)) == 0
+    assert len(near_duplicate_pairs(plain, plain)) == 0
 
 
 def test_verify_warns_of_photographs_with_the_same_content(photographs, tmp_path):

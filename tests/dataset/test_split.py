@@ -7,9 +7,9 @@ from PIL import Image as Pictures
 from hulldown.annotate.records import Image, Label
 from hulldown.base.outputs import DONE_NAME, UNFINISHED_NAME, OutputError
 from hulldown.dataset.exports.export import export_dataset
-from hulldown.dataset.exports.split import SPLIT_NAMES, assign_splits
-from hulldown.dataset.images import position_group
-from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.exports.split import SPLIT_NAMES, split_name_by_image_id
+from hulldown.dataset.images import position_group_key
+from hulldown.dataset.record_checks import read_usable_dataset
 from hulldown.tests.builders.editing import write_dataset
 
 
@@ -43,8 +43,8 @@ def image_of(number: int, labels: list[dict], **more) -> Image:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_images_of_one_position_stay_together(dataset, seed):
-    images = read_usable(dataset).images
-    split_of = assign_splits(images, seed=seed)
+    images = read_usable_dataset(dataset).images
+    split_of = split_name_by_image_id(images, seed=seed)
     splits_of_position = {}
     for image in images:
         if "position" in image.record:
@@ -53,8 +53,8 @@ def test_images_of_one_position_stay_together(dataset, seed):
 
 
 def test_every_class_has_its_share_in_every_split(dataset):
-    images = read_usable(dataset).images
-    split_of = assign_splits(images, fractions=(0.7, 0.2, 0.1))
+    images = read_usable_dataset(dataset).images
+    split_of = split_name_by_image_id(images, fractions=(0.7, 0.2, 0.1))
     for category, total in ((1, 200), (2, 100), (None, 20)):
         first = {image.id: image.labels[0].category_id if image.labels else None for image in images}
         splits = [split_of[i] for i, found in first.items() if found == category]
@@ -65,7 +65,7 @@ def test_every_class_has_its_share_in_every_split(dataset):
 def shared_out(classes_of_images, **options):
     """Number of images in each split, and mean number of objects per image."""
     images = [image_of(i, [{"category_id": c} for c in found]) for i, found in enumerate(classes_of_images)]
-    split_of = assign_splits(images, **options)
+    split_of = split_name_by_image_id(images, **options)
     members = {split: [image for image in images if split_of[image.id] == split] for split in SPLIT_NAMES}
     counts = {split: len(found) for split, found in members.items()}
     return counts, {split: np.mean([len(image.labels) for image in found]) for split, found in members.items()}
@@ -85,32 +85,32 @@ def test_a_small_dataset_of_many_classes_reaches_every_split():
 
 
 def test_without_images_there_are_no_splits():
-    assert assign_splits([]) == {}
+    assert split_name_by_image_id([]) == {}
 
 
 def test_the_split_depends_only_on_the_seed(dataset):
-    images = read_usable(dataset).images
-    assert assign_splits(images) == assign_splits(images[::-1])
-    assert assign_splits(images, seed=1) != assign_splits(images)
+    images = read_usable_dataset(dataset).images
+    assert split_name_by_image_id(images) == split_name_by_image_id(images[::-1])
+    assert split_name_by_image_id(images, seed=1) != split_name_by_image_id(images)
 
 
 def test_a_share_of_zero_gets_nothing(dataset):
-    images = read_usable(dataset).images
-    assert set(assign_splits(images, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
+    images = read_usable_dataset(dataset).images
+    assert set(split_name_by_image_id(images, fractions=(0.5, 0.5, 0.0)).values()) == {"train", "valid"}
 
 
 @pytest.mark.parametrize("fractions", [(0.7, 0.2), (0.7, 0.2, 0.2), (1.2, -0.1, -0.1)])
 def test_shares_that_do_not_add_up_are_refused(fractions):
     with pytest.raises((ValueError, TypeError), match=r"fractions"):
-        assign_splits([], fractions=fractions)
+        split_name_by_image_id([], fractions=fractions)
 
 
 @pytest.mark.parametrize("kind", [[], [[1, 2, 3]] * 3, "no pose", 7, {"x": 1}, [[0, 0, 0, "far"]] * 3, [None] * 4])
 def test_other_formats_of_poses_do_not_group_images(kind):
     boxed = [{"world_from_vehicle": kind}]
-    assert position_group(image_of(3, boxed, scenery="hills")) == "image 3"
+    assert position_group_key(image_of(3, boxed, scenery="hills")) == "image 3"
     boxed.append({"vehicle": "a", "world_from_vehicle": pose(2)})
-    assert position_group(image_of(3, boxed, scenery="hills")) == "hills a 2.000 0.000 0.000"
+    assert position_group_key(image_of(3, boxed, scenery="hills")) == "hills a 2.000 0.000 0.000"
 
 
 @pytest.mark.parametrize(

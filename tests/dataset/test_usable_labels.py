@@ -3,7 +3,7 @@
 import pytest
 
 from hulldown.annotate.records import Label
-from hulldown.dataset.record_checks import check_labels, sound_images
+from hulldown.dataset.record_checks import find_label_problems, sound_images_by_id
 from hulldown.dataset.usable_labels import LabelFloors
 
 OF = {"image_id": 7, "category_id": 1}
@@ -38,6 +38,6 @@ def test_labels_below_the_limits_are_ignored_or_left_out(floors, crowds, left):
 def test_a_label_on_a_background_is_found():
     image = {"id": 7, "file_name": "images/7.png", "width": 64, "height": 64, "background": True}
     coco = {"images": [image], "categories": [{"id": 1, "name": "tank"}], "annotations": LABELS[3:]}
-    findings = [str(finding) for finding in check_labels(coco["categories"], sound_images(coco).values())]
+    findings = [str(finding) for finding in find_label_problems(coco["categories"], sound_images_by_id(coco).values())]
     assert findings[0] == "error: images/7.png: annotation 4: is a label on a background, an image without targets"
     assert not any("annotation 5: is a label" in finding for finding in findings)

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import decode_mask, encode_mask
-from hulldown.annotate.rectangles import mask_rectangle
+from hulldown.annotate.rectangles import smallest_mask_rectangle
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.cli import main
 from hulldown.dataset.coco import CocoDataset
@@ -226,7 +226,7 @@ def test_masks_are_computed_anew_up_to_rays_on_edges(tmp_path, render, pixels, f
         mask = decode_mask(label["segmentation"], 16, 16)
         mask[tuple(np.argwhere(mask)[:pixels].T)] = False
         label |= {"segmentation": encode_mask(mask), "segmentation_amodal": encode_mask(mask), "area": int(mask.sum())}
-        label["obb"] = mask_rectangle(label["segmentation"], 16, 16).tolist()
+        label["obb"] = smallest_mask_rectangle(label["segmentation"], 16, 16).tolist()
 
     edit(folder, change)
     for fast, keys in ((False, ["segmentation", "area", "segmentation_amodal", "obb"] if found else []), (True, [])):

@@ -205,7 +205,7 @@ from pathlib import Path
 from hulldown.demo import skies
 skies.SKY_WIDTH_PX = 512
 for name in sys.argv[2:]:
-    path = skies.write_sky(name, Path(sys.argv[1]))  # before `bpy.data` is asked: it starts a new file
+    path = skies.render_sky_hdri(name, Path(sys.argv[1]))  # before `bpy.data` is asked: it starts a new file
     image = bpy.data.images.load(str(path))
     w, h = image.size
     light = np.empty(w * h * image.channels, np.float32)

@@ -17,7 +17,7 @@ from pycocotools.coco import COCO
 
 from hulldown import cli
 from hulldown.plan.config.config_keys import config_text
-from hulldown.verbs.command import command_line
+from hulldown.verbs.command import make_command_app
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -133,7 +133,7 @@ def test_the_command_accepts_the_arguments_of_every_line():
     assert all(set(commands(page)) <= set(shown[page.stem]) for page in PAGES)
     for line in itertools.chain.from_iterable(shown.values()):
         words = shlex.split(line, comments=True)[1:]
-        command_line(words, cli.VERBS).parse_args(words, exit_on_error=False)
+        make_command_app(words, cli.VERBS).parse_args(words, exit_on_error=False)
 
 
 def test_the_code_of_the_python_page_imports_existing_names():

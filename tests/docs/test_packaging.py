@@ -149,4 +149,4 @@ def test_setup_takes_a_supported_python_and_tells_which(tmp_path, machine, expec
     ],
 )
 def test_every_library_of_blender_has_a_package_to_install(message, remedy):
-    assert remedy in str(libraries.library_remedy(f"Traceback:\n{message}"))
+    assert remedy in str(libraries.remedy_for_blender_output(f"Traceback:\n{message}"))

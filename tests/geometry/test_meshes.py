@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import MESH_SUFFIXES, Mesh, first_equal, merge_meshes
+from hulldown.geometry.meshes import MESH_SUFFIXES, Mesh, first_equal_indices, merge_meshes_with_sources
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
 from hulldown.tests.builders.shapes import surface
 
@@ -17,15 +17,15 @@ def test_bounds_exclude_unused_vertices():
 
 
 def test_merging_gives_the_mesh_of_each_face():
-    merged, source = merge_meshes([Mesh(SQUARE, FACES[:1]), Mesh(SQUARE + 5, FACES)])
+    merged, source = merge_meshes_with_sources([Mesh(SQUARE, FACES[:1]), Mesh(SQUARE + 5, FACES)])
     assert source.tolist() == [0, 1, 1]
     np.testing.assert_array_equal(merged.triangles[1:], SQUARE[FACES] + 5)
 
 
 def test_the_first_of_equal_points_represents_them():
     points = np.array([[1.0, 0.0], [0.0, 1.0], [1.0, -0.0], [0.0, 1.0], [5e-324, 1.0]])
-    assert first_equal(points).tolist() == [0, 1, 0, 1, 4]
-    assert first_equal(np.empty((0, 2))).tolist() == []
+    assert first_equal_indices(points).tolist() == [0, 1, 0, 1, 4]
+    assert first_equal_indices(np.empty((0, 2))).tolist() == []
 
 
 def hill() -> Mesh:

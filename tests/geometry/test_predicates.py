@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hulldown.geometry.predicates import exact_heights, exact_normals, orientation_sign
+from hulldown.geometry.predicates import exact_height_fractions, exact_upward_normals, orientation_sign
 
 
 def exact_area(ax, ay, bx, by, px, py):
@@ -69,7 +69,7 @@ def test_heights_are_exact_and_rounded_to_the_nearest_float64(rows):
     rows = [r for r in rows if exact_area(r[0], r[1], r[3], r[4], r[6], r[7])]
     corners = np.array([r[:9] for r in rows]).reshape(-1, 3, 3)
     x, y = np.array([r[9:] for r in rows]).reshape(-1, 2).T.copy()
-    numerator, denominator = exact_heights(corners, x, y) if rows else ([], [])
+    numerator, denominator = exact_height_fractions(corners, x, y) if rows else ([], [])
     for row, top, bottom in zip(rows, numerator, denominator, strict=True):
         (ax, ay, az, bx, by, bz, cx, cy, cz), p = map(Fraction, row[:9]), row[9:]
         opposite = [exact_area(bx, by, cx, cy, *p), exact_area(cx, cy, ax, ay, *p), exact_area(ax, ay, bx, by, *p)]
@@ -79,5 +79,5 @@ def test_heights_are_exact_and_rounded_to_the_nearest_float64(rows):
 
 def test_normals_of_nearly_vertical_faces_keep_their_digits():
     corners = np.array([[[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1e-12, 0.0, 10.0]]])
-    np.testing.assert_allclose(exact_normals(corners), [[-1.0, 0.0, 1e-13]], rtol=1e-15)
-    np.testing.assert_allclose(exact_normals(corners[:, ::-1]), [[-1.0, 0.0, 1e-13]], rtol=1e-15)
+    np.testing.assert_allclose(exact_upward_normals(corners), [[-1.0, 0.0, 1e-13]], rtol=1e-15)
+    np.testing.assert_allclose(exact_upward_normals(corners[:, ::-1]), [[-1.0, 0.0, 1e-13]], rtol=1e-15)

@@ -10,7 +10,7 @@ from hulldown.geometry.transforms import (
     rotate_vectors,
     rotation_z,
     tilt_rotation,
-    upright_rotation,
+    yaw_and_up_rotation,
 )
 from hulldown.tests.builders.shapes import random_rotations
 
@@ -37,7 +37,7 @@ def test_rotations_equal_those_of_scipy():
 
 def test_the_smallest_tilt_turns_about_a_level_axis_and_facing_keeps_the_heading():
     yaw = np.linspace(-3.1, 3.1, N)
-    tilt, turn = tilt_rotation(UP), upright_rotation(yaw, UP)
+    tilt, turn = tilt_rotation(UP), yaw_and_up_rotation(yaw, UP)
     assert_rotations(tilt)
     np.testing.assert_allclose(tilt[:, :, 2], UP, atol=1e-15)
     level = np.stack([-UP[:, 1], UP[:, 0], np.zeros(N)], axis=1)

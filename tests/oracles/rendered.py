@@ -11,15 +11,15 @@ import math
 import numpy as np
 from scipy import ndimage
 
-from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, even_color, fade_sines
-from hulldown.camera.response import display_levels, white_balance
+from hulldown.camera.backdrop import HIGH_HORIZON_RADIANS, backdrop_color, backdrop_fade_sines
+from hulldown.camera.response import display_levels, white_balance_matrix
 from hulldown.dataset.row_records import Segmenter
 from hulldown.dataset.store.document import read_coco
-from hulldown.dataset.store.reservations import find_reservation, plan_key
+from hulldown.dataset.store.reservations import find_reservation, plan_file_key
 from hulldown.plan.row_scenes import RowScenes
 from hulldown.scene.rays import RayList
 from hulldown.tests.builders.blender_plans import pixels
-from hulldown.weather.kinds import air_layers, airlight_radiance, even_sky
+from hulldown.weather.kinds import air_layers, airlight_radiance, even_sky_radiance
 
 MIN_SKY_PX = 40
 MAX_SKY_DIFFERENCE = 6.0  # of 255: median; sound pictures had 4.9 at most
@@ -34,7 +34,7 @@ _MIXED = np.array([[3, 1, 0], [1, 2, 1], [0, 1, 3]]) / 8  # of red, green, and b
 def assert_shows_plan(folder, plan, library):
     """Check the pictures of a plan in a dataset."""
     coco = read_coco(folder)
-    reservation = find_reservation(coco, plan_key(plan.path))
+    reservation = find_reservation(coco, plan_file_key(plan.path))
     names = {image["id"]: image["file_name"] for image in coco["images"]}
     rows = {row.file_name: row for n, row in enumerate(plan, start=reservation.image_offset + 1) if n in names}
     assert rows
@@ -65,7 +65,7 @@ def sky_difference(picture, row, scene, sky):
         sky, along, yaw=math.radians(row.hdri_yaw_deg), strength=row.strength, weather=row.weather,
         horizon_deg=row.horizon_deg,
     )  # fmt: skip
-    expected = display_levels(seen @ (white_balance(row.white_balance_k).T * 2.0**row.exposure_ev))
+    expected = display_levels(seen @ (white_balance_matrix(row.white_balance_k).T * 2.0**row.exposure_ev))
     smoothed = ndimage.uniform_filter((picture - expected.reshape(picture.shape)) * free[..., None], (5, 5, 0))
     share = ndimage.uniform_filter(free.astype(np.float64), 5)
     return float(np.median(np.abs(smoothed[free] / share[free][:, None]).max(axis=1)))
@@ -86,9 +86,9 @@ def radiance(sky, along, *, yaw, strength, weather=None, horizon_deg=None):
     row = (0.5 - elevation / np.pi) * height
     seen = sky[np.clip(row.astype(int), 0, height - 1), np.floor(column).astype(int) % width] * strength
     if horizon is not None and horizon > HIGH_HORIZON_RADIANS:
-        low, high = fade_sines(horizon)
+        low, high = backdrop_fade_sines(horizon)
         share = np.clip((high - z) / (high - low), 0.0, 1.0)[..., None]
-        seen = (1.0 - share) * seen + share * even_color(sky, horizon) * strength
+        seen = (1.0 - share) * seen + share * backdrop_color(sky, horizon) * strength
     if weather is None:
         return seen
     depth = np.zeros(along.shape[:-1])
@@ -98,7 +98,7 @@ def radiance(sky, along, *, yaw, strength, weather=None, horizon_deg=None):
             sides = np.stack([layer.reach / np.abs(x), layer.reach / np.abs(y), down / np.abs(z)])
         depth += layer.extinction * sides.min(axis=0)
     clear = np.exp(-depth)[..., None]
-    return clear * seen + (1.0 - clear) * airlight_radiance(weather.kind, even_sky(sky)) * strength
+    return clear * seen + (1.0 - clear) * airlight_radiance(weather.kind, even_sky_radiance(sky)) * strength
 
 
 def outline_steps(picture, masks):

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.annotate.drawing import IGNORED_COLOR, Overlay, category_color, draw_boxes
+from hulldown.annotate.drawing import IGNORED_COLOR, Overlay, category_color, picture_with_labels
 from hulldown.annotate.masks import encode_mask
 from hulldown.base.errors import DatasetError, HulldownError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.table import Dataset
-from hulldown.pictures.own_files import claim_picture, save_picture
+from hulldown.pictures.own_files import require_replaceable_picture, save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.tests.builders.editing import append, write_dataset
 
@@ -24,7 +24,7 @@ def pixels_of(picture: Image.Image, color: tuple[int, int, int]) -> np.ndarray:
 
 def test_outlines_are_just_outside_the_box_and_hide_nothing():
     picture = gray()
-    drawn = draw_boxes(picture, [Overlay(np.array([100.2, 60.7, 40.3, 30.1]), 1, "tank")])
+    drawn = picture_with_labels(picture, [Overlay(np.array([100.2, 60.7, 40.3, 30.1]), 1, "tank")])
     outline = pixels_of(drawn, category_color(1))
     # The box covers pixels 100 to 140 and 60 to 90.
     assert not outline[60:91, 100:141].any()
@@ -38,15 +38,17 @@ def test_outlines_are_just_outside_the_box_and_hide_nothing():
 
 @pytest.mark.parametrize("bbox", [[-50, -50, 10, 10], [400, 300, 10, 10], [20, 20, -9, -9], [320, 180, 0, 0]])
 def test_a_box_outside_its_picture_is_drawn_at_the_edge(bbox):
-    outline = pixels_of(draw_boxes(gray(), [Overlay(np.array(bbox), 1, "tank")]), category_color(1))
+    outline = pixels_of(picture_with_labels(gray(), [Overlay(np.array(bbox), 1, "tank")]), category_color(1))
     assert outline.any()
 
 
 @pytest.mark.parametrize("bbox", [[0, 0, 320, 180], [0, 0, 20, 20], [300, 160, 20, 20], [100, 5, 30, 170]])
 def test_names_are_inside_the_picture(bbox):
     named = [Overlay(np.array(bbox), 2, name) for name in ("i", "truck" * 4)]
-    outline = pixels_of(draw_boxes(gray(), [replace(named[0], ignored=True)]), IGNORED_COLOR)  # ignored ones have no name
-    short, long = (pixels_of(draw_boxes(gray(), [box]), category_color(2)) & ~outline for box in named)
+    outline = pixels_of(
+        picture_with_labels(gray(), [replace(named[0], ignored=True)]), IGNORED_COLOR
+    )  # ignored ones have no name
+    short, long = (pixels_of(picture_with_labels(gray(), [box]), category_color(2)) & ~outline for box in named)
     # The name's background, but for the letters: 10 pixels high at least, and a third as wide for each letter.
     assert short.sum() >= 30
     assert long.sum() >= 10 * 20 * 3
@@ -56,7 +58,9 @@ def test_masks_are_tinted_exactly():
     mask = np.zeros((180, 320), dtype=bool)
     mask[80:90, 120:130] = True
     drawn = np.asarray(
-        draw_boxes(gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode_mask(mask)})])
+        picture_with_labels(
+            gray(), [Overlay(np.array([100, 60, 60, 50]), 1, "tank", record={"segmentation": encode_mask(mask)})]
+        )
     )
     assert (drawn[mask] == np.round(0.6 * 90 + 0.4 * np.array(category_color(1)))).all()
     assert (drawn[60:110, 100:160][~mask[60:110, 100:160]] == 90).all()
@@ -130,5 +134,5 @@ def test_only_pictures_by_hulldown_are_replaced(tmp_path):
     path.unlink()
     save_picture(gray(), path)
     save_picture(gray(), path)
-    claim_picture(path)
+    require_replaceable_picture(path)
     assert [found.name for found in tmp_path.iterdir()] == ["tank.png"]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import compose_affine, rigid_matrix, rotation_z
 from hulldown.placement.clearance import CameraRoom
 from hulldown.placement.terrain import Terrain
@@ -24,7 +24,7 @@ STREET = Obstacles(InstancedScene([HOUSE], [0], rigid_matrix(np.eye(3), [20.0, 0
 
 
 def judge(room: CameraRoom, *position: float, **limits: object) -> Rejection:
-    return Rejection(int(room.reject_places([list(position)], **limits)[0]))
+    return Rejection(int(room.clearance_rejections([list(position)], **limits)[0]))
 
 
 TRIANGLE = Terrain(Mesh(np.array([[0.0, 0, 0], [9, 0, 0], [0, 9, 0]]), np.array([[0, 1, 2]])))
@@ -56,7 +56,7 @@ def test_cameras_may_be_above_roofs_without_ground_below() -> None:
 def test_no_surface_is_closer_than_the_clearance() -> None:
     room, rng = CameraRoom(Terrain(0.0), STREET), np.random.default_rng(0)
     place = rng.uniform([10, -8, 0.1], [30, 8, 9], (3000, 3))
-    free = room.reject_places(place, obstacle_clearance=1.0) == Rejection.NONE
+    free = room.clearance_rejections(place, obstacle_clearance=1.0) == Rejection.NONE
     beyond = np.abs(place - [20, 0, 3]) - [5, 5, 3]
     distance = np.linalg.norm(np.maximum(beyond, 0), axis=1)
     assert (distance[free] > 1.0).all()
@@ -88,13 +88,13 @@ def clear_of_obstacles(scene, size, poses, clearance=0.0, *, solid=None):
     """Whether boxes at the origins of these poses, grown to the sides and upwards, are clear."""
     half = np.asarray(size) / 2 + clearance * np.array([1.0, 1.0, 0.5])
     boxes = compose_affine(np.array(poses), rigid_matrix(np.eye(3), [0, 0, half[2]]))
-    return ~Obstacles(scene, solid=solid).touches_boxes(np.tile(half, (len(boxes), 1)), boxes)
+    return ~Obstacles(scene, solid=solid).blocked_box_mask(np.tile(half, (len(boxes), 1)), boxes)
 
 
 BEAM = InstancedScene([box([-9, -0.1, 0], [9, 0.1, 0.2])], [0], [np.eye(4)])
 BELOW_IT = [pose(0, 0, z) for z in (0.22, -1.45, -1.55, -1.75)]
 # The arch's bounds contain the vehicle, its stone doesn't.
-STONE = merge_meshes([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])[0]
+STONE = merge_meshes_with_sources([box([-3, 3, 0], [3, 4, 5]), box([-3, -4, 0], [3, -3, 5]), box([-3, -4, 4], [3, 4, 5])])[0]
 ARCH = InstancedScene([STONE], [0], [pose(50, 0, yaw=0.3)])
 UNDER_IT = [pose(50, 0, yaw=0.3), pose(50, 0, yaw=0.3 + math.pi / 2), pose(50, 0, 3.0, yaw=0.3)]
 HALL = InstancedScene([box([-9, -9, -1], [9, 9, 9])], [0], [pose(100, 0, yaw=1.0)])

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.placement.footprint import MAX_LEAN_SLOPE, Underside, contact_footprint, underside_samples, vehicle_underside
 from hulldown.tests.builders.shapes import box, plane_mesh, surface
 
@@ -36,7 +36,7 @@ def test_the_footprint_is_what_is_low_and_wide_enough(vertices, footprint):
 def tank():
     """Two rails 0.6 m wide, and a hull between and above them."""
     rails = [box((-3.0, y - 0.3, 0.0), (3.0, y + 0.3, 0.6)) for y in (-1.3, 1.3)]
-    return merge_meshes([*rails, box((-3.4, -1.2, 0.45), (3.4, 1.2, 1.5))])[0]
+    return merge_meshes_with_sources([*rails, box((-3.4, -1.2, 0.45), (3.4, 1.2, 1.5))])[0]
 
 
 def test_the_underside_is_low_at_the_tracks_and_high_between():
@@ -50,7 +50,7 @@ def test_the_underside_is_low_at_the_tracks_and_high_between():
 def test_a_barrel_outside_the_footprint_is_ignored():
     wheels = [box((x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.6)) for x in (-2.0, 2.0) for y in (-1.0, 1.0)]
     barrels = [box((2.5, -0.1, 1.7), (5.0, 0.1, 1.9)), box((-0.1, -5.0, 1.7), (0.1, -2.5, 1.9))]
-    seen = vehicle_underside(merge_meshes([*wheels, *barrels])[0])
+    seen = vehicle_underside(merge_meshes_with_sources([*wheels, *barrels])[0])
     np.testing.assert_allclose(seen.box, [[-2.1, -1.1], [2.1, 1.1]])
     assert np.isin(seen.heights, [0.0, np.inf]).all()
 
@@ -60,7 +60,7 @@ def test_a_sheet_on_its_edge_has_a_footprint(n):
     x = np.linspace(-2.0, 2.0, n)
     lying = [surface(x, np.array([0.0, 0.5]), np.full((n, 2), y)) for y in (-0.9, 0.9)]
     sheets = [Mesh(each.vertices[:, [0, 2, 1]], each.faces) for each in lying]
-    seen = vehicle_underside(merge_meshes([*sheets, box((-2.0, -0.9, 0.5), (2.0, 0.9, 1.0))])[0])
+    seen = vehicle_underside(merge_meshes_with_sources([*sheets, box((-2.0, -0.9, 0.5), (2.0, 0.9, 1.0))])[0])
     assert not seen.heights[:, [0, -1]].any()
     assert (seen.heights[:, 1:-1] == 0.5).all()
 
@@ -69,7 +69,7 @@ def test_a_slanting_belly_has_the_height_of_its_plane():
     slant = np.array([0.1, -0.05])
     belly = plane_mesh(slant, 0.5, half=(3.0, 1.6))
     rails = [box((-3.0, y - 0.1, 0.0), (3.0, y + 0.1, 3.0)) for y in (-1.5, 1.5)]
-    seen = vehicle_underside(merge_meshes([belly, *rails])[0])
+    seen = vehicle_underside(merge_meshes_with_sources([belly, *rails])[0])
     cell = np.ptp(seen.box, axis=0) / 128
     middle = seen.box[0] + (np.indices((128, 128)).transpose(1, 2, 0) + 0.5) * cell
     between = np.abs(middle[0, :, 1]) < 1.35

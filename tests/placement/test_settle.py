@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.placement.footprint import vehicle_underside
 from hulldown.placement.settle import SettleRules, settle
 from hulldown.placement.terrain import Terrain
@@ -24,7 +24,7 @@ def height_field(height, half=20.0, cell=0.5):
 def wheels(*axles):
     """A hull 0.6 m above the ground on narrow wheels."""
     on = [box((x - 0.1, y - 0.1, 0.0), (x + 0.1, y + 0.1, 0.6)) for x in axles for y in (-1.2, 1.2)]
-    return merge_meshes([*on, box((-3.0, -1.3, 0.6), (3.0, 1.3, 1.5))])[0]
+    return merge_meshes_with_sources([*on, box((-3.0, -1.3, 0.6), (3.0, 1.3, 1.5))])[0]
 
 
 def placed(terrain, xy=ORIGIN, yaw=AHEAD, *, footprint=None, **rules):

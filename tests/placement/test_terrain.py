@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.placement.exact import ExactGround
 from hulldown.placement.ground_faces import GroundFaces
 from hulldown.placement.sheet_map import UNKNOWN_COUNT, SheetMap
@@ -48,8 +48,8 @@ def test_sheets_over_each_other_are_counted():
     ground = hills(20)
     lower = Mesh(ground.vertices - [0, 0, 0.01], ground.faces[:, ::-1])
     xy = np.random.default_rng(0).uniform(1, 19, (2000, 2))
-    assert (counts(merge_meshes([lower, ground, ground])[0], xy) == 3).all()
-    both, alone = (Terrain(mesh).top_hits(xy) for mesh in (merge_meshes([lower, ground])[0], ground))
+    assert (counts(merge_meshes_with_sources([lower, ground, ground])[0], xy) == 3).all()
+    both, alone = (Terrain(mesh).top_hits(xy) for mesh in (merge_meshes_with_sources([lower, ground])[0], ground))
     assert np.array_equal(both.face, alone.face + len(ground.faces))
 
 
@@ -58,14 +58,14 @@ def test_the_top_of_many_sheets_is_that_of_the_highest_alone(sheets):
     ground = hills(20)
     layers = [Mesh(ground.vertices * [1, 1, 0.2] - [0, 0, 1.0 * i], ground.faces) for i in range(sheets)]
     xy = np.random.default_rng(0).uniform(1, 19, (2000, 2))
-    assert np.array_equal(Terrain(merge_meshes(layers)[0]).top_hits(xy).face, Terrain(ground).top_hits(xy).face)
+    assert np.array_equal(Terrain(merge_meshes_with_sources(layers)[0]).top_hits(xy).face, Terrain(ground).top_hits(xy).face)
 
 
 def test_a_long_border_across_many_cells_is_marked_along_its_length():
     large = sheet((0, 0), (1000, 1000))  # its diagonal is no border; a strip placed across it has two
     strip = Mesh(np.array([[100.0, 0, 1], [103.0, 0, 1], [900.0, 1000, 1]]), np.array([[0, 1, 2]]))
     xy = np.column_stack([np.linspace(101, 899, 300), np.linspace(0.1, 999, 300)])
-    assert not (counts(merge_meshes([large, hills(40), strip])[0], xy) == 1).any()
+    assert not (counts(merge_meshes_with_sources([large, hills(40), strip])[0], xy) == 1).any()
 
 
 def test_batches_change_nothing():

@@ -7,7 +7,7 @@ from hulldown.plan.coats import Coat, color_of_material
 from hulldown.plan.config.asset_sections import PaintEntry
 from hulldown.plan.library import unmatched_paint_pattern
 from hulldown.plan.pictures.preview import image_caption
-from hulldown.plan.pictures.shading import coated_color
+from hulldown.plan.pictures.shading import coat_or_own_color
 from hulldown.plan.summary import summarize_plan
 from hulldown.planning.write import write_plan
 from hulldown.reading.pieces.asset_report import MaterialRow
@@ -85,8 +85,8 @@ def test_the_summary_counts_coats(made):
 
 def test_a_preview_has_the_first_coats_color(made):
     own = np.array([0.3, 0.4, 0.2])
-    assert np.array_equal(coated_color(own, []), own)
-    assert coated_color(own, [Coat(["*"], "#ff0000")]) == pytest.approx([1.0, 0.0, 0.0])
-    assert np.array_equal(coated_color(own, [Coat(["*"], None)]), own)
+    assert np.array_equal(coat_or_own_color(own, []), own)
+    assert coat_or_own_color(own, [Coat(["*"], "#ff0000")]) == pytest.approx([1.0, 0.0, 0.0])
+    assert np.array_equal(coat_or_own_color(own, [Coat(["*"], None)]), own)
     row = next(row for row in made if row.target.paint and not row.hides_target)
     assert f"{row.target.vehicle}, {row.target.paint[0].color} in {row.scenery}" in image_caption(row)

@@ -10,14 +10,14 @@ from hulldown.base.errors import ConfigError
 from hulldown.plan.config.config_keys import (
     CONFIG_PAGE,
     ENTRY_SECTIONS,
-    bare_text,
     config_sections,
     config_text,
-    filled_page,
-    section_keys,
+    documented_section_keys,
+    example_config_text,
+    fill_key_tables,
 )
 from hulldown.plan.config.schema import Config
-from hulldown.plan.library import hdri_paths
+from hulldown.plan.library import hdri_paths_by_name
 from hulldown.plan.rejection import Rejection
 from hulldown.weather.kinds import WEATHER_KINDS
 
@@ -43,7 +43,7 @@ def read(tmp_path):
 
 
 def test_the_template_has_the_defaults_and_backgrounds(read):
-    values = tomllib.loads(bare_text())
+    values = tomllib.loads(example_config_text())
     assert values["budget"].pop("background_share") == 0.25
     assert values["budget"].pop("background_distractors") == 1.0
     values["assets"] = {"hdris": ["hdris/*.exr"], **tomllib.loads(MINIMAL)["assets"]}
@@ -51,20 +51,22 @@ def test_the_template_has_the_defaults_and_backgrounds(read):
 
 
 def test_the_template_has_every_key():
-    text = bare_text()
+    text = example_config_text()
     for section, kind in {"": Config, **config_sections()}.items():
         part = text.split(f"[{section}]\n")[-1] if section else text
-        for key in section_keys(kind):
+        for key in documented_section_keys(kind):
             assert re.search(rf"(?m)^(# )?(\[\[assets\.)?{key.name}( =|\]\])", part), f"{section}.{key.name}"
 
 
 def test_every_key_has_a_description_in_the_docs():
     for kind in (Config, *config_sections().values(), *ENTRY_SECTIONS.values()):
-        assert all(key.meaning for key in section_keys(kind)), kind
-        assert all(key.default or key.example or key.required or key.name == "name" for key in section_keys(kind)), kind
+        assert all(key.meaning for key in documented_section_keys(kind)), kind
+        assert all(key.default or key.example or key.required or key.name == "name" for key in documented_section_keys(kind)), (
+            kind
+        )
     text = CONFIG_PAGE.read_text(encoding="utf-8")
     assert text.count("<!-- keys of ") == len(config_sections()) + len(ENTRY_SECTIONS) + 1
-    assert filled_page(text) == text, "run python -m hulldown.plan.config.config_keys"
+    assert fill_key_tables(text) == text, "run python -m hulldown.plan.config.config_keys"
 
 
 def test_the_docs_of_limits_have_every_reason_and_existing_keys():
@@ -75,7 +77,7 @@ def test_the_docs_of_limits_have_every_reason_and_existing_keys():
 
 
 def test_examples_of_keys_without_a_default_are_allowed(read):
-    vehicle = [f"{key.name} = {key.example}" for key in section_keys(ENTRY_SECTIONS["vehicle"]) if key.example]
+    vehicle = [f"{key.name} = {key.example}" for key in documented_section_keys(ENTRY_SECTIONS["vehicle"]) if key.example]
     assert len(vehicle) >= 8
     read(MINIMAL.replace('category = "tank"', "\n".join(['category = "tank"', *vehicle])))
 
@@ -245,7 +247,7 @@ def test_hdris_are_found_by_pattern(read, tmp_path):
     for name in ("b.exr", "a.exr", "night.hdr", "a.txt"):
         (tmp_path / name).touch()
     config = read(f"[assets]\nhdris = ['night.hdr', '*.exr', '{tmp_path}/a.exr']\n" + MINIMAL)
-    assert hdri_paths(config) == {n: tmp_path / f for n, f in (("night", "night.hdr"), ("a", "a.exr"), ("b", "b.exr"))}
+    assert hdri_paths_by_name(config) == {n: tmp_path / f for n, f in (("night", "night.hdr"), ("a", "a.exr"), ("b", "b.exr"))}
 
 
 @pytest.mark.parametrize(
@@ -263,4 +265,4 @@ def test_wrong_patterns_are_refused(read, tmp_path, pattern, message):
     for name in ("notes.txt", "x/a.exr", "y/a.exr"):
         (tmp_path / name).touch()
     with pytest.raises(ConfigError, match=f"assets.hdris: {message}"):
-        hdri_paths(read(f"[assets]\nhdris = ['{pattern}']\n" + MINIMAL))
+        hdri_paths_by_name(read(f"[assets]\nhdris = ['{pattern}']\n" + MINIMAL))

@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from hulldown.annotate.masks import mask_box
-from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.annotate.silhouettes import whole_and_visible_masks
 from hulldown.cli import main
 from hulldown.plan.pictures.passes import PASS_MEANINGS, STUFF_CLASSES, write_passes
 from hulldown.plan.pictures.preview import Artist
@@ -52,9 +52,9 @@ def test_instances_equal_the_vehicles_masks(made):
         assert [r["name"] for r in table["instances"][: len(row.vehicles)]] == [v.vehicle for v in row.vehicles]
         for i, vehicle in enumerate(world.vehicles):
             others = world.with_vehicles([v for v in world.vehicles if v is not vehicle])
-            mask = vehicle_masks(vehicle, row.camera, world=others)[1]
+            mask = whole_and_visible_masks(vehicle, row.camera, world=others)[1]
             assert (mask != (arrays["instance"] == i + 1)).sum() <= 1  # where two objects have the same distance
-            alone = vehicle_masks(vehicle, row.camera)[1]
+            alone = whole_and_visible_masks(vehicle, row.camera)[1]
             hidden += int((alone & ~mask).sum())
             if alone.sum() > 200:
                 assert row.vehicles[i].visible_fraction == pytest.approx(mask.sum() / alone.sum(), abs=0.1)

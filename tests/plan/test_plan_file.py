@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.errors import ConfigError, HulldownError
-from hulldown.base.files import stays_inside
+from hulldown.base.files import is_safe_relative_path
 from hulldown.base.outputs import OutputError
 from hulldown.plan.lines import PlanWriter
 from hulldown.plan.picture_names import PICTURE_NAME
@@ -249,7 +249,7 @@ def test_two_pictures_with_one_name_are_found_and_others_allowed(tmp_path, names
     path = write_lines(tmp_path / "plan.jsonl", [row(i, file_name=name) for i, name in enumerate(names)])
     if message is None:
         assert [read.file_name for read in read_plan(path)] == names
-        assert all(map(stays_inside, names))
+        assert all(map(is_safe_relative_path, names))
     else:
         with pytest.raises(ConfigError, match=message):
             list(read_plan(path))

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from hulldown.plan.pictures.preview import TILE_WIDTH, Artist, image_caption, preview_sheet
-from hulldown.plan.pictures.shading import sun_direction
+from hulldown.plan.pictures.preview import TILE_WIDTH, Artist, image_caption, write_preview_sheet
+from hulldown.plan.pictures.shading import preview_sun_direction
 from hulldown.planning.write import write_plan
 from hulldown.tests.builders.plan_lines import altered
 from hulldown.tests.builders.planning_assets import small_assets, small_config
@@ -66,7 +66,7 @@ def test_fog_hides_distant_objects(plan, artist):
 
 
 def test_the_sun_turns_with_the_hdri():
-    a, b = sun_direction("noon", 10.0), sun_direction("noon", 100.0)
+    a, b = preview_sun_direction("noon", 10.0), preview_sun_direction("noon", 100.0)
     assert a[0] * b[0] + a[1] * b[1] == pytest.approx(0.0, abs=1e-12)
     assert np.linalg.norm(a) == pytest.approx(1.0)
 
@@ -75,7 +75,7 @@ def test_the_sun_turns_with_the_hdri():
 def test_the_sheet(plan, tmp_path, count, shown):
     assert any(row.companions[0].bbox is None for row in plan)
     path = tmp_path / "sheet.png"
-    preview_sheet(plan, path, count=count, assets=ASSETS)
+    write_preview_sheet(plan, path, count=count, assets=ASSETS)
     with Image.open(path) as sheet:
         assert sheet.width > 4 * TILE_WIDTH
         pixels = np.asarray(sheet)

@@ -8,7 +8,7 @@ import pytest
 from hulldown import cli
 from hulldown.base.errors import ConfigError
 from hulldown.plan.config.schema import Config
-from hulldown.planning.inputs.camera_file import read_camera
+from hulldown.planning.inputs.camera_file import read_calibration_as_config
 
 MATRIX = [1420.0, 0.0, 963.7, 0.0, 1418.5, 545.2, 0.0, 0.0, 1.0]
 LENS = [-0.21, 0.07, 3e-4, -1e-4, 0.0]
@@ -71,7 +71,7 @@ def test_a_calibration_becomes_a_config(tmp_path, text):
 def test_a_lens_without_distortion_has_none(tmp_path):
     path = tmp_path / "camera.json"
     path.write_text(json.dumps({"K": MATRIX, "D": [], "width": 1920, "height": 1080}))
-    assert "camera.distortion" not in read_camera(path)
+    assert "camera.distortion" not in read_calibration_as_config(path)
 
 
 @pytest.mark.parametrize(
@@ -94,15 +94,15 @@ def test_a_file_without_a_calibration_is_refused(tmp_path, text, message):
     path = tmp_path / "camera.yaml"
     path.write_text(text)
     with pytest.raises(ConfigError, match=message):
-        read_camera(path)
+        read_calibration_as_config(path)
     assert cli.main(["init", str(tmp_path / "project"), "--bare", "--camera", str(path)]) == 2
     assert not (tmp_path / "project").exists()
 
 
 def test_the_demo_can_use_the_camera(tmp_path):
-    from hulldown.demo.project import project_text
+    from hulldown.demo.project import demo_config_text
 
     path = tmp_path / "camera.yaml"
     path.write_text(ROS)
-    values = tomllib.loads(project_text(small=True, values=read_camera(path)))
+    values = tomllib.loads(demo_config_text(small=True, values=read_calibration_as_config(path)))
     assert (values["render"]["width"], values["camera"]["intrinsics"]["cx"]) == (1920, 964.2)

@@ -11,7 +11,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.plan.pictures.preview import Artist
 from hulldown.plan.plan_file import read_plan
 from hulldown.plan.row import PlannedVehicle, Row, row_fields
-from hulldown.planning.check import check_plan, check_rows
+from hulldown.planning.check import check_plan, find_plan_row_problems
 from hulldown.planning.planner import Planner
 from hulldown.planning.write import write_plan
 from hulldown.tests.builders.planning_assets import DISTRACTOR_ENTRIES, VEHICLE_ENTRIES, hills, small_assets, small_config
@@ -86,7 +86,7 @@ def other(row, key):
 
 def test_an_unchanged_plan_has_no_findings(made, planner):
     seen = []
-    assert check_rows(made, planner, progress=lambda done, n: seen.append((done, n))) == []
+    assert find_plan_row_problems(made, planner, progress=lambda done, n: seen.append((done, n))) == []
     assert seen[-1] == (len(made), len(made))
 
 
@@ -103,7 +103,7 @@ def test_every_changed_field_is_found(made, planner, tmp_path, whose):
                 at = lines[i]["planned"][place_of(made[i], whose)] if whose else lines[i]
                 at[key] = other(at, key)
 
-        findings = check_rows(edited(made, tmp_path / "plan.jsonl", change), planner)
+        findings = find_plan_row_problems(edited(made, tmp_path / "plan.jsonl", change), planner)
         for i, key in some.items():
             prefix = f"image {i}: {f'planned[{place_of(made[i], whose)}].' if whose else ''}{key} is "
             wanted = "its poses give" if key in FOLLOWS else "planned is"
@@ -125,7 +125,7 @@ def test_a_changed_config_is_found(made, tmp_path, section, changes, message):
 def test_findings_are_limited_in_number(made, planner, tmp_path, monkeypatch):
     monkeypatch.setattr("hulldown.planning.check.MAX_PLAN_FINDINGS", 3)
     plan = edited(made, tmp_path / "plan.jsonl", lambda _, rows: [row["planned"][0].update(tries=99) for row in rows])
-    findings = check_rows(plan, planner)
+    findings = find_plan_row_problems(plan, planner)
     assert len(findings) == 4
     assert findings[-1] == f"and {len(made) - 3} more"
 
@@ -138,7 +138,7 @@ def test_an_unknown_part_is_a_one_line_error(made, planner, tmp_path, whose):
         rows[number]["planned"][place]["articulation"]["crane"] = 0.5
 
     plan = edited(made, tmp_path / "plan.jsonl", change)
-    (finding,) = check_rows(plan, planner)
+    (finding,) = find_plan_row_problems(plan, planner)
     assert finding.startswith(f"image {number}: planned[{place}].articulation is")
     with pytest.raises(ConfigError, match=rf"plan\.jsonl: image {number}: part 'crane' is not known to the plan"):
         Artist(plan, ASSETS).picture(list(plan)[number], width=8)

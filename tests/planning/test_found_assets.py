@@ -7,9 +7,15 @@ import pytest
 from hulldown import cli
 from hulldown.base.errors import AssetError
 from hulldown.plan.config.schema import Config
-from hulldown.plan.library import hdri_paths, load_library
-from hulldown.planning.inputs.found_assets import FoundFile, asset_files, found_config, missing_kinds, read_found
-from hulldown.planning.write import new_doubts
+from hulldown.plan.library import hdri_paths_by_name, load_library
+from hulldown.planning.inputs.found_assets import (
+    FoundFile,
+    found_config_text,
+    missing_asset_kinds,
+    read_found_files,
+    relative_asset_files,
+)
+from hulldown.planning.write import unstated_doubts
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.tests.builders.blender_plans import run_python
 
@@ -72,7 +78,7 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     assert load_library(Config.read("project/without.toml")).assets.files == library.assets.files
     assert all(max(library.assets.vehicles[name].size_xyz) < 6.01 for name in ("pair_a_Hull", "pair_b_Hull"))
     assert [s.path for s in config.assets.sceneries] == ["../mine/outside/park.blend"]
-    assert list(hdri_paths(config)) == ["sky [1]"]
+    assert list(hdri_paths_by_name(config)) == ["sky [1]"]
     above = text.partition('path = "../mine/tanks/one/scene.blend"')[0].rpartition("\n\n")[2]
     assert "# size 6.00 x 3.00 x 2.00 m" in above
     assert "# turret on hull: pivot" in above
@@ -86,11 +92,11 @@ def test_a_folder_becomes_a_config_with_findings_as_comments(
     assert any(listed.values())
     of_pair = [d for name in ("pair_a_Hull", "pair_b_Hull") for d in library.models[name].report.doubts]
     assert set(of_pair) == {d for path, some in listed.items() if "pair" in path for d in some}
-    assert not any(new_doubts(listed, config).values())  # they're in its comments
+    assert not any(unstated_doubts(listed, config).values())  # they're in its comments
     Path("project/other.toml").write_text(text, encoding="utf-8")
-    assert new_doubts(listed, Config.read("project/other.toml")) == listed  # `init` didn't write this one
+    assert unstated_doubts(listed, Config.read("project/other.toml")) == listed  # `init` didn't write this one
     new = {path: [*some, Doubt(DoubtKind.SCALE, "new")] for path, some in listed.items()}
-    assert {str(doubt) for some in new_doubts(new, config).values() for doubt in some} == {"new"}
+    assert {str(doubt) for some in unstated_doubts(new, config).values() for doubt in some} == {"new"}
     assert cli.main(["inspect", "project/hulldown.toml"]) == 0
     assert cli.main(["init", "project", "--from", "mine"]) == 2  # and existing files stay
     assert text == Path("project/hulldown.toml").read_text(encoding="utf-8")
@@ -131,7 +137,7 @@ def test_files_with_equal_names_get_different_asset_names(tmp_path: Path) -> Non
         FoundFile(Path("night/sky.exr"), "hdri", ()),
     ]
     path = tmp_path / "hulldown.toml"
-    path.write_text(found_config(tmp_path / "assets", found, tmp_path), encoding="utf-8")
+    path.write_text(found_config_text(tmp_path / "assets", found, tmp_path), encoding="utf-8")
     assets = Config.read(path).assets
     assert [(v.path, v.name, v.category) for v in assets.vehicles] == [
         ("assets/vehicles/tanks/a/scene.gltf", "vehicles_tanks_a_scene", "tanks"),
@@ -144,14 +150,14 @@ def test_files_with_equal_names_get_different_asset_names(tmp_path: Path) -> Non
     assert [entry.materials for entry in Config.read(path).assets.vehicles[2].paint] == [("Body",)]
     assert "# not used: assets/night/sky.exr: is called as day/sky.exr is" in path.read_text(encoding="utf-8")
     assert "# name with \\x1b[2J" in path.read_text(encoding="utf-8")
-    assert missing_kinds(found) == []
-    assert missing_kinds(found[:3]) == ["scenery", "HDRI"]
+    assert missing_asset_kinds(found) == []
+    assert missing_asset_kinds(found[:3]) == ["scenery", "HDRI"]
 
 
 def test_a_name_that_a_config_cannot_hold_is_not_listed(tmp_path: Path) -> None:
     (tmp_path / "tank\n\udcff.glb").write_bytes(b"glTF")
     with pytest.raises(AssetError, match=r"(?s)none of its 1 files can be used.*rename it"):
-        read_found(tmp_path, asset_files(tmp_path), tmp_path / "cache")
+        read_found_files(tmp_path, relative_asset_files(tmp_path), tmp_path / "cache")
 
 
 def test_init_bare_writes_only_the_config(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

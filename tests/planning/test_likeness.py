@@ -150,7 +150,7 @@ def test_photographs_without_a_box_within_the_limits_are_refused(tmp_path, box, 
 
 def test_classes_without_boxes_follow_all_photographs_and_are_named(tmp_path):
     known = photographed(tmp_path, [*drawn_boxes(25), [("tank", 0, 0, 20, 20)]], names=("tank", "bus"))
-    notes = Likeness(known, config_of(known)).unused_notes(["tank", "truck"])
+    notes = Likeness(known, config_of(known)).box_usability_notes(["tank", "truck"])
     assert len(notes) == 2
     assert "1 of 26 boxes aren't followed" in notes[0]
     assert "no box of class 'truck'" in notes[1]

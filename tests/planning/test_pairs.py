@@ -12,7 +12,7 @@ from hulldown.plan.row import encode_rows
 from hulldown.plan.summary import summarize_plan
 from hulldown.planning.check import check_plan
 from hulldown.planning.planner import Planner
-from hulldown.planning.search.random_streams import Purpose, choose_weighted
+from hulldown.planning.search.random_streams import Purpose, choose_weighted_indices
 from hulldown.planning.write import write_plan
 from hulldown.tests.builders.planning_assets import hills, plan, small_assets, small_config, vehicle
 
@@ -77,7 +77,7 @@ def test_a_position_without_a_place_moves_to_another_scenery_for_any_worker(tmp_
     in_two = planner.rows(0, 3) + planner.rows(3, len(rows))
     assert encode_rows(in_two) == encode_rows(rows)
     uniform = planner._draws.uniform(Purpose.SCENERY, np.arange(len(rows)), 0, count=1)[:, 0]
-    drawn = choose_weighted(planner.pairs.weights[planner.budget.positions.vehicle], uniform)
+    drawn = choose_weighted_indices(planner.pairs.weights[planner.budget.positions.vehicle], uniform)
     moved = [row for row, site in zip(rows, drawn.tolist(), strict=True) if row.scenery != ("hills", "bare")[site]]
     assert len(moved) > 1
     assert {row.scenery for row in moved} == {"bare"}

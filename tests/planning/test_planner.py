@@ -7,13 +7,13 @@ import pytest
 
 from hulldown.assets.plan_assets import AssetSource, HdriSource
 from hulldown.base.errors import ConfigError
-from hulldown.geometry.meshes import merge_meshes
+from hulldown.geometry.meshes import merge_meshes_with_sources
 from hulldown.plan.lines import PlanWriter
 from hulldown.plan.row import ModelSource, encode_line, encode_rows
 from hulldown.planning.planner import Planner
-from hulldown.planning.search.instance_table import articulated_boxes
+from hulldown.planning.search.instance_table import articulated_bounds
 from hulldown.planning.search.stage import make_stage
-from hulldown.planning.write import make_header, write_plan
+from hulldown.planning.write import make_plan_header, write_plan
 from hulldown.tests.builders.planning_assets import bare, hills, plan, small_assets, small_config, vehicle
 from hulldown.tests.builders.shapes import box
 
@@ -62,7 +62,7 @@ def test_the_bytes_do_not_depend_on_the_number_of_workers(tmp_path, rows, worker
 @pytest.mark.parametrize("kept", [0, 3, 4, 22])
 def test_a_killed_plan_is_continued_with_the_same_bytes(tmp_path, rows, kept):
     config, path = small_config(), tmp_path / "plan.jsonl"
-    header = make_header(Planner(config, ASSETS), path)
+    header = make_plan_header(Planner(config, ASSETS), path)
     writer = PlanWriter(path, header)
     writer.write(encode_rows(rows[:kept]) + b'{"index":', kept)
     writer.__exit__(KeyboardInterrupt, None, None)
@@ -131,13 +131,13 @@ def test_an_unseen_plate_neither_carries_a_vehicle_nor_needs_room():
     """It's below the tracks and wider than the vehicle."""
     shape, plate = vehicle("t72"), box((-9.0, -9.0, -1.0), (9.0, 9.0, -0.9))
     part = np.append(shape.vertex_part, np.zeros(len(plate.vertices), dtype=int))
-    mesh, _ = merge_meshes([shape.mesh, plate])
+    mesh, _ = merge_meshes_with_sources([shape.mesh, plate])
     hidden = replace(shape, mesh=mesh, vertex_part=part, seen=shape.mesh, seen_part=shape.vertex_part)
     assets = small_assets(vehicles=("t72",))
     fleets = [make_stage(small_config(), replace(assets, vehicles={"t72": one})).fleet for one in (shape, hidden)]
     wanted, got = fleets
     rest = np.zeros((1, len(shape.part_names)))
-    for bounds in (articulated_boxes(fleet, np.array([0]), rest) for fleet in fleets):  # of rows, and so of bbox_3d
+    for bounds in (articulated_bounds(fleet, np.array([0]), rest) for fleet in fleets):  # of rows, and so of bbox_3d
         np.testing.assert_allclose(np.ptp(bounds[0], axis=0), shape.size_xyz, rtol=0, atol=1e-8)
     for name in ("size", "center", "half", "box_center", "reach"):
         np.testing.assert_array_equal(getattr(got, name), getattr(wanted, name), err_msg=name)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from hulldown.annotate.boxes import surface_box
-from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.annotate.silhouettes import whole_and_visible_masks
 from hulldown.base.errors import ConfigError
 from hulldown.geometry.transforms import transform_points
-from hulldown.plan.rejection import first_accepted
+from hulldown.plan.rejection import first_accepted_and_counts
 from hulldown.plan.row import encode_rows
 from hulldown.planning.planner import Planner
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
@@ -76,7 +76,7 @@ def test_a_target_smaller_than_a_pixel_covers_the_center_of_one():
     target = VehicleCaster(TANK)
     for row in rows:
         assert row.target.bbox[3] < 2
-        assert vehicle_masks(PosedVehicle(target, row.target.world_from_vehicle[None], {}), row.camera)[1].any()
+        assert whole_and_visible_masks(PosedVehicle(target, row.target.world_from_vehicle[None], {}), row.camera)[1].any()
 
 
 def sized(**camera):
@@ -141,7 +141,7 @@ def test_no_position_is_tried_more_often_than_allowed(limit):
 
 def test_only_tries_within_a_positions_limit_are_taken():
     rejection = np.array([[1, 0, 0], [2, 2, 0], [0, 1, 1]], dtype=np.uint8)
-    taken, chosen, counts = first_accepted(rejection, np.array([3, 2, 1]))
+    taken, chosen, counts = first_accepted_and_counts(rejection, np.array([3, 2, 1]))
     assert taken.tolist() == [True, False, True]
     assert chosen.tolist() == [1, 6]
     assert counts.sum(axis=1).tolist() == [1, 2, 0]

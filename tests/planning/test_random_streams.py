@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose_weighted, scale_uniform
+from hulldown.planning.search.random_streams import Purpose, RandomStreams, RowStreams, choose_weighted_indices, scale_uniform
 
 
 def test_a_row_does_not_depend_on_other_rows():
@@ -58,13 +58,13 @@ def test_a_generator_by_row_refuses_unsupported_calls():
 
 def test_choices_follow_their_weights_and_zero_weights_are_never_chosen():
     u = (np.arange(100_000) + 0.5) / 100_000
-    assert np.bincount(choose_weighted([1.0, 0.0, 3.0], u)).tolist() == [25_000, 0, 75_000]
+    assert np.bincount(choose_weighted_indices([1.0, 0.0, 3.0], u)).tolist() == [25_000, 0, 75_000]
     numbers = [0.0, np.nextafter(0.5, 0.0), 0.5, 1.0 - 2.0**-53]
-    assert choose_weighted([0.0, 1.0, 1.0, 0.0], numbers).tolist() == [1, 1, 2, 2]
-    assert choose_weighted([[0.0, 1.0, 1.0, 0.0]] * 3 + [[2.0, 0.0, 0.0, 0.0]], numbers).tolist() == [1, 1, 2, 0]
-    assert choose_weighted([0.0, 0.0], []).tolist() == []
+    assert choose_weighted_indices([0.0, 1.0, 1.0, 0.0], numbers).tolist() == [1, 1, 2, 2]
+    assert choose_weighted_indices([[0.0, 1.0, 1.0, 0.0]] * 3 + [[2.0, 0.0, 0.0, 0.0]], numbers).tolist() == [1, 1, 2, 0]
+    assert choose_weighted_indices([0.0, 0.0], []).tolist() == []
     with pytest.raises(ValueError, match="weights"):
-        choose_weighted([[1.0, 0.0], [0.0, 0.0]], [0.5, 0.5])
+        choose_weighted_indices([[1.0, 0.0], [0.0, 0.0]], [0.5, 0.5])
 
 
 def test_between_never_leaves_its_bounds():

@@ -5,7 +5,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from hulldown.annotate.visibility import visible_fraction
+from hulldown.annotate.visibility import measure_visibility
 from hulldown.assets.plan_assets import Assets
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
@@ -103,8 +103,8 @@ def test_a_camera_is_above_water_by_the_clearance_and_the_near_plane():
     room = CameraRoom(Terrain(-3.0), Obstacles(NOTHING), water=Terrain(sheet((-9, -9), (9, 9), 0.0)))
     places = np.array([[0, 0, 0.6], [0, 0, 0.4], [0, 0, -1.0], [20.0, 0, -1.0], [0, 0, 0.1]])
     wet, dry = Rejection.CAMERA_WATER, Rejection.NONE
-    assert room.reject_places(places, ground_clearance=0.5).tolist() == [dry, wet, wet, dry, wet]
-    assert room.reject_places(places).tolist() == [dry, dry, wet, dry, wet]
+    assert room.clearance_rejections(places, ground_clearance=0.5).tolist() == [dry, wet, wet, dry, wet]
+    assert room.clearance_rejections(places).tolist() == [dry, dry, wet, dry, wet]
 
 
 def test_water_hides_submerged_parts_like_an_opaque_surface():
@@ -112,14 +112,14 @@ def test_water_hides_submerged_parts_like_an_opaque_surface():
     ford, lens = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0)), Intrinsics(640, 480, 0.7)
     camera = Cameras(lens, camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None])
     for world, low, high in ((Scene.of(ford), 0.4, 0.8), (Scene(), 0.0, 0.0)):
-        seen = visible_fraction([PosedVehicle(VehicleCaster(TANK), np.eye(4)[None], {})], camera, world=world, rays=900)
+        seen = measure_visibility([PosedVehicle(VehicleCaster(TANK), np.eye(4)[None], {})], camera, world=world, rays=900)
         assert low <= 1.0 - seen.fraction[0] <= high
 
 
 def test_water_is_not_an_obstacle_with_clearance():
     shore = with_water(bare("shore"), sheet((0, -50), (50, 50), -0.01))
     (site,) = make_stage(config_for(shore, images=1), assets_of(shore)).sites
-    assert site.obstacles.touches_boxes(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
+    assert site.obstacles.blocked_box_mask(np.full((1, 3), 6.0), np.eye(4)[None]).tolist() == [False]
 
 
 def house(*, open_front=False, size=12.0):
@@ -149,7 +149,7 @@ def shaft():
 )
 def test_a_vehicle_under_a_roof_is_lit_unless_it_is_enclosed(mesh, lit):
     room = Obstacles(InstancedScene([mesh], [0], [np.eye(4)]))
-    assert room.sees_sky(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
+    assert room.skylit_mask(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
 
 
 @pytest.mark.parametrize(("ground", "lit"), [(400.0, False), (150.0, True)])
@@ -157,17 +157,17 @@ def test_a_hollow_hill_is_dark_inside_and_a_dome_around_the_ground_is_not(ground
     """Their roof and walls are 150 m from the vehicle."""
     extent = np.array([[-ground, -ground], [ground, ground]])
     hill = Obstacles(InstancedScene([house(size=300.0)], [0], [np.eye(4)]), extent=extent)
-    assert hill.sees_sky(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
+    assert hill.skylit_mask(np.array([[0.0, 0.0, 2.5]])).tolist() == [lit]
 
 
 def test_a_house_of_many_objects_encloses():
     walls = house()
     parts = [Mesh(walls.vertices, walls.faces[2 * k : 2 * k + 2], "wall") for k in range(6)]
     room = Obstacles(InstancedScene(parts, list(range(6)), [np.eye(4)] * 6))
-    assert room.sees_sky(np.array([[0.0, 0.0, 2.5], [0.0, 0.0, 7.0]])).tolist() == [False, True]
+    assert room.skylit_mask(np.array([[0.0, 0.0, 2.5], [0.0, 0.0, 7.0]])).tolist() == [False, True]
 
 
 def test_a_dome_around_everything_rejects_no_camera():
     """An unnamed sky dome enclosed every vehicle and every camera."""
     room = CameraRoom(Terrain(VALLEYS.ground), Obstacles(InstancedScene([house(size=900.0)], [0], [np.eye(4)])))
-    assert room.reject_places(np.array([[0.0, 0, 20.0]]), obstacle_clearance=1.0).tolist() == [Rejection.NONE]
+    assert room.clearance_rejections(np.array([[0.0, 0, 20.0]]), obstacle_clearance=1.0).tolist() == [Rejection.NONE]

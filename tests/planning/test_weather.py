@@ -9,9 +9,9 @@ import pytest
 
 from hulldown.base.errors import ConfigError
 from hulldown.plan.config.scene_sections import WeatherSection
-from hulldown.planning.appearance import draw_lights, hdri_weights
+from hulldown.planning.appearance import hdri_weights, sample_light_columns
 from hulldown.planning.search.random_streams import RandomStreams
-from hulldown.planning.search.tables import WEATHER_NAMES, draw_weathers
+from hulldown.planning.search.tables import WEATHER_NAMES, sample_weathers
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config
 from hulldown.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
@@ -23,7 +23,7 @@ ALL = {"fog": 0.1, "rain": 0.2, "snow": 0.25, "dust": 0.3}
 
 
 def drawn(**keys):
-    return draw_weathers(WeatherSection(**keys), draws=RandomStreams(5), image=IMAGES)
+    return sample_weathers(WeatherSection(**keys), draws=RandomStreams(5), image=IMAGES)
 
 
 def test_the_config_has_the_keys_of_every_kind_and_three_for_all():
@@ -78,7 +78,7 @@ def test_rain_and_snow_have_overcast_skies():
     weights = hdri_weights(light, assets.hdris)
     assert weights.tolist() == [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 1.0]]
     weathers = drawn(rain=0.3, snow=0.3, dust=0.2)
-    hdris = draw_lights(light, weathers, weights, assets=assets, draws=RandomStreams(5), image=IMAGES)["hdri"]
+    hdris = sample_light_columns(light, weathers, weights, assets=assets, draws=RandomStreams(5), image=IMAGES)["hdri"]
     kinds = [weather.kind if weather else "clear" for weather in weathers]
     assert {(kind, hdri) for kind, hdri in zip(kinds, hdris, strict=True)} == {
         *((kind, hdri) for kind in ("rain", "snow") for hdri in ("gray_one", "gray_two")),

@@ -8,14 +8,14 @@ import trimesh
 from numpy.typing import ArrayLike
 
 from hulldown.base.errors import AssetError
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z, transform_points
 from hulldown.reading.build import BuiltVehicle, build_vehicle
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Link, Piece
 from hulldown.reading.vehicle.solids import MAX_SOLIDS
-from hulldown.reading.vehicle.stance import UP_AXES, meters_from_file, stand_upright, up_matrix
+from hulldown.reading.vehicle.stance import UP_AXES, meters_from_file, turn_pieces_upright, z_up_rotation
 from hulldown.tests.builders.shapes import CORNERS, FACES, sheet
 
 
@@ -59,7 +59,7 @@ def read(
         bounds = placed.with_vertices(transform_points(meters_from_file(1.0, stated), placed.vertices)).bounds
         link = Link(name, (), "MESH", np.eye(4))
         found.pieces.append(Piece(name, (link,), i, np.eye(4), bounds, len(mesh.faces), hidden=name in hidden))
-    upright = stand_upright(found, unit=1.0, stated_up=stated, up=given.up)
+    upright = turn_pieces_upright(found, unit=1.0, stated_up=stated, up=given.up)
     return build_vehicle("v", upright, given)
 
 
@@ -76,7 +76,7 @@ def turned(yaw_deg: float) -> np.ndarray:
 @pytest.mark.parametrize("stated", ["z", "y"])
 @pytest.mark.parametrize("parts", [TANK, CAR])
 def test_wheels_show_the_up_axis_and_overruling_the_file_is_a_doubt(parts: dict, axis: str, stated: str) -> None:
-    pose = np.linalg.inv(up_matrix(axis))
+    pose = np.linalg.inv(z_up_rotation(axis))
     built = read(parts, pose, stated=stated)
     assert np.allclose((built.shape.vehicle_from_file @ pose)[2, :3], [0, 0, 1], atol=1e-9)
     doubts = [d.text for d in built.doubts if d.kind == DoubtKind.UP]
@@ -123,13 +123,15 @@ def test_a_windshield_shows_the_nose_and_a_nameless_vehicle_lies_along_its_longe
 
 @pytest.mark.parametrize("yaw", [0.0, 180.0])
 def test_a_barrel_in_the_turrets_mesh_shows_the_nose(yaw: float) -> None:
-    merged, _ = merge_meshes([box((2.4, 2, 0.7), (0, 0, 1.8)), tube((1.2, 0, 1.8), (5, 0, 1.8), 0.1)], name="turret")
+    merged, _ = merge_meshes_with_sources(
+        [box((2.4, 2, 0.7), (0, 0, 1.8)), tube((1.2, 0, 1.8), (5, 0, 1.8), 0.1)], name="turret"
+    )
     welded = Mesh(merged.vertices, np.vstack([merged.faces, [0, 8, 9]]))  # one solid
     hull = box((6, 3, 1.2), (0, 0, 0.8))
     built = read({"hull": hull, "turret": welded}, turned(yaw))
     assert np.allclose(built.shape.vehicle_from_file[0, 0], np.cos(np.radians(yaw)))
     assert DoubtKind.FORWARD not in kinds(built)
-    nameless = read({"Object_0": merge_meshes([hull, welded], name="it")[0]}, turned(yaw))
+    nameless = read({"Object_0": merge_meshes_with_sources([hull, welded], name="it")[0]}, turned(yaw))
     assert np.allclose(nameless.shape.vehicle_from_file[0, 0], np.cos(np.radians(yaw)))
 
 
@@ -148,7 +150,7 @@ def test_names_of_wheels_outweigh_a_rack_and_the_body_is_no_stray() -> None:
             for k, mesh in CAR.items() if k[0] == "W"}  # fmt: skip
     for x in (-1.6, -2.2):
         rack = tube((x - 2.6, 0, 2.25), (x + 2.6, 0, 2.25), 0.1)
-        built = read(ends | {"body": merge_meshes([CAR["Hull"], rack], name="body")[0]})
+        built = read(ends | {"body": merge_meshes_with_sources([CAR["Hull"], rack], name="body")[0]})
         assert built.shape.vehicle_from_file[0, 0] == 1.0
         assert not {DoubtKind.STRAY, DoubtKind.FORWARD} & set(kinds(built))
 
@@ -170,7 +172,7 @@ def test_a_vehicle_that_reaches_beyond_its_wheels_both_ways_is_not_upside_down()
 )
 def test_forward_is_an_axis_an_angle_or_a_vector_once_z_is_up(options: dict, nose: float) -> None:
     built = read(TANK, **options)
-    upright = built.shape.vehicle_from_file[:3, :3] @ up_matrix(str(options.get("up", "z")))[:3, :3].T
+    upright = built.shape.vehicle_from_file[:3, :3] @ z_up_rotation(str(options.get("up", "z")))[:3, :3].T
     assert np.allclose(upright @ [np.cos(np.radians(nose)), np.sin(np.radians(nose)), 0], [1, 0, 0], atol=1e-9)
     if "up" in options:
         assert np.allclose(built.shape.vehicle_from_file[:3, :3] @ [0, 0, -1], [1, 0, 0], atol=1e-9)
@@ -187,7 +189,9 @@ def test_origins_at_zero_are_not_pivots_but_the_turret_ring_is() -> None:
     assert [d for d in built.doubts if d.kind == DoubtKind.PIVOT and "gun_pivot" in d.text]
 
 
-@pytest.mark.parametrize("pose", [turned(0.0), turned(-128.0), np.linalg.inv(up_matrix("-z")), np.linalg.inv(up_matrix("x"))])
+@pytest.mark.parametrize(
+    "pose", [turned(0.0), turned(-128.0), np.linalg.inv(z_up_rotation("-z")), np.linalg.inv(z_up_rotation("x"))]
+)
 def test_what_reading_had_to_guess_can_be_stated_as_keys(pose: np.ndarray) -> None:
     for parts in (TANK, {k: m for k, m in TRUCK.items() if k != "Cab"}):
         built = read(parts, pose)
@@ -314,7 +318,7 @@ def test_pieces_with_two_signs_of_not_belonging_are_left_out(
 
 def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
     hull = box((8, 5, 1), (0, 0, 1))
-    open_below = hull.of_faces(np.flatnonzero(hull.triangles[:, :, 2].max(axis=1) > 1.0))
+    open_below = hull.take_mesh_faces(np.flatnonzero(hull.triangles[:, :, 2].max(axis=1) > 1.0))
     built = read({"Hull": open_below, "Dome": box((1, 1, 0.6), (0, 0, 1.8)), "Hatch": box((0.3, 0.3, 0.1), (0, 0, 2.1))})
     assert all(r.use != "dropped" for r in built.roles)
 
@@ -379,7 +383,7 @@ def test_a_tire_and_its_rim_are_one_wheel() -> None:
 
 def test_a_protruding_gun_shows_the_front_of_a_hull() -> None:
     """The gun's mesh includes its mantlet, so it isn't a slender barrel."""
-    stub, _ = merge_meshes([box((1, 1.2, 1), (1.5, 0, 2)), box((2.6, 0.5, 0.5), (-1, 0, 2.1))])
+    stub, _ = merge_meshes_with_sources([box((1, 1.2, 1), (1.5, 0, 2)), box((2.6, 0.5, 0.5), (-1, 0, 2.1))])
     hull = {k: m for k, m in CAR.items() if k != "Cab"} | {"Casemate": box((2, 2.4, 1), (1.8, 0, 2))}
     built = read(hull | {"Mesh_Canon": stub})
     assert "'Mesh_Canon' sticks out there" in built.axes

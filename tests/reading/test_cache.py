@@ -23,14 +23,14 @@ from hulldown.plan.library import load_library, load_planned_library
 from hulldown.plan.plan_file import Plan
 from hulldown.planning.planner import Planner
 from hulldown.planning.search.pairs import Pairs
-from hulldown.planning.write import make_header
-from hulldown.reading.cache import cached_export
+from hulldown.planning.write import make_plan_header
+from hulldown.reading.cache import cached_export_and_digest
 from hulldown.reading.confinement.landlock import landlock_version
 from hulldown.reading.hdri import FoundSky
 from hulldown.reading.pieces.asset_report import FileReport, Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
-from hulldown.reading.reader_process import Exported, folder_export
+from hulldown.reading.reader_process import Exported, exported_in_folder
 from hulldown.tests.builders.shapes import scenery_of, vehicle_of
 
 ODD = Doubt(DoubtKind.SCALE, "odd")
@@ -55,7 +55,7 @@ class Exporter:
         save_asset(folder / "bundle.npz", made)
         (folder / "tidy.blend").write_bytes(BLEND)
         report = FileReport(kind, str(path), (1.0, 1.0, 1.0), 1, 1.0, "z", missing=self.missing, doubts=(ODD,))
-        return folder_export(folder, report, self.files)
+        return exported_in_folder(folder, report, self.files)
 
 
 @pytest.fixture
@@ -63,8 +63,8 @@ def exporter(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exporter:
     stand_in = Exporter()
     monkeypatch.setattr(hulldown.reading.cache, "export_asset", stand_in)
     sky = FoundSky(SkyLight(), ())
-    monkeypatch.setattr(hulldown.reading.hdri, "ask_reader", lambda jobs, limits: None)
-    monkeypatch.setattr(hulldown.reading.hdri, "found_answer", lambda job, kind: sky)
+    monkeypatch.setattr(hulldown.reading.hdri, "run_reader_jobs", lambda jobs, limits: None)
+    monkeypatch.setattr(hulldown.reading.hdri, "read_job_answer", lambda job, kind: sky)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return stand_in
 
@@ -82,7 +82,9 @@ def read(exporter: Exporter, blend: Path, tmp_path: Path) -> Callable[..., bool]
 
     def run(path: Path = blend, kind: str = "vehicle", **options: object) -> bool:
         before, lines = len(exporter.read), []
-        exported, digest = cached_export(path, tmp_path / "cache", kind=kind, options=Options(**options), progress=lines.append)
+        exported, digest = cached_export_and_digest(
+            path, tmp_path / "cache", kind=kind, options=Options(**options), progress=lines.append
+        )
         assert len(digest) == 64
         assert exported.bundle.is_file()
         assert exported.report.path == str(path)
@@ -306,7 +308,7 @@ def planned(folder: Path, **assets_section: str) -> Plan:
     assets = load_library(config).assets
     path = folder / "plan.jsonl"
     pairs = Pairs(np.ones((len(assets.vehicles), 1)), np.ones(1), ())  # no vehicle needs a place
-    header = make_header(Planner(config, assets, pairs=pairs), path)
+    header = make_plan_header(Planner(config, assets, pairs=pairs), path)
     header.config["assets"].update(assets_section)
     return Plan(path, header)
 

@@ -23,10 +23,10 @@ from hulldown.planning.write import write_plan
 from hulldown.reading.confinement.landlock import landlock_version
 from hulldown.reading.reader_process import export_asset
 from hulldown.render.blender.messages import CyclesSettings
-from hulldown.render.jobs import render_job
+from hulldown.render.jobs import make_render_job
 from hulldown.render.pool import Engine
 from hulldown.render.process import Blender, Confinement
-from hulldown.render.supervisor import render_remaining
+from hulldown.render.supervisor import render_remaining_images
 from hulldown.tests.builders.blender_plans import run_script
 from hulldown.tests.builders.clusters import cluster
 from hulldown.tests.builders.parameters import few
@@ -150,7 +150,7 @@ def test_the_list_of_risky_features_alone_stops_them_when_rendered(
             sceneries={"void": moved(library.sceneries["void"], there["scenery"])},
         )
         row = decode_row(orjson.dumps(make_row(0)))
-        jobs.append(render_job(row, library, settings, tmp_path / f"{case}.png"))
+        jobs.append(make_render_job(row, library, settings, tmp_path / f"{case}.png"))
     with Blender(tmp_path / "log", device="cpu", confinement=Confinement(tmp_path, ())) as blender:
         assert not any(blender.do(job).reasons for job in jobs)
     assert {path.stem for path in tmp_path.glob("*.png")} == set(WRITERS)
@@ -181,10 +181,10 @@ def planned(attack: Path) -> Path:
 def test_no_attack_succeeds_from_plan_to_picture(attack: Path, planned: Path, where: str, tmp_path: Path) -> None:
     before, opened, out = written(attack), Opened(attack / "secret"), attack / "mine/out" / where
     if where == "here":
-        report = render_remaining(planned, out, engine=Engine(device="cpu"))
+        report = render_remaining_images(planned, out, engine=Engine(device="cpu"))
     else:
         with cluster(tmp_path / "nodes", 1) as nodes:
-            report = render_remaining(planned, out, engine=Engine(scheduler=Scheduler(nodes.address), device="cpu"))
+            report = render_remaining_images(planned, out, engine=Engine(scheduler=Scheduler(nodes.address), device="cpu"))
     assert report.failed == ()
     assert report.rendered == len(read_plan(planned))
     assert opened.names() == set()

@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 import bpy, numpy as np
 from hulldown.reading.blender.depsgraph import evaluate_scene
-from hulldown.reading.blender.file_pictures import lost_geometry
+from hulldown.reading.blender.file_pictures import lost_geometry_doubts
 
 bpy.ops.wm.read_factory_settings(use_empty=True)
 for name, at in (("hull", (0, 0, 1)), ("turret", (0.4, 0, 2.2))):
@@ -28,7 +28,7 @@ crate = (replace(whole[1].chain[0], name="crate"),)
 def doubts_about(pieces, kind="vehicle", **more):
     drawn.pieces, up = pieces, np.array([0.0, 0.0, 1.0])
     given = {"absent": (), "drop": (), **more}
-    return [[d.kind, d.text] for d in lost_geometry(drawn, up=up, kind=kind, picture=Path(sys.argv[1]), **given)]
+    return [[d.kind, d.text] for d in lost_geometry_doubts(drawn, up=up, kind=kind, picture=Path(sys.argv[1]), **given)]
 
 print("FOUND", json.dumps({
     "whole": doubts_about(whole) + doubts_about(whole, "scenery"),

@@ -15,7 +15,7 @@ from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.formats import file_format
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.reader_process import export_asset
-from hulldown.reading.scenery.geotiff import on_map, read_elevations, read_orthophoto
+from hulldown.reading.scenery.geotiff import read_elevations, read_orthophoto, transform_map_points
 
 UTM = "EPSG:32632"
 CORNER = 447000.0, 5412000.0
@@ -116,7 +116,7 @@ def test_geographic_and_stretched_grids_are_projected_to_utm(tmp_path):
         wanted = Transformer.from_crs(crs, "EPSG:4326", always_xy=True).transform(
             *(np.array(side) for side in rasterio.transform.xy(transform, [0, 39], [0, 49]))
         )
-        found = on_map(points[[0, -1], :2], read.crs, "EPSG:4326").T
+        found = transform_map_points(points[[0, -1], :2], read.crs, "EPSG:4326").T
         assert np.abs((found - wanted + 180) % 360 - 180).max() < 1e-8
         assert points[-1, 2] == heights()[-1, -1]
 

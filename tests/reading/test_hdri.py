@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.hdri import MAX_RADIANCE, mean_luminance, mend_radiance, read_hdris
+from hulldown.reading.hdri import MAX_RADIANCE, mean_sky_luminance, mended_radiance_and_repairs, read_hdris
 from hulldown.reading.pieces.doubt import DoubtKind
-from hulldown.reading.surroundings import backdrop_elevation, small_map
+from hulldown.reading.surroundings import backdrop_elevation_and_misfits, shrink_sky_map
 
 SCRIPT = "hdri_files.py"
 
@@ -30,7 +30,7 @@ def with_pixels(value: float, count: int = 1) -> np.ndarray:
 def test_infinite_suns_get_the_brightness_of_the_brightest_finite_one(value: float, count: int) -> None:
     pixels = with_pixels(value, count)
     pixels[9, 9] = 1234.0
-    mended, notes = mend_radiance(pixels)
+    mended, notes = mended_radiance_and_repairs(pixels)
     assert notes == ((f"{count} pixels without end are as bright as its brightest finite one, 1234",) if count else ())
     assert (mended.reshape(-1, 3)[:count] == 1234.0).all()
     assert np.array_equal(mended.reshape(-1, 3)[count:], pixels.reshape(-1, 3)[count:])
@@ -44,7 +44,7 @@ def test_a_sky_with_ringing_around_its_sun_is_repaired() -> None:
     pixels[9:16, 20:27] += 600.0 * np.outer(rows, columns)[..., None].astype(np.float32)
     share = -100.0 * pixels.clip(max=0).sum() / pixels.clip(min=0).sum()
     assert share > 8.0
-    mended, (note,) = mend_radiance(pixels)
+    mended, (note,) = mended_radiance_and_repairs(pixels)
     assert note.endswith(f"they took {share:.1f} % of all light")
     assert np.array_equal(mended, pixels.clip(min=0))
 
@@ -65,13 +65,13 @@ def test_a_sky_with_ringing_around_its_sun_is_repaired() -> None:
 )
 def test_a_picture_that_is_not_a_sky_is_refused(pixels: np.ndarray, problem: str) -> None:
     with pytest.raises(AssetError, match=problem):
-        mend_radiance(pixels)
+        mended_radiance_and_repairs(pixels)
 
 
 def test_mean_luminance_weighs_pixels_by_solid_angle() -> None:
     cap = np.zeros((512, 1024, 3), np.float32)
     cap[:128] = (0.0, 1.0, 0.0)  # 45 degrees around a pole
-    assert mean_luminance(cap) == pytest.approx(0.7152 * (1 - np.cos(np.pi / 4)) / 2, rel=1e-4)
+    assert mean_sky_luminance(cap) == pytest.approx(0.7152 * (1 - np.cos(np.pi / 4)) / 2, rel=1e-4)
 
 
 def open_sky() -> np.ndarray:
@@ -90,7 +90,7 @@ def standing(degrees: float, columns: Sequence[int], level: float = 0.1) -> np.n
 
 
 def test_an_open_sky_fits_and_ends_at_the_horizon() -> None:
-    assert backdrop_elevation(open_sky()) == (0.703, ())
+    assert backdrop_elevation_and_misfits(open_sky()) == (0.703, ())
 
 
 @pytest.mark.parametrize(
@@ -104,32 +104,36 @@ def test_an_open_sky_fits_and_ends_at_the_horizon() -> None:
 def test_surroundings_are_measured_and_reported_if_wide_and_high(
     degrees: float, columns: Sequence[int], open_land: bool
 ) -> None:
-    horizon_deg, misfits = backdrop_elevation(standing(degrees, columns))
+    horizon_deg, misfits = backdrop_elevation_and_misfits(standing(degrees, columns))
     assert horizon_deg == pytest.approx(degrees, abs=1.5)
     assert ["above its horizon" in misfit for misfit in misfits] == [True] * (not open_land)
 
 
 def test_a_ceiling_and_a_roof_are_reported() -> None:
     warm = open_sky()[..., ::-1]
-    assert backdrop_elevation(warm)[1] == ("overhead, it is as warm as a ceiling",)
+    assert backdrop_elevation_and_misfits(warm)[1] == ("overhead, it is as warm as a ceiling",)
     beams = open_sky()
     beams[:, ::4] *= 0.6
-    assert any("has edges" in misfit for misfit in backdrop_elevation(beams)[1])
+    assert any("has edges" in misfit for misfit in backdrop_elevation_and_misfits(beams)[1])
 
 
 def test_brightness_and_yaw_of_a_sky_do_not_matter() -> None:
     sky = standing(20.0, range(40))
-    assert backdrop_elevation(sky * 2.0**-12) == backdrop_elevation(sky) == backdrop_elevation(np.roll(sky, 77, axis=1))
+    assert (
+        backdrop_elevation_and_misfits(sky * 2.0**-12)
+        == backdrop_elevation_and_misfits(sky)
+        == backdrop_elevation_and_misfits(np.roll(sky, 77, axis=1))
+    )
 
 
 def test_a_sky_of_few_rows_is_not_judged() -> None:
-    assert backdrop_elevation(small_map(np.ones((4, 8, 3)))) == (22.5, ())
+    assert backdrop_elevation_and_misfits(shrink_sky_map(np.ones((4, 8, 3)))) == (22.5, ())
 
 
 def test_a_downsampled_map_has_means_with_the_zenith_first() -> None:
     pixels = np.zeros((256, 512, 3))
     pixels[255, 0] = 4.0
-    assert small_map(pixels)[0, 0].tolist() == [1.0, 1.0, 1.0]
+    assert shrink_sky_map(pixels)[0, 0].tolist() == [1.0, 1.0, 1.0]
 
 
 @pytest.mark.blender

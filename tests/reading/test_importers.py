@@ -7,7 +7,7 @@ import struct
 import pytest
 
 from hulldown.reading.pieces.asset_report import FileReport
-from hulldown.reading.reader_process import ask_reader, finished_export, reader_job
+from hulldown.reading.reader_process import finished_export, reader_job, run_reader_jobs
 
 # A box of 6 x 3 x 1, and a smaller one on it: corners and faces of four.
 HULL = [(x, y, z) for x in (-3, 3) for y in (-1.5, 1.5) for z in (0, 1)]
@@ -97,7 +97,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, FileReport]:
         out = folder / f"{name}.out"
         out.mkdir()
         jobs[name] = reader_job(folder / name, out, kind="vehicle")
-    ask_reader(list(jobs.values()))
+    run_reader_jobs(list(jobs.values()))
     return {name: finished_export(job).report for name, job in jobs.items()}
 
 

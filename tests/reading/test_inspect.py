@@ -15,13 +15,13 @@ from hulldown import cli
 from hulldown.base.errors import AssetError, HulldownError
 from hulldown.base.terminal import Terminal
 from hulldown.planning.inputs.inspection import inspect_file
-from hulldown.reading.inspect import MAX_FULL_SIZE_ASSETS, ROLE_COLORS, Inspected, draw_asset, write_pictures
+from hulldown.reading.inspect import MAX_FULL_SIZE_ASSETS, ROLE_COLORS, Inspected, draw_asset, write_inspection_picture
 from hulldown.reading.pieces.asset_report import FileReport, MaterialRow, ObjectRow
 from hulldown.tests.builders.blender_plans import run_python
 from hulldown.tests.builders.shapes import box, scenery_of, vehicle_of
 from hulldown.tests.planning.test_found_assets import SKY
 from hulldown.verbs import output
-from hulldown.verbs.output import print_report
+from hulldown.verbs.output import print_lines_and_tables
 
 FILES = """
 import bpy
@@ -120,14 +120,14 @@ def test_a_file_is_inspected(project: Path) -> None:
     assert [Path(m.path).name for m in found.missing] == ["gone.png"]
     assert found.missing[0].wanted_by == ("Hull",)
     assert any("5.5 cm long; set scale = 1 (now 0.01)" in doubt.text for doubt in found.doubts)
-    write_pictures([inspected], folder / "tiny.png")
+    write_inspection_picture([inspected], folder / "tiny.png")
     with Image.open(folder / "tiny.png") as image:
         assert image.size == (960, 960)
     assert sorted(p.name for p in folder.iterdir()) == ["tiny.blend", "tiny.png"]
     with pytest.raises(AssetError, match=r"gone\.png is missing, used by Hull"):
         inspect_file(path, strict=True)
     with pytest.raises(HulldownError, match="cannot be written"):
-        write_pictures([inspected], path / "x.png")
+        write_inspection_picture([inspected], path / "x.png")
 
 
 def test_many_pictures_are_half_as_large(tmp_path: Path) -> None:
@@ -135,8 +135,8 @@ def test_many_pictures_are_half_as_large(tmp_path: Path) -> None:
     report = FileReport("vehicle", "a.blend", (1.0, 1.0, 1.0), 12, 1.0, "z")
     many = [Inspected(f"v{k}", report, Image.new("RGB", (96, 96))) for k in range(2 * MAX_FULL_SIZE_ASSETS)]
     few, more = (tmp_path / name for name in ("few.png", "more.png"))
-    write_pictures(many[:MAX_FULL_SIZE_ASSETS], few)
-    write_pictures(many, more)
+    write_inspection_picture(many[:MAX_FULL_SIZE_ASSETS], few)
+    write_inspection_picture(many, more)
     with Image.open(few) as large, Image.open(more) as small:
         assert abs(large.width - small.width) < 20
         assert large.height > small.height > large.height / 2
@@ -210,7 +210,7 @@ def report(*rows: ObjectRow) -> FileReport:
 def shown(monkeypatch: pytest.MonkeyPatch, table: Table, **console: object) -> str:
     file = io.StringIO()
     monkeypatch.setattr(output, "STDOUT_TERMINAL", Terminal(file=file, highlight=False, **console))
-    print_report(table)
+    print_lines_and_tables(table)
     return file.getvalue()
 
 

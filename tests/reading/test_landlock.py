@@ -11,7 +11,7 @@ import pytest
 
 from hulldown.cli import main
 from hulldown.reading.confinement import landlock
-from hulldown.reading.confinement.landlock import asset_folders, confine_command, landlock_version
+from hulldown.reading.confinement.landlock import confine_command, landlock_version, readable_asset_folders
 
 ROOT = Path(__file__).resolve().parents[2]
 # Each line is tried separately. IN is writable, OUT isn't; both are folders with a file.
@@ -108,7 +108,7 @@ def test_folders_where_python_looks_for_modules_are_open_only_where_packages_are
     (folder / "tool-1.dist-info").mkdir()
     (folder / "tool-1.dist-info/METADATA").write_text("Name: tool\nVersion: 1\n")
     (folder / "tool-1.dist-info/RECORD").write_text("tool.py,,\ntool-1.dist-info/RECORD,,\n../elsewhere,,\n")
-    landlock._installed_files.cache_clear()
+    landlock._installed_package_paths.cache_clear()
     assert tried(lines, names) == lines.splitlines()[1:]
 
 
@@ -137,7 +137,7 @@ def test_a_kernel_of_any_version_is_asked_only_for_rights_it_supports(
     asked = min(version, landlock_version())
     code = (
         f"from hulldown.reading.confinement import landlock; landlock.landlock_version = lambda: {asked};"
-        f"landlock.confine_process({{'write': [{names['IN']!r}]}}); open({names['IN'] + '/new'!r}, 'w').close();"
+        f"landlock.confine_this_process({{'write': [{names['IN']!r}]}}); open({names['IN'] + '/new'!r}, 'w').close();"
         f"open({names['OUT'] + '/new'!r}, 'w')"
     )
     ran = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
@@ -151,12 +151,12 @@ def test_the_folders_of_an_asset(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     deep.mkdir(parents=True)
     (deep / "a.blend").touch()
     (tmp_path / "link.blend").symlink_to(deep / "a.blend")
-    assert asset_folders(deep / "a.blend") == [deep, deep.parent]
-    assert asset_folders(tmp_path / "link.blend")[:2] == [tmp_path, deep]
+    assert readable_asset_folders(deep / "a.blend") == [deep, deep.parent]
+    assert readable_asset_folders(tmp_path / "link.blend")[:2] == [tmp_path, deep]
     monkeypatch.setenv("HOME", str(deep.parent))
-    assert asset_folders(deep / "a.blend") == [deep], "not the user's home"
-    assert asset_folders(Path("/srv/a.blend")) == [Path("/srv")]
-    assert asset_folders(Path("/srv/models/a.blend")) == [Path("/srv/models")]
+    assert readable_asset_folders(deep / "a.blend") == [deep], "not the user's home"
+    assert readable_asset_folders(Path("/srv/a.blend")) == [Path("/srv")]
+    assert readable_asset_folders(Path("/srv/models/a.blend")) == [Path("/srv/models")]
 
 
 @pytest.mark.parametrize("required", [False, True])

@@ -69,7 +69,7 @@ def test_scenery_ground_and_obstacles(messy: Messy) -> None:
     # Oak, pebble, and the cube of the geometry nodes: one mesh each for all instances.
     assert len(scenery.obstacle_meshes) == 3
     for mesh in scenery.obstacle_meshes:
-        assert np.array_equal(mesh.extreme, replace(mesh, extreme=None).extreme_vertices()), "stored for planning"
+        assert np.array_equal(mesh.extreme, replace(mesh, extreme=None).extreme_vertex_indices()), "stored for planning"
     assert messy.uses("scattered")["Skydome"] == {"backdrop"}
     for name in ("Volume", "Terrain_LOD1", "Terrain_LOD2"):
         assert messy.uses("scattered")[name] == {"dropped"}

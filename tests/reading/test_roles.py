@@ -16,15 +16,15 @@ from hulldown.reading.pieces.naming import (
     GUN_WORDS,
     HELPER_WORDS,
     TURRET_HINTS,
-    first_match,
-    hinted_stem,
+    first_matching_pattern,
+    first_matching_stem,
 )
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Link, Piece, Unseen, vehicle_roles
 from hulldown.reading.scenery.scenery_roles import scenery_roles
 from hulldown.reading.vehicle.parts import Parts, find_parts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
-from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
+from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_or_doubt_kind
 
 
 def link(name: str, *collections: str, kind: str = "MESH", at: tuple = (0.0, 0.0, 0.0)) -> Link:
@@ -54,31 +54,31 @@ HULL = piece("Hull", size=(6, 3, 1), at=(0, 0, 1))
 @pytest.mark.parametrize(
     ("match", "name", "words", "found"),
     [
-        (first_match, "groundhog", GROUND_WORDS, False),
-        (first_match, "playGROUND", GROUND_WORDS, True),
-        (first_match, "GROUNDS.012", GROUND_WORDS, True),
-        (first_match, "shadowcatcher", HELPER_WORDS, True),
-        (first_match, "Shadow-Catcher.001", HELPER_WORDS, True),
-        (first_match, "Gunner_Sight", GUN_WORDS, False),
-        (first_match, "gunShip", GUN_WORDS, True),
-        (first_match, "Main_Gun.003", GUN_WORDS, True),
-        (first_match, "TerrainFar", ["terrain*"], True),
-        (first_match, "FarTerrain", ["terrain*"], False),
-        (first_match, "Tile[3]", ["tile[[]3]"], True),
-        (first_match, "anything", ["", "..."], False),
+        (first_matching_pattern, "groundhog", GROUND_WORDS, False),
+        (first_matching_pattern, "playGROUND", GROUND_WORDS, True),
+        (first_matching_pattern, "GROUNDS.012", GROUND_WORDS, True),
+        (first_matching_pattern, "shadowcatcher", HELPER_WORDS, True),
+        (first_matching_pattern, "Shadow-Catcher.001", HELPER_WORDS, True),
+        (first_matching_pattern, "Gunner_Sight", GUN_WORDS, False),
+        (first_matching_pattern, "gunShip", GUN_WORDS, True),
+        (first_matching_pattern, "Main_Gun.003", GUN_WORDS, True),
+        (first_matching_pattern, "TerrainFar", ["terrain*"], True),
+        (first_matching_pattern, "FarTerrain", ["terrain*"], False),
+        (first_matching_pattern, "Tile[3]", ["tile[[]3]"], True),
+        (first_matching_pattern, "anything", ["", "..."], False),
         # Words inside words and in other languages.
-        (hinted_stem, "gunbarrel", GUN_HINTS, True),
-        (hinted_stem, "guncariage_2", GUN_HINTS, True),
-        (hinted_stem, "turretpivot", TURRET_HINTS, True),
-        (hinted_stem, "Turm_03", TURRET_HINTS, True),
-        (hinted_stem, "Geschütz", GUN_HINTS, True),
-        (hinted_stem, "turet", TURRET_HINTS, True),
-        (hinted_stem, "BASHNYA01", TURRET_HINTS, True),
-        (hinted_stem, "炮塔", TURRET_HINTS, True),
-        (hinted_stem, "begonia", GUN_HINTS, False),
-        (hinted_stem, "Sturmhaube", TURRET_HINTS, False),
-        (hinted_stem, "vezel", ("wheel",), False),
-        (hinted_stem, "pieza_11", TURRET_HINTS, False),
+        (first_matching_stem, "gunbarrel", GUN_HINTS, True),
+        (first_matching_stem, "guncariage_2", GUN_HINTS, True),
+        (first_matching_stem, "turretpivot", TURRET_HINTS, True),
+        (first_matching_stem, "Turm_03", TURRET_HINTS, True),
+        (first_matching_stem, "Geschütz", GUN_HINTS, True),
+        (first_matching_stem, "turet", TURRET_HINTS, True),
+        (first_matching_stem, "BASHNYA01", TURRET_HINTS, True),
+        (first_matching_stem, "炮塔", TURRET_HINTS, True),
+        (first_matching_stem, "begonia", GUN_HINTS, False),
+        (first_matching_stem, "Sturmhaube", TURRET_HINTS, False),
+        (first_matching_stem, "vezel", ("wheel",), False),
+        (first_matching_stem, "pieza_11", TURRET_HINTS, False),
     ],
 )
 def test_names_match_words(match: Callable, name: str, words: Sequence[str], found: bool) -> None:
@@ -156,10 +156,10 @@ def test_a_scenery_listed_as_a_vehicle_is_refused_unless_options_are_given() -> 
     files = [piece("Ground", size=(200, 200, 5)), piece("House", size=(40, 10, 10))], [piece("Water", size=(99, 99, 0))]
     for pieces in files:
         with pytest.raises(AssetError, match=r"looks like a scenery but is listed as a vehicle: .* \[\[assets.scener"):
-            refuse_wrong_kind("vehicle", pieces, Options())
-        assert refuse_wrong_kind("scenery", pieces, Options()) is None
+            refuse_or_doubt_kind("vehicle", pieces, Options())
+        assert refuse_or_doubt_kind("scenery", pieces, Options()) is None
         for options in (Options(scale=0.01), Options(keep=("house",)), Options(drop=("ground",))):
-            assert refuse_wrong_kind("vehicle", pieces, options) is None
+            assert refuse_or_doubt_kind("vehicle", pieces, options) is None
 
 
 def test_a_parent_of_everything_is_no_helper_and_a_glacier_is_no_vehicle() -> None:
@@ -177,28 +177,28 @@ def test_a_parent_of_everything_is_no_helper_and_a_glacier_is_no_vehicle() -> No
 def test_a_tank_in_centimeters_is_not_a_scenery() -> None:
     tank = [piece("Hull", size=(600, 300, 100), at=(0, 0, 100)), piece("Track_L", size=(600, 60, 90), at=(0, 150, 45))]
     assert scenery_uses(*tank) == ["obstacle", "ground"]
-    assert refuse_wrong_kind("vehicle", tank, Options()) is None
+    assert refuse_or_doubt_kind("vehicle", tank, Options()) is None
     (doubt,) = vehicle_doubts(FileReport("vehicle", "", (600.0, 360.0, 150.0), 0, 1.0, "z"), Options())
     assert doubt.kind == DoubtKind.SCALE
     assert "600 m long; set scale = 0.01 (now 1)" in doubt.text
     with pytest.raises(AssetError, match=r"it contains ground \('Track_L'\)"):
-        refuse_wrong_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
+        refuse_or_doubt_kind("vehicle", [piece("Slope", size=(600, 300, 100)), tank[1]], Options())
 
 
 def test_a_vehicle_listed_as_a_scenery_is_refused_by_its_names() -> None:
     floor = piece("Floor", size=(50, 50, 0.1))
     for pieces in ([HULL], [floor, HULL]):
         with pytest.raises(AssetError, match=r"looks like a vehicle but is listed as a scenery: it contains 'Hull'"):
-            refuse_wrong_kind("scenery", pieces, Options())
-        assert refuse_wrong_kind("vehicle", pieces, Options()) is None
-        assert refuse_wrong_kind("scenery", pieces, Options(ground=("Floor",))) is None
+            refuse_or_doubt_kind("scenery", pieces, Options())
+        assert refuse_or_doubt_kind("vehicle", pieces, Options()) is None
+        assert refuse_or_doubt_kind("scenery", pieces, Options(ground=("Floor",))) is None
     rocks = [piece("Rock", size=(6, 3, 1))]
-    doubt = refuse_wrong_kind("scenery", rocks, Options())
+    doubt = refuse_or_doubt_kind("scenery", rocks, Options())
     assert doubt is not None
     assert doubt.kind == DoubtKind.OTHER_KIND
-    assert refuse_wrong_kind("scenery", [floor, *rocks], Options()) is None
+    assert refuse_or_doubt_kind("scenery", [floor, *rocks], Options()) is None
     town = [piece("House", size=(9, 9, 9)), piece("Cartwheel", at=(90, 0, 0)), piece("wheel", at=(90, 0, 0))]
-    assert refuse_wrong_kind("scenery", town, Options()) is None
+    assert refuse_or_doubt_kind("scenery", town, Options()) is None
 
 
 def parts_in(pieces: list[Piece], points: list[np.ndarray], *, markers: tuple = (), **options: str) -> Parts:

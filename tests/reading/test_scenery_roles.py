@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import AssetError
-from hulldown.reading.build import build_scenery
+from hulldown.reading.build import build_scenery_and_wet_names
 from hulldown.reading.doubts import scenery_doubts
 from hulldown.reading.pieces.asset_report import FileReport
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Piece, Unseen
-from hulldown.reading.scenery.scenery_roles import matching_pattern, scenery_roles, unmatched_role_pattern
-from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_wrong_kind
+from hulldown.reading.scenery.scenery_roles import matching_name_and_pattern, scenery_roles, unmatched_key_and_pattern
+from hulldown.reading.vehicle_or_scenery import likely_kind, refuse_or_doubt_kind
 from hulldown.tests.reading.test_roles import link, piece
 from hulldown.tests.reading.test_roles import scenery_uses as uses
 
@@ -199,7 +199,7 @@ def test_houses_on_a_floor_are_not_a_vehicle() -> None:
     town = [piece(f"Object_{i + 2}", size=(12, 12, 9), at=(40 * i - 120, 0, 4.5), level=0.4) for i in range(7)]
     assert likely_kind([floor, *town], Options()) == "scenery"
     with pytest.raises(AssetError, match=r"it contains ground \('Object_1'\)"):
-        refuse_wrong_kind("vehicle", [floor, *town], Options())
+        refuse_or_doubt_kind("vehicle", [floor, *town], Options())
     tank = piece("Tank", size=(7, 3.5, 2.5), at=(0, 0, 1.4), level=0.4)
     assert likely_kind([floor, tank], Options()) == "vehicle"
     truck = [piece("Bed", size=(900, 250, 30), at=(0, 0, 100), level=0.9)]  # in centimeters
@@ -218,7 +218,7 @@ def test_houses_on_a_floor_are_not_a_vehicle() -> None:
 )  # fmt: skip
 def test_a_pattern_matches_whole_object_names(pattern: str, matches: bool) -> None:
     one = piece(link("Plane.003", "Hills"), data="Terrain_mesh", materials=("Grass_A",))
-    assert bool(matching_pattern(one, (pattern,))) is matches
+    assert bool(matching_name_and_pattern(one, (pattern,))) is matches
 
 
 def test_what_is_dropped_or_not_ground_precedes_ground() -> None:
@@ -254,10 +254,12 @@ def test_a_dome_around_everything_is_a_doubt_with_a_drop_pattern() -> None:
 @pytest.mark.parametrize("key", ["ground", "not_ground", "water", "drop"])
 def test_a_pattern_that_matches_nothing_is_refused(key: str) -> None:
     with pytest.raises(AssetError, match=rf"{key} = 'Plane.03' matches nothing; it contains 'Plane.003'"):
-        build_scenery("s", Evaluated(pieces=[HILLS]), [], meters=np.eye(4), options=Options(**{key: ("Plane.03",)}))
+        build_scenery_and_wet_names(
+            "s", Evaluated(pieces=[HILLS]), [], meters=np.eye(4), options=Options(**{key: ("Plane.03",)})
+        )
 
 
 def test_only_drop_matches_the_carrier_of_a_piece():
     leaves = [piece("leaf", carrier="Emitter")]
-    assert unmatched_role_pattern(leaves, Options(drop=("Emitter",))) is None
-    assert unmatched_role_pattern(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")
+    assert unmatched_key_and_pattern(leaves, Options(drop=("Emitter",))) is None
+    assert unmatched_key_and_pattern(leaves, Options(ground=("Emitter",))) == ("ground", "Emitter")

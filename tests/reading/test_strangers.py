@@ -13,20 +13,20 @@ from hulldown.assets.bundle import load_scenery
 from hulldown.assets.skylight import SkyLight
 from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.base.errors import HulldownError
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.plan.config.schema import Config
 from hulldown.plan.library import load_library
-from hulldown.planning.appearance import land_above_horizon
+from hulldown.planning.appearance import count_hdri_land_images
 from hulldown.planning.write import write_plan
 from hulldown.reading.doubts import scenery_doubts, vehicle_doubts
 from hulldown.reading.hdri import read_hdris
-from hulldown.reading.pieces.asset_report import By, FileReport, MaterialRow, Missing, ObjectRow, refuse_missing
+from hulldown.reading.pieces.asset_report import By, FileReport, MaterialRow, Missing, ObjectRow, refuse_missing_files
 from hulldown.reading.pieces.doubt import DoubtKind, file_warnings
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import PieceRole
-from hulldown.reading.reader_process import ask_reader, finished_export, reader_job
+from hulldown.reading.reader_process import finished_export, reader_job, run_reader_jobs
 from hulldown.reading.surroundings import shows_land
-from hulldown.reading.vehicle.parts import doubt_unnamed_parts
+from hulldown.reading.vehicle.parts import unnamed_part_doubts
 from hulldown.reading.vehicle.seen_colors import color_doubts
 from hulldown.reading.vehicle.solids import PlacedPieces, find_solids
 from hulldown.tests.builders.planning_assets import small_assets, small_config
@@ -80,7 +80,7 @@ def read(tmp_path_factory):
     """The assets read from each file, by its name."""
     folder = tmp_path_factory.mktemp("strangers")
     tree = box([1, 1, 6], [100, 100, 3])
-    village, _ = merge_meshes([box([60, 60, 0.1], [0, 0, 0]), *HOUSES])
+    village, _ = merge_meshes_with_sources([box([60, 60, 0.1], [0, 0, 0]), *HOUSES])
     sceneries = {
         "sheet": {"Terrain": hills(), "Grass": box([500, 500, 0], [0, 0, 6])},
         "pit": {"Terrain": hills(), "Terrain_low": box([120, 120, 1], [0, 0, -194]), "tree": tree},
@@ -128,7 +128,7 @@ def read(tmp_path_factory):
         out = folder / "out" / name
         out.mkdir(parents=True)
         jobs.append(reader_job(path, out, kind="scenery" if name in sceneries else "vehicle"))
-    ask_reader(jobs)
+    run_reader_jobs(jobs)
     return {name: finished_export(job) for name, job in zip(files, jobs, strict=True)}
 
 
@@ -196,7 +196,7 @@ def test_a_picture_that_cannot_be_read_is_named(read):
     (lost,) = read["pointer"].report.missing
     assert (Path(lost.path).name, lost.problem) == ("atlas.png", "unreadable")
     with pytest.raises(HulldownError, match=r"atlas.png is unreadable, used by"):
-        refuse_missing([read["pointer"].report], strict=False)
+        refuse_missing_files([read["pointer"].report], strict=False)
 
 
 def test_a_white_vehicle_is_a_doubt_about_lost_textures(read):
@@ -252,7 +252,7 @@ def test_land_in_an_hdri_is_hidden_or_reported_where_the_terrain_ends(tmp_path):
     for backdrop in ("hdri", "auto"):
         config = small_config(light={"backdrop": backdrop, "hdris": ["noon"]}, camera={"elevation_deg": [20.0, 40.0]})
         plan = write_plan(config, assets, tmp_path / f"{backdrop}.jsonl")
-        seen[backdrop] = land_above_horizon(plan, assets)
+        seen[backdrop] = count_hdri_land_images(plan, assets)
     images = len(plan)
     assert images > seen["hdri"][0] > 0, "hills end, the fallback plane doesn't"
     assert seen == {"hdri": (seen["hdri"][0], images), "auto": (0, images)}
@@ -328,5 +328,5 @@ def test_a_lawn_as_wide_as_the_scenery_is_ground(read):
 def test_a_group_can_turn_unless_its_name_excludes_it(group, asked):
     pieces = [piece("lower", size=(6, 3, 1), at=(0, 0, 0.5))]
     pieces += [piece(name, group, size=(1, 1, 1), at=(0, 0, 2)) for name in ("left", "right")]
-    doubts = doubt_unnamed_parts(PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4)))
+    doubts = unnamed_part_doubts(PlacedPieces(pieces, [one.bounds for one in pieces], find_solids((), ()), (), np.eye(4)))
     assert sum(f"hang from {group!r}" in doubt.text for doubt in doubts) == asked

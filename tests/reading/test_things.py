@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from hulldown.geometry.meshes import Mesh, merge_meshes
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.reading.pieces.doubt import DoubtKind
 from hulldown.reading.pieces.options import Options
 from hulldown.reading.pieces.roles import Evaluated, Link, Piece
@@ -31,12 +31,12 @@ SPREAD = TANK | {"Antenna": tube((-2, 0.5, 2.6), (-2, 0.5, 5), 0.02), "Plate": b
 TRAILER = {"cab": box((5, 2.5, 3), (0, 0, 2)), "box": box((12, 2.5, 3.5), (9, 0, 2.5))}
 LEVELS = {k: m for i in range(3) for k, m in moved(TANK, (0, 0, 0), f"{{}}_LOD{i}", 1 + 0.02 * i).items()}
 UNNAMED = moved(TANK, (0, 0, 0), "obj{}x") | moved(TANK, (0, 0, 0), "o2{}y", 1.01)
-MERGED = TANK | {"shape7": merge_meshes(list(TANK.values()), name="it")[0]}
-COLLIDER = CAR | {"mesh9": coarser(merge_meshes(list(CAR.values()), name="it")[0], 1.01)}
+MERGED = TANK | {"shape7": merge_meshes_with_sources(list(TANK.values()), name="it")[0]}
+COLLIDER = CAR | {"mesh9": coarser(merge_meshes_with_sources(list(CAR.values()), name="it")[0], 1.01)}
 SHELLS = TANK | {"Inner": box((5.4, 2.1, 0.8), (0, 0, 1))}
 PAINTED = {
     "Body": box((6, 2.4, 1), (0, 0, 1)),
-    "Trim": merge_meshes([box((0.1, 2.4, 1), (x, 0, 1)) for x in (-2.95, 2.95)], name="t")[0],
+    "Trim": merge_meshes_with_sources([box((0.1, 2.4, 1), (x, 0, 1)) for x in (-2.95, 2.95)], name="t")[0],
     **{k: TANK[k] for k in TANK if k[0] == "W"},
 }
 
@@ -65,7 +65,7 @@ def test_a_library_of_vehicles_in_one_place_is_proposed_by_name():
 
 
 def test_a_joined_row_is_a_doubt_without_a_key():
-    built = read({"row": merge_meshes(list(ROW.values()), name="row")[0]})
+    built = read({"row": merge_meshes_with_sources(list(ROW.values()), name="row")[0]})
     assert next(d.text for d in built.doubts if d.kind == SEVERAL).startswith("4 things")
     assert not built.things
 
@@ -104,7 +104,7 @@ BODY = box((4, 1.8, 1.4), (0, 0, 0.7))
         ({"parked_Car.003": BODY}, ["parked_Car.003"]),
         ({"SUV-red": BODY, "bus stop": BODY, "water_tank": BODY, "Cargo": BODY, "carWheel": BODY}, ["SUV-red"]),
         ({"Car": box((40, 30, 9), (0, 0, 5))}, []),
-        ({"Mesh_17": merge_meshes(list(CAR.values()), name="m")[0]}, ["Mesh_17"]),
+        ({"Mesh_17": merge_meshes_with_sources(list(CAR.values()), name="m")[0]}, ["Mesh_17"]),
         ({f"part{i}": mesh for i, mesh in enumerate(TRUCK.values())}, ["group9"]),
         ({"hut": BODY, "Mesh_3": box((6, 6, 3), (0, 0, 1.5))}, []),
     ],

@@ -17,7 +17,7 @@ from hulldown.tests.builders.blender_plans import run_python
 SCRIPT = "water_blends.py"
 SHOWN = """
 import json, sys
-from hulldown.reading.blender.capture import visit_render
+from hulldown.reading.blender.capture import visit_render_depsgraph
 from hulldown.render.blender.scene import BlenderScene
 stage = BlenderScene(sys.argv[1])
 shown = []
@@ -25,7 +25,7 @@ def look(depsgraph):
     for instance in depsgraph.object_instances:
         if instance.show_self and instance.object.type == "MESH" and instance.object.data.polygons:
             shown.append(instance.object.name.partition(".")[0])
-visit_render(stage.scene, look)
+visit_render_depsgraph(stage.scene, look)
 print("shown", json.dumps(sorted(shown)))
 """
 

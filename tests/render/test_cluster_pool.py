@@ -25,7 +25,7 @@ from hulldown.plan.plan_file import read_plan
 from hulldown.reading.confinement.landlock import landlock_version
 from hulldown.render.pool import Engine
 from hulldown.render.process import Limits
-from hulldown.render.supervisor import render_remaining
+from hulldown.render.supervisor import render_remaining_images
 from hulldown.tests.builders.blender_plans import IMAGES, plan_in, run_python, run_script
 from hulldown.tests.builders.certificates import certificates, needs_openssl
 from hulldown.tests.builders.clusters import HIDDEN, PYTHONPATH, ROOT, blenders, cluster, digests, rendering, wait_for
@@ -41,7 +41,7 @@ def folder(tmp_path_factory):
     made = tmp_path_factory.mktemp("cluster")
     run_script("render_worlds.py", made)
     plan = read_plan(plan_in(made))
-    render_remaining(plan.path, made / "whole", engine=Engine(device="cpu"))
+    render_remaining_images(plan.path, made / "whole", engine=Engine(device="cpu"))
     assert_shows_plan(made / "whole", plan, load_planned_library(plan))
     return made
 
@@ -60,7 +60,9 @@ class Course:
         self.lines, self.workers, self._at, self._act = [], set(), at, act
         self.output = folder
         scheduler = Scheduler(address)
-        self.report = render_remaining(plan, folder, progress=self._show, engine=Engine(scheduler=scheduler, device="cpu"))
+        self.report = render_remaining_images(
+            plan, folder, progress=self._show, engine=Engine(scheduler=scheduler, device="cpu")
+        )
 
     def _show(self, progress):
         self.workers.add(progress.workers)
@@ -122,7 +124,7 @@ def test_a_harmed_worker_loses_no_image_and_leaves_no_blender(folder, nodes, tmp
 def test_workers_enforce_the_memory_limit(folder, nodes, tmp_path):
     engine = Engine(device="cpu", scheduler=Scheduler(nodes.address), limits=Limits(memory_bytes=1))
     with pytest.raises(HulldownError, match="more than the limit"):
-        render_remaining(folder / "plan.jsonl", tmp_path / "d", engine=engine)
+        render_remaining_images(folder / "plan.jsonl", tmp_path / "d", engine=engine)
 
 
 @pytest.mark.thorough
@@ -177,7 +179,7 @@ def test_workers_that_cannot_render_are_named_and_the_others_continue(folder, tm
         nodes.wait()
         engine = Engine(scheduler=Scheduler(nodes.address), device="cpu")
         with pytest.raises(HulldownError, match="all workers are"):
-            render_remaining(folder / "plan.jsonl", tmp_path / "d", progress=lines.append, engine=engine)
+            render_remaining_images(folder / "plan.jsonl", tmp_path / "d", progress=lines.append, engine=engine)
         for _ in range(2):
             nodes.add()
         nodes.add(largest_file=4096)
@@ -207,7 +209,7 @@ def test_a_row_that_cannot_be_rendered_is_given_up_as_on_one_machine(folder, nod
     lines[2] |= {"width": 2, "height": 2}
     plan = folder / "poisoned.jsonl"
     plan.write_text("".join(json.dumps(line) + "\n" for line in lines))
-    whole = render_remaining(plan, tmp_path / "whole", engine=Engine(device="cpu"))
+    whole = render_remaining_images(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     course = Course(tmp_path / "d", plan, nodes.address)
     assert course.report.failed == whole.failed == ("images/00000002.png",)
     assert (tmp_path / "d/annotations.json").read_bytes() == (tmp_path / "whole/annotations.json").read_bytes()
@@ -256,7 +258,7 @@ def test_a_texture_outside_the_asset_folders_is_missing_as_on_one_machine(folder
         shutil.copy(folder / name, client / name)
     run_python("-c", SECRET, folder / "field.blend", secret, client / "field.blend")
     plan = plan_in(client, images=2)
-    render_remaining(plan, tmp_path / "whole", engine=Engine(device="cpu"))
+    render_remaining_images(plan, tmp_path / "whole", engine=Engine(device="cpu"))
     with cluster(tmp_path / "nodes", 1) as nodes:
         Course(tmp_path / "d", plan, nodes.address)
     assert_same(tmp_path / "whole", tmp_path / "d", images=2)

@@ -8,7 +8,7 @@ import pytest
 
 from hulldown.annotate.masks import decode_mask, encode_mask
 from hulldown.annotate.records import Label
-from hulldown.render.cycles_masks import compare_masks, verify_masks
+from hulldown.render.cycles_masks import compare_label_with_masks, verify_masks
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.render_plans import CUBES, make_row, write_plan
 
@@ -32,7 +32,7 @@ def rendered(tmp_path, render, monkeypatch):
         alone = alone * np.arange(1, alone.shape[1] + 1)[:, None, None]
         shown = np.concatenate([alone.max(axis=1, keepdims=True), alone], axis=1)
         monkeypatch.setattr(
-            "hulldown.render.cycles_masks.cycles_masks", lambda plan, chosen, *_, **__: [shown[i] for i in chosen]
+            "hulldown.render.cycles_masks.render_index_maps_of_rows", lambda plan, chosen, *_, **__: [shown[i] for i in chosen]
         )
         return plan, path, coco
 
@@ -87,15 +87,22 @@ def label(**fields):
 
 
 def test_box_and_mask_are_measured():
-    found = compare_masks("1.png", "cube", label(bbox=[5.2, 4.0, 10.0, 6.4], segmentation=encode_mask(MASK)), MASK, MASK)
+    found = compare_label_with_masks(
+        "1.png", "cube", label(bbox=[5.2, 4.0, 10.0, 6.4], segmentation=encode_mask(MASK)), MASK, MASK
+    )
     assert (found.pixels, found.box_error, found.outside) == (60, pytest.approx(0.4), pytest.approx(0.2))
     assert found.mask_iou == 1.0
     half = MASK.copy()
     half[:7] = False
-    assert compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6], segmentation=encode_mask(MASK)), MASK, half).mask_iou == 0.5
-    assert math.isnan(compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK, MASK).mask_iou)
+    assert (
+        compare_label_with_masks(
+            "1.png", "cube", label(bbox=[5, 4, 10, 6], segmentation=encode_mask(MASK)), MASK, half
+        ).mask_iou
+        == 0.5
+    )
+    assert math.isnan(compare_label_with_masks("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK, MASK).mask_iou)
     whole = label(bbox=[5, 4, 10, 6], segmentation=encode_mask(half), segmentation_amodal=encode_mask(half))
-    found = compare_masks("1.png", "cube", whole, MASK, half)
+    found = compare_label_with_masks("1.png", "cube", whole, MASK, half)
     assert (found.mask_iou, found.amodal_iou) == (1.0, 0.5)
 
 
@@ -112,4 +119,6 @@ def test_an_amodal_mask_that_cycles_does_not_render_is_an_error(rendered):
 
 
 def test_the_box_error_of_an_invisible_vehicle_is_infinite():
-    assert compare_masks("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK & False, MASK & False).box_error == math.inf
+    assert (
+        compare_label_with_masks("1.png", "cube", label(bbox=[5, 4, 10, 6]), MASK & False, MASK & False).box_error == math.inf
+    )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hulldown.cli import main
-from hulldown.render.supervisor import render_remaining
+from hulldown.render.supervisor import render_remaining_images
 from hulldown.tests.builders.blender_plans import make_plan, pixels, run_python
 from hulldown.verbs.output import DONE, MISTAKE
 
@@ -39,7 +39,7 @@ def test_a_saved_scene_renders_the_picture_of_the_dataset(written, tmp_path, cap
         placement={"vehicles_per_image": 2, "companion_distance": [9.0, 20.0]},
         weather={"rain": 1.0},
     )
-    render_remaining(plan.path, tmp_path / "dataset")
+    render_remaining_images(plan.path, tmp_path / "dataset")
     expected = [pixels(tmp_path / "dataset" / row.file_name) for row in plan]
     words = ["blend", str(plan.path), "-o", str(tmp_path / "second.blend"), "--image"]
     assert main([*words, "2"]) == DONE

@@ -7,7 +7,7 @@ import pytest
 from hulldown.assets.skylight import level_irradiance
 from hulldown.base.color import LUMINANCE_WEIGHTS
 from hulldown.camera.intrinsics import Intrinsics
-from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, display_levels, metered_exposures_ev, white_balance
+from hulldown.camera.response import CARD_ALBEDO, CARD_LEVEL, display_levels, metered_exposures_ev, white_balance_matrix
 from hulldown.render.blender.messages import CameraInput, CyclesSettings, LightInput, RenderJob
 from hulldown.render.process import Blender
 from hulldown.tests.builders.blender_plans import drawn, run_script
@@ -86,7 +86,7 @@ def test_a_gray_card_has_the_requested_brightness(tmp_path):
     jobs += [(first, 1.0, 0.8, ev, 0.0, None), (first, 4.0, None, ev - 2.0, 0.0, None)]
     levels = rendered(tmp_path, jobs)
     assert [abs(error_ev(level)) < 0.1 for level in levels[: n + 1]] == [True] * (n + 1), "fog matters"
-    balanced = display_levels(white_balance(900.0) @ radiance[0] * 2.0 ** exact[0])
+    balanced = display_levels(white_balance_matrix(900.0) @ radiance[0] * 2.0 ** exact[0])
     np.testing.assert_allclose(levels[n + 1], balanced, atol=4.0)
     np.testing.assert_allclose(levels[n + 2], levels[0], atol=0.5)  # the visible horizon doesn't change the light
     np.testing.assert_allclose(levels[n + 3], levels[0], atol=0.5)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hulldown.base.code import package_versions
-from hulldown.render.cluster_pool import refusal_reason, shared_files
+from hulldown.render.cluster_pool import shared_file_stamps, worker_refusal_reason
 from hulldown.tests.builders.render_plans import cube_library
 
 
@@ -29,15 +29,15 @@ def library(tmp_path):
 def test_a_blend_cannot_choose_what_a_worker_must_see_unless_the_user_adds_its_folder(library, tmp_path, monkeypatch, added):
     if added:
         monkeypatch.setenv("HULLDOWN_READ", str(tmp_path / "secrets"))
-    names = {Path(path).name for path in shared_files(library)}
+    names = {Path(path).name for path in shared_file_stamps(library)}
     assert names == {"void.blend", "cube.blend", "sky.exr", "bark.png", *(["passwords", "link.png"] if added else [])}
 
 
 def test_a_worker_that_lacks_a_file_or_has_another_one_is_refused(library, tmp_path):
-    files, texture = shared_files(library), tmp_path / "pack/worlds/a/bark.png"
+    files, texture = shared_file_stamps(library), tmp_path / "pack/worlds/a/bark.png"
     client, changed = package_versions("bpy"), texture.stat().st_mtime
-    assert refusal_reason(client, False, files) == ""
+    assert worker_refusal_reason(client, False, files) == ""
     os.utime(texture, (changed, changed - 9))
-    assert refusal_reason(client, False, files).startswith(f"sees another {texture}: all machines must share it")
+    assert worker_refusal_reason(client, False, files).startswith(f"sees another {texture}: all machines must share it")
     texture.unlink()
-    assert refusal_reason(client, False, files).startswith(f"cannot read {texture}: all machines must share it")
+    assert worker_refusal_reason(client, False, files).startswith(f"cannot read {texture}: all machines must share it")

@@ -5,7 +5,7 @@ import pytest
 from matplotlib.colors import rgb_to_hsv
 from scipy import ndimage
 
-from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.annotate.silhouettes import whole_and_visible_masks
 from hulldown.base.errors import ConfigError
 from hulldown.plan.coats import Coat
 from hulldown.plan.library import load_library
@@ -86,7 +86,7 @@ def masks(row, library):
     shape = VehicleCaster(library.shapes["odd"])
     return [
         ndimage.binary_erosion(
-            vehicle_masks(PosedVehicle(shape, v.world_from_vehicle[None], v.articulation), row.camera, world=world)[1]
+            whole_and_visible_masks(PosedVehicle(shape, v.world_from_vehicle[None], v.articulation), row.camera, world=world)[1]
         )
         for v in row.vehicles
     ]

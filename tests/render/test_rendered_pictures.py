@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 from PIL.PngImagePlugin import PngInfo
 
-from hulldown.render.process import picture_damage, without_notes
+from hulldown.render.process import picture_damage, png_without_notes
 
 
 def encoded(notes):
@@ -21,25 +21,25 @@ def encoded(notes):
 
 def test_notes_are_removed_and_pixels_kept():
     data, pixels = encoded({"Date": "2026/11/21", "File": "/home/somebody/field.blend"})
-    plain = without_notes(data)
+    plain = png_without_notes(data)
     assert b"somebody" in data
     assert b"somebody" not in plain
     assert np.array_equal(np.asarray(Image.open(io.BytesIO(plain))), pixels)
-    assert plain == without_notes(encoded({"Date": "another day"})[0])
+    assert plain == png_without_notes(encoded({"Date": "another day"})[0])
 
 
 def test_a_picture_without_notes_is_unchanged():
     data, _ = encoded({})
-    assert without_notes(data) == data
+    assert png_without_notes(data) == data
 
 
 def test_a_cut_file_and_one_of_another_format_are_refused():
     data, _ = encoded({})
     for cut in (1, 5, 20):
         with pytest.raises(ValueError, match="ends in the middle"):
-            without_notes(data[:-cut])
+            png_without_notes(data[:-cut])
     with pytest.raises(ValueError, match="expected a PNG file"):
-        without_notes(b"GIF89a")
+        png_without_notes(b"GIF89a")
 
 
 def test_a_picture_of_another_size_is_damage(tmp_path):

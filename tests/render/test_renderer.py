@@ -18,19 +18,19 @@ import psutil
 import pytest
 
 from hulldown.annotate.masks import mask_box, mask_iou
-from hulldown.annotate.silhouettes import vehicle_masks
+from hulldown.annotate.silhouettes import whole_and_visible_masks
 from hulldown.base.child import Child
 from hulldown.base.errors import HulldownError
-from hulldown.camera.shell import shell_axes
+from hulldown.camera.shell import outward_and_camera_axes
 from hulldown.cli import main
-from hulldown.dataset.provenance import read_failures, read_provenance
+from hulldown.dataset.provenance import read_failures, read_provenance_by_plan
 from hulldown.geometry.transforms import rigid_matrix
 from hulldown.plan.library import load_planned_library
 from hulldown.plan.plan_file import Plan
-from hulldown.render.cycles_masks import cycles_masks, verify_masks
-from hulldown.render.jobs import mask_job, readable_paths
+from hulldown.render.cycles_masks import render_index_maps_of_rows, verify_masks
+from hulldown.render.jobs import blender_readable_paths, make_mask_job
 from hulldown.render.process import WORKER_SCRIPT, Allowance, Blender, Limits, worker_command
-from hulldown.render.supervisor import render_remaining
+from hulldown.render.supervisor import render_remaining_images
 from hulldown.render.verify import verify_dataset
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
@@ -62,7 +62,7 @@ def plan(own_worlds):
 
 @pytest.fixture(scope="module")
 def dataset(plan, library, own_worlds):
-    report = render_remaining(plan.path, own_worlds / "dataset", library=library)
+    report = render_remaining_images(plan.path, own_worlds / "dataset", library=library)
     assert report.complete
     assert_shows_plan(own_worlds / "dataset", plan, library)
     return own_worlds / "dataset"
@@ -76,7 +76,7 @@ def test_killing_blender_and_then_the_run_loses_and_doubles_nothing(plan, datase
         psutil.Process(run.pid).children()[-1].kill()
         wait_for(run, killed, 4)
         run.kill()
-    assert render_remaining(plan.path, killed).complete
+    assert render_remaining_images(plan.path, killed).complete
     assert digests(killed) == digests(dataset)
 
 
@@ -103,9 +103,9 @@ def test_cycles_and_embree_see_the_same_pixels(plan, library):
     assert {row.scenery for row in plan} == {"field", "centimeters", "map"}
     assert any(row.companions for row in plan)
     assert any(row.target.truncated_fraction > 0 for row in plan)
-    for row, (_, *maps) in zip(plan, cycles_masks(plan, range(len(plan)), library), strict=True):
+    for row, (_, *maps) in zip(plan, render_index_maps_of_rows(plan, range(len(plan)), library), strict=True):
         for number, (target, alone) in enumerate(zip(row.vehicles, maps, strict=True), start=1):
-            assert mask_iou(alone == number, vehicle_masks(standing(library, target), row.camera)[1]) >= 0.99
+            assert mask_iou(alone == number, whole_and_visible_masks(standing(library, target), row.camera)[1]) >= 0.99
         # All parts of the tank are thicker than a pixel: the outermost pixel centers are within one pixel of the box.
         assert np.abs(corners(mask_box(maps[0] == 1)) - corners(row.target.bbox)).max() <= 1.0
 
@@ -121,7 +121,7 @@ def test_pictures_show_the_planned_vehicles(dataset, plan, library):
         expected = np.zeros((row.height, row.width), dtype=bool)
         world = Scene.of(library.assets.sceneries[row.scenery])
         for target in row.vehicles:
-            expected |= vehicle_masks(standing(library, target), row.camera, world=world)[1]
+            expected |= whole_and_visible_masks(standing(library, target), row.camera, world=world)[1]
         # Antialiased edges: one pixel more or less on every side.
         assert mask_iou(pink(pixels(dataset / row.file_name)), expected) > 0.8
 
@@ -136,7 +136,7 @@ def test_a_row_gives_the_same_picture_in_any_order_and_process(dataset, plan, li
 
 def looking(azimuth_deg, elevation_deg, *, fov_x_deg=60.0, at=(0.0, 0.0, 40.0)):
     """Fields of a row whose camera is at `at` and looks in a direction."""
-    _, axes = shell_axes(math.radians(azimuth_deg + 180.0), math.radians(-elevation_deg))
+    _, axes = outward_and_camera_axes(math.radians(azimuth_deg + 180.0), math.radians(-elevation_deg))
     return {"world_from_camera": rigid_matrix(axes, np.array(at)), "width": 128, "height": 72, "fov_x_deg": fov_x_deg}
 
 
@@ -202,7 +202,7 @@ def test_a_worker_needs_only_numpy_and_bpy(plan, library, tmp_path):
     program = in_place_of_blender(tmp_path, f"sys.modules.update(dict.fromkeys({hidden!r}))")
     with Blender(tmp_path / "log", program=program) as blender:
         drawn(blender, job(plan[0], library, tmp_path / "0.png"))
-        assert blender.do(mask_job(plan[0], library, tmp_path / "0.npy")).content
+        assert blender.do(make_mask_job(plan[0], library, tmp_path / "0.npy")).content
 
 
 def test_a_blender_without_numpy_is_reported(tmp_path):
@@ -271,7 +271,7 @@ def test_annotations_of_a_dataset_equal_masks_by_cycles(dataset, plan, library):
     assert not [finding for finding in report.findings if finding.severity == "error"]
     assert min(row.mask_iou for row in report.rows if row.pixels > 50) >= 0.99
     assert report.table().row_count == len(report.rows)
-    [made] = read_provenance(dataset).values()
+    [made] = read_provenance_by_plan(dataset).values()
     assert re.fullmatch(r"5\.\d.*, Python 3\.\d+\.\d+, NumPy \d.*", made.blender[0])
 
 
@@ -280,9 +280,9 @@ def test_a_path_in_a_plan_gives_no_access_to_its_folder(plan, library, tmp_path)
     entry = altered(plan.header.sceneries["field"], path=str(tmp_path / "secret" / "field.blend"))
     header = altered(plan.header, sceneries={**plan.header.sceneries, "field": entry})
     found = load_planned_library(Plan(plan.path, header))
-    assert readable_paths(found) == readable_paths(library)
-    assert plan.path.parent in readable_paths(found)
-    assert library.hdris["gray"].path in readable_paths(found)
+    assert blender_readable_paths(found) == blender_readable_paths(library)
+    assert plan.path.parent in blender_readable_paths(found)
+    assert library.hdris["gray"].path in blender_readable_paths(found)
 
 
 # A principal point far from the center, and pixels that aren't square; the field of view is 53 degrees wide.
@@ -311,7 +311,7 @@ def test_any_field_of_view_is_rendered_exactly(plan, library, tmp_path, fov_x_de
     up[2, 3] = 500.0
     row = altered(row, target=altered(row.target, world_from_vehicle=up, articulation={}), companions=[])
     with Blender(tmp_path / "log") as blender:
-        seen = np.load(BytesIO(blender.do(mask_job(row, library, tmp_path / "m.npy")).content))[1] == 1
-    expected = vehicle_masks(PosedVehicle(target, up[None], {}), row.camera)[1]
+        seen = np.load(BytesIO(blender.do(make_mask_job(row, library, tmp_path / "m.npy")).content))[1] == 1
+    expected = whole_and_visible_masks(PosedVehicle(target, up[None], {}), row.camera)[1]
     assert expected.sum() > 100
     assert mask_iou(seen, expected) >= 0.99

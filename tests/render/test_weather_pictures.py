@@ -17,9 +17,9 @@ from hulldown.weather.kinds import (
     air_extinction,
     air_layers,
     airlight_radiance,
-    even_sky,
+    even_sky_radiance,
 )
-from hulldown.weather.precipitation import drops_in_view, rain_sizes, symmetric_view
+from hulldown.weather.precipitation import precipitation_view, rain_sizes, sample_drops_in_view
 
 pytestmark = pytest.mark.blender
 AHEAD = [[0.0, 0.0, 1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, -1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
@@ -87,7 +87,7 @@ def test_the_sun_fades_and_airlight_reaches_the_ground(studio, kind, visibility)
     seen = studio.picture(weather, world="ground", sky="sunny", pose=pose, fov_x_deg=20.0, width=32, samples=64)
     elevation = math.pi / 2 - (np.arange(64) + 0.5) / 128 * math.pi
     sunny = np.load(studio.worlds / "sunny.npy")
-    glow = airlight_radiance(kind, even_sky(np.repeat(sunny[..., None], 3, axis=2)))
+    glow = airlight_radiance(kind, even_sky_radiance(np.repeat(sunny[..., None], 3, axis=2)))
     depth = np.zeros(64)
     for layer in air_layers(kind, visibility):
         up = (layer.above + 2.0) / np.sin(elevation)
@@ -137,8 +137,8 @@ def moved(drops, view, width, *, times=96, fine=3):
 def test_streaks_hide_as_much_as_the_falling_drops(studio):
     """In front of a dark wall, a picture is as bright as the share hidden by moving drops."""
     found = studio.picture(RAIN, fov_x_deg=25.0, width=192, samples=64, seed=7)
-    view = symmetric_view(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
-    drops = drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, seed=7)
+    view = precipitation_view(np.array(AHEAD), Intrinsics(192, 108, math.radians(25.0)), RAIN.exposure_s)
+    drops = sample_drops_in_view(rain_sizes(RAIN.rain_mm_h), view, RAIN.wind_m_s, seed=7)
     expected = moved(drops, view, 192)
     bare = hidden_by(studio.picture(None, fov_x_deg=25.0, width=192, samples=1), SKY * WEATHER_KINDS["rain"].share_of_sky)
     share = hidden_by(found, SKY * WEATHER_KINDS["rain"].share_of_sky) - bare

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Cut, Cutouts, Extension, fewer_texels
-from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.geometry.seen_surface import faces_with_area, seen_surface
+from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Cut, Cutouts, Extension, shrink_alpha_texels
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
+from hulldown.geometry.seen_surface import faces_with_area, seen_mesh_and_source_faces
 from hulldown.geometry.transforms import rigid_matrix, rotation_z
-from hulldown.scene.cutouts import make_caster
+from hulldown.scene.cutouts import make_ray_caster
 from hulldown.scene.ground import Ground
 from hulldown.scene.instances import InstancedScene
 from hulldown.scene.obstacles import Obstacles
@@ -44,7 +44,7 @@ def on_checks(at: np.ndarray) -> np.ndarray:
 
 
 WALL = Mesh(SQUARE + np.array([0.0, 1.0, 0.0]), HALVES)
-NET = vehicle_of(merge_meshes([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])[0], name="net")
+NET = vehicle_of(merge_meshes_with_sources([card(y=-1.0), Mesh(SQUARE + np.array([2.0, 0.0, 0.0]), HALVES)])[0], name="net")
 VEHICLE = PosedVehicle(VehicleCaster(NET), np.eye(4)[None], {})
 # The flat one is cast as a separate mesh.
 POSES = np.stack([np.eye(4), rigid_matrix(np.eye(3), [0.0, 2.0, 0.0]), np.diag([1.0, 1e-9, 1.0, 1.0])])
@@ -54,7 +54,7 @@ POSES[2, 1, 3] = -1.0
 @pytest.mark.parametrize(
     ("thing", "distance"),
     [
-        (Ground(make_caster(card())), 3.0),
+        (Ground(make_ray_caster(card())), 3.0),
         (InstancedScene([card()], [0, 0, 0], POSES), 2.0),
         (VEHICLE, 2.0),
         (Scene(vehicles=[VEHICLE]), 2.0),
@@ -73,7 +73,7 @@ def test_rays_hit_opaque_texels_and_pass_clear_ones(thing, distance: float):
 
 def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
     origins, along, at = through()
-    hits = make_caster(merge_meshes([card(), WALL])[0]).cast(origins, along)
+    hits = make_ray_caster(merge_meshes_with_sources([card(), WALL])[0]).cast(origins, along)
     np.testing.assert_array_equal(hits.face, np.where(on_checks(at), 0, 2) + (at[:, 1] > at[:, 0]))
     np.testing.assert_allclose(hits.distance, np.where(on_checks(at), 3.0, 4.0))
     hits = InstancedScene([card()], [0, 0, 0], POSES).first_hits(RayList(origins, along))
@@ -82,9 +82,9 @@ def test_faces_of_a_mesh_with_and_without_holes_keep_their_numbers():
 
 def test_transmittance_multiplies_and_half_occludes():
     origins, along, at = through()
-    mesh, _ = merge_meshes([card(SOFT), card(SOFT, y=1e-5), card(SOFT, y=0.5)])
+    mesh, _ = merge_meshes_with_sources([card(SOFT), card(SOFT, y=1e-5), card(SOFT, y=0.5)])
     opacity = SOFT.opacity(at)
-    caster = make_caster(mesh)
+    caster = make_ray_caster(mesh)
     expected = (1.0 - opacity.astype(float)) ** 3
     found = caster.transmittance(origins, along)
     np.testing.assert_allclose(found, np.where(expected < 1e-3, 0.0, expected), atol=1e-3)
@@ -95,7 +95,7 @@ def test_transmittance_multiplies_and_half_occludes():
 def test_layers_10_micrometers_apart_all_count():
     layers = 40
     half = AlphaMap(np.full((1, 1), 0.1, dtype=np.float32))
-    mesh, _ = merge_meshes([card(half, y=1e-5 * i) for i in range(layers)])
+    mesh, _ = merge_meshes_with_sources([card(half, y=1e-5 * i) for i in range(layers)])
     for turn in (0.0, 0.7):
         pose = rigid_matrix(rotation_z(turn), [3.0, -2.0, 1.0])
         scene = InstancedScene([mesh], [0], pose[None])
@@ -112,12 +112,12 @@ def test_a_slanting_ray_hits_each_face_once(slant: float):
     on = np.column_stack([rng.uniform(0.2, 0.8, 500), np.zeros(500), rng.uniform(0.2, 0.8, 500)])
     along = np.tile([1.0, slant, 0.3], (500, 1))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    found = make_caster(mesh).transmittance(on - along, along)
+    found = make_ray_caster(mesh).transmittance(on - along, along)
     np.testing.assert_array_equal(found, 0.5)
 
 
 def test_a_ray_within_a_card_terminates():
-    found = make_caster(card(SOFT)).transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0]] * 2)
+    found = make_ray_caster(card(SOFT)).transmittance([[-1.0, 0.0, 0.5], [-1.0, 1e-9, 0.3]], [[1.0, 0, 0]] * 2)
     assert ((found >= 0.0) & (found <= 1.0)).all()
 
 
@@ -140,10 +140,10 @@ def test_faces_classified_opaque_or_clear_are_so_everywhere(extension: Extension
 def test_opacity_exactly_at_the_threshold():
     half = np.full((1, 1), 0.5, dtype=np.float32)
     origins, along, _ = through(5)
-    assert make_caster(card(AlphaMap(half))).occluded(origins, along).all()
+    assert make_ray_caster(card(AlphaMap(half))).occluded(origins, along).all()
     for curve, hides in ((TEXEL_GRADES >= 0.5, True), (TEXEL_GRADES > 0.5, False), (TEXEL_GRADES < 0.5, False)):
         alpha = AlphaMap(half, curve=curve.astype(np.float32))
-        assert (make_caster(card(alpha)).occluded(origins, along) == hides).all()
+        assert (make_ray_caster(card(alpha)).occluded(origins, along) == hides).all()
 
 
 def test_boxes_touch_the_opaque_parts_of_a_card():
@@ -151,22 +151,22 @@ def test_boxes_touch_the_opaque_parts_of_a_card():
     at = np.random.default_rng(4).uniform(0.02, 0.98, (500, 2))
     world_from_box = np.tile(scene.world_from_instance[0], (500, 1, 1))
     world_from_box[:, :3, 3] += (at[:, :1] * world_from_box[:, :3, 0]) + at[:, 1:] * world_from_box[:, :3, 2]
-    touched = Obstacles(scene).touches_boxes(np.full((500, 3), 0.05), world_from_box)
+    touched = Obstacles(scene).blocked_box_mask(np.full((500, 3), 0.05), world_from_box)
     # A box of 0.1 m around a point of a checkerboard of 0.25 m, far from the edges of its fields.
     opaque = on_checks(at)
     inner = (np.abs(at * 4 - np.rint(at * 4)) > 0.25).all(axis=1)
     np.testing.assert_array_equal(touched[inner], opaque[inner])
     assert touched[opaque].all()
     whole = Obstacles(InstancedScene([replace(card(), cutouts=None)], [0], scene.world_from_instance))
-    assert whole.touches_boxes(np.full((500, 3), 0.05), world_from_box).all()
+    assert whole.blocked_box_mask(np.full((500, 3), 0.05), world_from_box).all()
 
 
 @pytest.mark.parametrize(("longest", "shape"), [(8, (8, 8)), (5, (5, 5)), (1, (1, 1))])
 def test_downsampled_textures_keep_their_mean_opacity(longest: int, shape: tuple[int, int]):
     alpha = replace(SOFT, curve=HARD)
-    texels = fewer_texels(alpha, longest)
+    texels = shrink_alpha_texels(alpha, longest)
     assert texels.shape == shape
-    assert AlphaMap(texels).graded_texels().mean() == pytest.approx(alpha.graded_texels().mean(), abs=1 / 255)
+    assert AlphaMap(texels).texel_opacity().mean() == pytest.approx(alpha.texel_opacity().mean(), abs=1 / 255)
 
 
 @pytest.mark.parametrize("smooth", [False, True])
@@ -179,11 +179,11 @@ def test_the_seen_surface_ends_where_texels_do_and_lacks_what_draws_nothing(smoo
     alpha = AlphaMap(texels, smooth=smooth)
     sheet = Mesh(corners, faces, "net", Cutouts(np.arange(2), uv, np.zeros(2, dtype=int), (alpha,)))
     assert faces_with_area(sheet).tolist() == [0, 1]
-    surface, face = seen_surface(sheet.of_faces(np.array([0, 1])))
+    surface, face = seen_mesh_and_source_faces(sheet.take_mesh_faces(np.array([0, 1])))
     np.testing.assert_allclose(surface.bounds, [[0.5, 0.5, 0], [3.0, 1.0, 0]], atol=4 / 16 / 8)
     assert set(face.tolist()) == {0, 1}
     on_map = Mesh(corners + np.array([477123.0, 5412345.0, 0.0]), faces, "net")
     assert faces_with_area(on_map).tolist() == [0, 1]
     clear = AlphaMap(np.full((1, 1), 100, dtype=np.uint8))
     ghost = Mesh(corners, faces[:2], "ghost", Cutouts(np.arange(2), uv, np.zeros(2, dtype=int), (clear,)))
-    assert seen_surface(ghost) is None
+    assert seen_mesh_and_source_faces(ghost) is None

@@ -1,12 +1,12 @@
 import numpy as np
 import pytest
 
-from hulldown.geometry.meshes import Mesh, merge_meshes
-from hulldown.scene.ray_caster import RAYS_PER_BLOCK, RayCaster, coherent_blocks
+from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
+from hulldown.scene.ray_caster import RAYS_PER_BLOCK, RayCaster, coherent_index_blocks
 from hulldown.tests.builders.shapes import sheet
 
 # A floor of 2 m by 2 m and, 1 m above a quarter of it, a roof.
-HOUSE, _ = merge_meshes([sheet((-1, -1), (1, 1)), sheet((0, 0), (1, 1), 1.0)], name="house")
+HOUSE, _ = merge_meshes_with_sources([sheet((-1, -1), (1, 1)), sheet((0, 0), (1, 1), 1.0)], name="house")
 DOWN = [0.0, 0.0, -1.0]
 
 
@@ -61,7 +61,7 @@ def test_five_thousand_casters_coexist():
 @pytest.mark.parametrize("n", [0, 1, 5000, 3 * RAYS_PER_BLOCK])
 def test_blocks_contain_every_point_once_and_neighbors_together(n):
     points = np.random.default_rng(4).uniform(0, 100, (n, 2))
-    order = np.concatenate(list(coherent_blocks(points)))
+    order = np.concatenate(list(coherent_index_blocks(points)))
     assert np.sort(order).tolist() == list(range(n))
     if n > 4096:
         step = np.abs(np.diff(points[order], axis=0)).sum(axis=1)

@@ -13,8 +13,8 @@ from hulldown.training.inputs import data
 from hulldown.training.inputs.augment import Augmenter
 from hulldown.training.inputs.data import Batches, DrawnExamples, make_draws
 from hulldown.training.inputs.settings import KNOWN_AUGMENTATIONS, load_settings
-from hulldown.training.inputs.sources import Sample, read_sources
-from hulldown.training.sheet import augmentation_sheet
+from hulldown.training.inputs.sources import Sample, read_classes_and_sources
+from hulldown.training.sheet import write_augmentation_sheet
 
 TABLE = load_settings(None, {"augmentation": "table1"}).augmentation
 
@@ -172,7 +172,7 @@ def test_pictures_that_no_network_reads_are_refused():
 
 @pytest.mark.parametrize("kept_bytes", [0, 5 * 86 * 48 * 3, data.KEPT_PICTURE_BYTES])  # nothing, a few pictures, all
 def test_draw_k_has_the_same_pixels_in_any_worker(tmp_path, monkeypatch, kept_bytes):
-    _, sources = read_sources({"demo": make_dataset(tmp_path / "set", 12)})
+    _, sources = read_classes_and_sources({"demo": make_dataset(tmp_path / "set", 12)})
     draws = make_draws([12], 30, seed=5)
     examples = [DrawnExamples(sources, draws, (64, 48), TABLE, masks=True)]
     monkeypatch.setattr(data, "KEPT_PICTURE_BYTES", kept_bytes)
@@ -199,7 +199,7 @@ def test_every_draw_is_in_one_step_and_a_restart_continues_in_the_middle(draws, 
 
 def sheet_of(dataset, **options):
     path = dataset.parent / "sheet.png"
-    augmentation_sheet(dataset, path, **options)
+    write_augmentation_sheet(dataset, path, **options)
     with Image.open(path) as sheet:
         return sheet.copy()
 

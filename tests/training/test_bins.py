@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from hulldown.dataset.attributes import viewing_angles
+from hulldown.dataset.attributes import viewing_distance_and_angles
 from hulldown.tests.builders.detections import dataset, loaded, matched, random_case, results
-from hulldown.training.evaluation.bins import bin_figures, binned_fields
+from hulldown.training.evaluation.bins import binned_fields, figures_by_bin
 
 
 def posed(axis, degrees, at=(0.0, 0.0, 0.0)):
@@ -42,7 +42,7 @@ def test_every_value_has_its_bin_and_stored_ones_come_first(field, image, label,
 
 def test_distance_elevation_and_side_are_those_of_the_camera_from_the_target():
     vehicle, camera = (np.array([one], dtype=float) for one in (OFF["world_from_vehicle"], AWAY["world_from_camera"]))
-    distance, elevation, azimuth = viewing_angles(vehicle[:, :3, 3], vehicle, camera)
+    distance, elevation, azimuth = viewing_distance_and_angles(vehicle[:, :3, 3], vehicle, camera)
     assert distance[0] == pytest.approx(13)
     assert elevation[0] == pytest.approx(math.degrees(math.asin(12 / 13)))
     assert azimuth[0] == pytest.approx(math.degrees(math.atan2(4, 3)) - 30)
@@ -61,8 +61,8 @@ def test_other_formats_of_poses_are_left_out():
 
 
 def binned(coco, found):
-    seen = matched(coco, found).above_threshold(0.3)
-    return [bin_figures(field, seen) for field in binned_fields(seen.labels, seen.predictions)], seen
+    seen = matched(coco, found).with_threshold(0.3)
+    return [figures_by_bin(field, seen) for field in binned_fields(seen.labels, seen.predictions)], seen
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -18,9 +18,9 @@ from hulldown.tests.training.test_study import config_of
 from hulldown.tests.training.test_train import in_child, nano, small, train_and_die
 from hulldown.training.fitting import Recorder
 from hulldown.training.inputs.data import DrawnExamples, make_draws
-from hulldown.training.inputs.sources import follow_masks, read_sources
+from hulldown.training.inputs.sources import read_classes_and_sources, should_follow_masks
 from hulldown.training.predict import load_detector
-from hulldown.training.study.study_folder import prepare_study, study_runs
+from hulldown.training.study.study_folder import planned_study_runs, prepare_study
 from hulldown.training.train import train_detector
 
 
@@ -159,16 +159,16 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
     """Photographs without masks and renders with masks: no box follows its mask, so that all are equally tight."""
     with_masks = make_dataset(tmp_path / "renders", 4)
     without = make_dataset(tmp_path / "photographs", 4, masks=False)
-    _, sources = read_sources({"renders": with_masks, "photographs": without})
+    _, sources = read_classes_and_sources({"renders": with_masks, "photographs": without})
     assert [source.masked for source in sources] == [True, False]
-    assert follow_masks(None, sources[:1])
-    rule = follow_masks(None, sources)
+    assert should_follow_masks(None, sources[:1])
+    rule = should_follow_masks(None, sources)
     assert not rule
     draws = make_draws([4, 4], 12, seed=0)
     examples = DrawnExamples(sources, draws, (96, 54), augmentation(), masks=rule)
-    assert not any(examples._sample(k).masks for k in range(12))
+    assert not any(examples._sample_of_draw(k).masks for k in range(12))
     with pytest.raises(ConfigError, match="masks = true: photographs has boxes without masks"):
-        follow_masks(True, sources)
+        should_follow_masks(True, sources)
 
 
 def test_every_arm_of_a_study_follows_the_same_rule(tmp_path):
@@ -176,4 +176,4 @@ def test_every_arm_of_a_study_follows_the_same_rule(tmp_path):
         make_dataset(tmp_path / name, 8, seed=seed, masks=name == "synthetic")
     (tmp_path / "study").mkdir()
     study = prepare_study(config_of(tmp_path, tmp_path, arms=["real", "synthetic"], fractions=[1.0]), tmp_path / "study")
-    assert {run.settings.masks for run in study_runs(study.config)} == {False}
+    assert {run.settings.masks for run in planned_study_runs(study.config)} == {False}

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from hulldown.base.errors import ConfigError
-from hulldown.training.inputs.data import make_draws, source_shares
+from hulldown.training.inputs.data import fill_source_shares, make_draws
 
 
 def test_a_row_is_a_function_of_seed_and_number_alone():
@@ -32,7 +32,7 @@ def test_draws_are_uniform_over_the_union_as_in_the_paper():
 @pytest.mark.parametrize(("share", "expected"), [(0.5, [0.5, 0.125, 0.375]), (0.0, [0, 0.25, 0.75])])
 def test_given_shares_hold_and_the_rest_is_by_size(share, expected):
     sizes = [10, 20, 60]
-    shares = source_shares(dict(zip(("real", "a", "b"), sizes, strict=True)), {"real": share})
+    shares = fill_source_shares(dict(zip(("real", "a", "b"), sizes, strict=True)), {"real": share})
     draws = make_draws(sizes, 20_000, seed=0, shares=shares)
     found = np.bincount(draws.source, minlength=3) / 20_000
     np.testing.assert_allclose(found, expected, atol=0.02)  # six standard deviations
@@ -41,7 +41,7 @@ def test_given_shares_hold_and_the_rest_is_by_size(share, expected):
 
 
 def test_shares_of_all_sources_add_up_to_1():
-    assert source_shares({"a": 1, "b": 1}, {"a": 0.25, "b": 0.75}) == [0.25, 0.75]
+    assert fill_source_shares({"a": 1, "b": 1}, {"a": 0.25, "b": 0.75}) == [0.25, 0.75]
     for shares, message in (
         ({"c": 0.5}, r"shares\.c: no source has this name; there are a, b"),
         ({"a": 1.5}, r"shares\.a = 1\.5: expected a number from 0 to 1"),
@@ -49,4 +49,4 @@ def test_shares_of_all_sources_add_up_to_1():
         ({"a": 0.5, "b": 0.4}, "they add up to 0.9, expected 1"),
     ):
         with pytest.raises(ConfigError, match=message):
-            source_shares({"a": 1, "b": 1}, shares)
+            fill_source_shares({"a": 1, "b": 1}, shares)

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from hulldown.training.evaluation.average_precision import weighted_averages
+from hulldown.training.evaluation.average_precision import weighted_class_ap
 from hulldown.training.evaluation.bootstrap import (
     difference_interval,
     figure_intervals,
-    resampled_sums,
+    resample_sums,
+    resampled_standard_error,
     share_interval,
-    standard_error,
 )
 from hulldown.training.evaluation.metrics import figure_denominators, figures_from_sums
 
@@ -48,7 +48,7 @@ def of_figures(rng, n, simulations, recall, agreement, alarms):
     for _ in range(simulations):
         labels = 1 + rng.poisson(SHOTS, n)
         sums = sums_of(rng, labels, found_in(rng, labels, recall, agreement), rng.poisson(alarms, n))
-        again = resampled_sums(sums, times=TIMES)
+        again = resample_sums(sums, times=TIMES)
         drawn = figures_from_sums(again)
         ends = figure_intervals(figures_from_sums(sums.sum(axis=0)), drawn, figure_denominators(sums))
         yield [covers(truth[key], ends[key], drawn[key]) for key in ("recall", "precision", "f1", "mean_iou")]
@@ -62,9 +62,9 @@ def of_differences(rng, n, simulations, recall, agreement, gain, loss):
         before = found_in(rng, labels, recall, agreement)
         after = before + rng.binomial(labels - before, gain) - rng.binomial(before, loss)
         total = labels.sum()
-        again = resampled_sums(np.stack([after - before, labels], axis=1).astype(float), times=TIMES)
+        again = resample_sums(np.stack([after - before, labels], axis=1).astype(float), times=TIMES)
         drawn = again[:, 0] / again[:, 1]
-        value, error = (after - before).sum() / total, standard_error(drawn, n)
+        value, error = (after - before).sum() / total, resampled_standard_error(drawn, n)
         yield [covers(truth, difference_interval(value, error, freedom=n - 1, labels=total), drawn)]
 
 
@@ -81,7 +81,7 @@ def ranked(rng, n, recall, agreement, alarms):
 
 def ap50(labels, true, position, weights):
     once = np.ones((1, len(true)), dtype=bool)
-    return weighted_averages(true[None], once, weights[:, position], weights @ labels)[:, 0]
+    return weighted_class_ap(true[None], once, weights[:, position], weights @ labels)[:, 0]
 
 
 def of_ap50(rng, n, simulations, *scene):
@@ -91,7 +91,7 @@ def of_ap50(rng, n, simulations, *scene):
         labels, true, position = ranked(rng, n, *scene)
         drawn = np.random.default_rng(k).multinomial(n, np.ones(n) / n, size=TIMES)
         value, *again = ap50(labels, true, position, np.concatenate([np.ones((1, n)), drawn]))
-        error = standard_error(np.array(again), n)
+        error = resampled_standard_error(np.array(again), n)
         yield [covers(truth, share_interval(value, error, freedom=n - 1, trials=labels.sum()), again)]
 
 

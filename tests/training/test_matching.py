@@ -11,7 +11,7 @@ from pycocotools.cocoeval import COCOeval
 from hulldown.tests.builders.detections import dataset, loaded, random_case, results
 from hulldown.training.evaluation.average_precision import AP_NAMES
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
-from hulldown.training.evaluation.matching import match_repeatedly
+from hulldown.training.evaluation.matching import match_at_each_iou
 
 IOUS = (0.1, 0.5, 0.75, 0.95)
 
@@ -54,7 +54,7 @@ def official(labels, predictions):
 
 def assert_official(coco, found):
     labels, predictions = loaded(coco, found)
-    all_matched = match_repeatedly(labels, predictions, IOUS)
+    all_matched = match_at_each_iou(labels, predictions, IOUS)
     answers = official(labels, predictions).values()
     for matched, (matches, ignored, seen) in zip(all_matched, answers, strict=True):
         assert {d: int(g) for d, g in enumerate(matched.box) if g >= 0} == matches

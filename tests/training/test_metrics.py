@@ -3,19 +3,19 @@ import pytest
 from scipy.stats import binomtest
 
 from hulldown.tests.builders.detections import dataset, loaded, matched, random_case, results, total
-from hulldown.training.evaluation.average_precision import IOU_THRESHOLDS, resampled_averages
+from hulldown.training.evaluation.average_precision import IOU_THRESHOLDS, resampled_class_aps
 from hulldown.training.evaluation.bootstrap import (
-    combined_error,
+    combined_error_and_freedom,
     difference_interval,
     draw_resamples,
     figure_intervals,
-    ratio_error,
-    resampled_sums,
+    ratio_standard_error,
+    resample_sums,
+    resampled_standard_error,
     share_interval,
-    standard_error,
 )
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare_detectors
-from hulldown.training.evaluation.matching import match_repeatedly
+from hulldown.training.evaluation.matching import match_at_each_iou
 from hulldown.training.evaluation.metrics import (
     RATIO_METRICS,
     confusion_matrix,
@@ -40,7 +40,7 @@ def test_figures_and_confusion_of_one_image_by_hand():
         (1, 1, (400, 0, 10, 10), 0.9),
         (1, 2, (300, 0, 10, 10), 0.2),
     ]
-    seen = matched(dataset(boxes), results(found)).above_threshold(0.5)
+    seen = matched(dataset(boxes), results(found)).with_threshold(0.5)
     assert {key: float(value) for key, value in figures_from_sums(total(seen)).items()} == pytest.approx(
         {"precision": 2 / 5, "recall": 2 / 4, "f1": 4 / 9, "mean_iou": 0.9}
         | {"mean_confidence": 0.84, "mean_confidence_tp": 0.8, "mean_confidence_fp": 2.6 / 3}
@@ -53,7 +53,7 @@ def test_curves_go_through_the_operating_points():
     curve = threshold_curves(matching)
     assert (np.diff(curve["threshold"]) < 0).all()
     for k in range(len(curve["threshold"])):
-        figure = figures_from_sums(total(matching.above_threshold(curve["threshold"][k])))
+        figure = figures_from_sums(total(matching.with_threshold(curve["threshold"][k])))
         assert [curve[key][k] for key in RATIO_METRICS] == [figure[key] for key in RATIO_METRICS]
     best = best_threshold(matching.labels, matching.predictions)
     assert curve["f1"][curve["threshold"] == best] == curve["f1"].max()
@@ -76,9 +76,9 @@ def test_a_position_drawn_three_times_counts_as_three_images(seed):
 def averages(coco, found, times):
     """`AP_NAMES` of each class, where each image counts so many times."""
     labels, predictions = loaded(coco, found)
-    matchings = match_repeatedly(labels, predictions, IOU_THRESHOLDS)
+    matchings = match_at_each_iou(labels, predictions, IOU_THRESHOLDS)
     weights = np.bincount(labels.position, weights=times)
-    return resampled_averages(matchings, np.stack([np.ones_like(weights), weights]))[1]
+    return resampled_class_aps(matchings, np.stack([np.ones_like(weights), weights]))[1]
 
 
 def counted(found):
@@ -89,7 +89,7 @@ def counted(found):
 
 def intervals(sums):
     return figure_intervals(
-        figures_from_sums(sums.sum(axis=0)), figures_from_sums(resampled_sums(sums)), figure_denominators(sums)
+        figures_from_sums(sums.sum(axis=0)), figures_from_sums(resample_sums(sums)), figure_denominators(sums)
     )
 
 
@@ -114,7 +114,7 @@ def test_a_share_counts_no_more_than_its_trials():
 
 def test_the_error_of_few_groups_is_that_of_their_mean():
     values = np.array([0.0, 1.0, 0.0, 1.0, 1.0])
-    found = standard_error(resampled_sums(values[:, None], times=20_000)[:, 0] / 5, 5)
+    found = resampled_standard_error(resample_sums(values[:, None], times=20_000)[:, 0] / 5, 5)
     assert found == pytest.approx(values.std(ddof=1) / np.sqrt(5), rel=0.03)
 
 
@@ -130,9 +130,9 @@ def test_the_delta_method_agrees_with_the_bootstrap():
     rng = np.random.default_rng(0)
     whole = 1.0 + rng.poisson(2.0, 300)
     part = rng.binomial(whole.astype(int), 0.6).astype(float)
-    again = resampled_sums(np.stack([part, whole], axis=1))
-    resampled = standard_error(again[:, 0] / again[:, 1], 300)
-    assert ratio_error(part, whole) == pytest.approx(resampled, rel=0.06)
+    again = resample_sums(np.stack([part, whole], axis=1))
+    resampled = resampled_standard_error(again[:, 0] / again[:, 1], 300)
+    assert ratio_standard_error(part, whole) == pytest.approx(resampled, rel=0.06)
 
 
 def paired(changes, labels=100):
@@ -157,10 +157,10 @@ def test_a_detector_differs_from_itself_by_no_more_than_the_two_added_labels():
 
 
 def test_different_seeds_widen_an_interval():
-    error, freedom = combined_error(0.03, 0.04, test_freedom=100, seed_freedom=2)
+    error, freedom = combined_error_and_freedom(0.03, 0.04, test_freedom=100, seed_freedom=2)
     assert error == pytest.approx(0.05)
     assert 2 < freedom < 6
-    alone, many = combined_error(0.03, 0.0, test_freedom=100, seed_freedom=0)
+    alone, many = combined_error_and_freedom(0.03, 0.0, test_freedom=100, seed_freedom=0)
     assert (alone, many) == (pytest.approx(0.03), pytest.approx(100))
 
 
@@ -174,5 +174,5 @@ def test_resamples_have_the_size_of_the_sample(groups):
 def test_without_data_or_five_positions_there_is_no_interval():
     sums = counted([1, 1, 0, 1])
     assert all(np.isnan(ends).all() for ends in intervals(sums).values())
-    assert np.isnan(standard_error(np.full((10, 2), np.nan), 20)).all()
+    assert np.isnan(resampled_standard_error(np.full((10, 2), np.nan), 20)).all()
     assert np.isnan(share_interval(np.nan, np.nan, freedom=5)).all()

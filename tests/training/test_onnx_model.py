@@ -12,7 +12,7 @@ from hulldown.base.errors import HulldownError
 from hulldown.cli import main
 from hulldown.tests.builders.networks import CLASSES, nano_weights, write_small_weights
 from hulldown.training.detectors import detr
-from hulldown.training.inputs.data import network_pictures
+from hulldown.training.inputs.data import pictures_at_network_size
 from hulldown.training.onnx_model import export_model
 from hulldown.training.predict import load_detector
 
@@ -45,8 +45,8 @@ def test_onnxruntime_gives_the_detectors_results(kind, tmp_path, capsys):
     rng = np.random.default_rng(0)
     for height, width in ((54, 96), (90, 40)):
         picture = rng.integers(0, 255, (height, width, 3), dtype=np.uint8)
-        given = network_pictures([picture], (64, 64))
-        given = given / 255 if kind == "small" else detr.normalize_pictures(given)
+        given = pictures_at_network_size([picture], (64, 64))
+        given = given / 255 if kind == "small" else detr.normalize_for_detr(given)
         found = session.run(None, {"input": given.numpy()})
         corners, scores, labels = decoded(found, width, height)
         if kind == "small":  # what it finds is in the picture

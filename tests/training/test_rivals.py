@@ -12,7 +12,7 @@ from hulldown.cli import main
 from hulldown.tests.builders.networks import RUN, write_small_weights
 from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.training.detectors.detector import Detections
-from hulldown.training.detectors.rivals import RIVAL_CLASSES, lower_scores
+from hulldown.training.detectors.rivals import RIVAL_CLASSES, lower_contested_scores
 from hulldown.training.predict import predict_detections
 
 
@@ -32,7 +32,7 @@ def overlap(a, b):
 def test_the_highest_overlapping_rival_counts_and_rows_stay_by_falling_score():
     found = detections(([0, 0, 10, 10], 0.75), ([50, 50, 10, 10], 0.5), ([0, 0, 10, 4], 0.25))
     rivals = detections(([0, 0, 10, 5], 0.5), ([0, 0, 10, 10], 0.25), ([50, 50, 4.5, 10], 1.0))
-    lowered = lower_scores(found, rivals)
+    lowered = lower_contested_scores(found, rivals)
     assert lowered.score.tolist() == [0.5, 0.375, 0.125]  # an IoU of exactly 0.5 counts, one of 0.45 doesn't
     assert lowered.class_index.tolist() == [1, 0, 2]
     assert lowered.xywh.tolist() == found.xywh[[1, 0, 2]].tolist()
@@ -40,8 +40,8 @@ def test_the_highest_overlapping_rival_counts_and_rows_stay_by_falling_score():
 
 @pytest.mark.parametrize("rows", [(), (([3, 4, 5, 6], 0.5),)])
 def test_without_rivals_or_detections_nothing_changes(rows):
-    assert lower_scores(detections(*rows), detections()).score.tolist() == [0.5] * len(rows)
-    assert lower_scores(detections(), detections(*rows)).score.tolist() == []
+    assert lower_contested_scores(detections(*rows), detections()).score.tolist() == [0.5] * len(rows)
+    assert lower_contested_scores(detections(), detections(*rows)).score.tolist() == []
 
 
 @pytest.fixture(scope="module")

@@ -17,15 +17,15 @@ from hulldown.tests.builders.editing import edit
 from hulldown.tests.builders.networks import tiny_weights
 from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.tests.training.test_augment import TABLE, augmentation
-from hulldown.training.inputs.settings import Settings, load_settings, rate_factor
-from hulldown.training.inputs.sources import check_source_pictures, read_sources
+from hulldown.training.inputs.settings import Settings, learning_rate_factor, load_settings
+from hulldown.training.inputs.sources import hash_source_pictures, read_classes_and_sources
 from hulldown.training.train import train_detector
 
 ROOT = Path(__file__).parents[2]
 
 
 def sha256(sources):
-    return {name: found.sha256 for name, found in check_source_pictures(sources).items()}
+    return {name: found.sha256 for name, found in hash_source_pictures(sources).items()}
 
 
 def test_classes_are_matched_by_name_for_any_ids(tmp_path):
@@ -41,12 +41,13 @@ def test_classes_are_matched_by_name_for_any_ids(tmp_path):
             image["id"] += 99
 
     edit(made, renumber)
-    classes, (first, second) = read_sources({"real": real, "made": made})
+    classes, (first, second) = read_classes_and_sources({"real": real, "made": made})
     assert classes == ("square", "disc")
     np.testing.assert_array_equal(first.class_index, second.class_index)
-    assert read_sources({"made": made})[0] == ("square", "disc")
+    assert read_classes_and_sources({"made": made})[0] == ("square", "disc")
     assert (
-        read_sources({"made": made}, classes=("disc", "square"))[1][0].class_index.tolist() == (1 - first.class_index).tolist()
+        read_classes_and_sources({"made": made}, classes=("disc", "square"))[1][0].class_index.tolist()
+        == (1 - first.class_index).tolist()
     )
 
 
@@ -60,23 +61,23 @@ def test_a_parent_category_without_boxes_is_not_a_class(tmp_path):
         ]
 
     edit(dataset, group)
-    assert read_sources({"real": dataset})[0] == ("square", "disc")
+    assert read_classes_and_sources({"real": dataset})[0] == ("square", "disc")
     export_dataset(dataset, tmp_path / "yolo", layout="rfdetr-yolo", fractions=(1.0, 0.0, 0.0))
     assert '0: "square"' in (tmp_path / "yolo/data.yaml").read_text()  # and exports number the same classes
     edit(dataset, lambda coco: coco["annotations"][0].update(category_id=0))
-    assert read_sources({"real": dataset})[0] == ("shapes", "square", "disc")
+    assert read_classes_and_sources({"real": dataset})[0] == ("shapes", "square", "disc")
 
 
 def test_a_supercategory_of_an_odd_type_is_no_parent(tmp_path):
     dataset = make_dataset(tmp_path / "set", 4)
     edit(dataset, lambda coco: coco["categories"][0].update(supercategory=["square"]))
-    assert read_sources({"real": dataset})[0] == ("square", "disc")
+    assert read_classes_and_sources({"real": dataset})[0] == ("square", "disc")
 
 
 def test_pictures_without_boxes_are_used_and_crowds_are_left_out(tmp_path):
     dataset = make_dataset(tmp_path / "set", 8)
     edit(dataset, lambda coco: coco["annotations"][0].update(iscrowd=1))
-    _, (source,) = read_sources({"real": dataset})
+    _, (source,) = read_classes_and_sources({"real": dataset})
     assert source.boxes_per_image(len(source)).tolist() == [0, 1, 1, 0, 1, 1, 1, 0]
     assert source.sample(3).xywh.shape == (0, 4)
     assert source.sample(1, masks=True).masks[0].sum() > 0
@@ -84,16 +85,16 @@ def test_pictures_without_boxes_are_used_and_crowds_are_left_out(tmp_path):
 
 def test_records_and_pictures_change_the_digest_and_the_order_of_records_does_not(tmp_path):
     dataset = make_dataset(tmp_path / "set", 8)
-    _, (before,) = read_sources({"real": dataset})
+    _, (before,) = read_classes_and_sources({"real": dataset})
     edit(dataset, lambda coco: (coco["images"].reverse(), coco["annotations"].reverse()))
-    _, (after,) = read_sources({"real": dataset})
+    _, (after,) = read_classes_and_sources({"real": dataset})
     np.testing.assert_array_equal(before.xywh, after.xywh)
     content = sha256([before])
     assert content == sha256([after])
     Image.new("RGB", (96, 54)).save(dataset / "images/0002.png")
     assert content != sha256([after])
     edit(dataset, lambda coco: coco["annotations"][0]["bbox"].__setitem__(0, 1))
-    assert read_sources({"real": dataset})[1][0].digest != before.digest
+    assert read_classes_and_sources({"real": dataset})[1][0].digest != before.digest
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_a_record_that_training_cannot_use_is_named(tmp_path, change, message):
     dataset = make_dataset(tmp_path / "set", 4)
     edit(dataset, change)
     with pytest.raises(DatasetError, match=message):
-        read_sources({"real": dataset})
+        read_classes_and_sources({"real": dataset})
 
 
 @pytest.mark.parametrize(
@@ -187,11 +188,11 @@ def test_each_model_has_its_augmentation_and_a_config_names_another(tmp_path):
 
 def test_the_learning_rate_follows_the_steps_of_the_budget():
     settings = load_settings(None, {"model": "medium"})
-    rates = [rate_factor(step, settings, 1000) for step in range(1000)]
+    rates = [learning_rate_factor(step, settings, 1000) for step in range(1000)]
     assert rates[0] < 0.1
     assert rates[20:800] == [1.0] * 780
     assert rates[800:] == [0.1] * 200
-    cosine = [rate_factor(step, load_settings(None, {"model": "small"}), 1000) for step in range(1000)]
+    cosine = [learning_rate_factor(step, load_settings(None, {"model": "small"}), 1000) for step in range(1000)]
     assert max(cosine) == 1.0
     assert cosine[-1] < 1e-4
     assert all(a >= b for a, b in pairwise(cosine[20:]))

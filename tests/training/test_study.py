@@ -17,9 +17,9 @@ from hulldown.tests.builders.editing import edit
 from hulldown.tests.builders.networks import RUN, tiny_weights
 from hulldown.tests.builders.training_pictures import make_dataset, make_datasets
 from hulldown.tests.training.test_train import CONFIG, in_child, weights
-from hulldown.training.inputs.sources import read_sources
-from hulldown.training.study.config import load_study
-from hulldown.training.study.study_folder import prepare_study, read_study, study_runs, study_warnings
+from hulldown.training.inputs.sources import read_classes_and_sources
+from hulldown.training.study.config import load_study_config
+from hulldown.training.study.study_folder import planned_study_runs, prepare_study, read_study, study_warnings
 from hulldown.training.study.train_study import train_study
 
 SMALL = {"model": "small", "resolution": 64, "budget": 24, "batch": 4}  # with the weights of `tiny_weights`
@@ -41,7 +41,7 @@ def written(folder, path, *, train=SMALL, **keys):
 
 
 def config_of(folder, path, **keys):
-    return load_study(written(folder, path / "study.toml", **keys))
+    return load_study_config(written(folder, path / "study.toml", **keys))
 
 
 def pretend(out, run, found):
@@ -49,7 +49,7 @@ def pretend(out, run, found):
     folder, study = out / "runs" / run.name, read_study(out)
     folder.mkdir(parents=True)
     (folder / "weights.pt").write_bytes(b"")
-    sizes = {name: len(read_sources({name: path})[1][0]) for name, path in run.data(study, out).items()}
+    sizes = {name: len(read_classes_and_sources({name: path})[1][0]) for name, path in run.data(study, out).items()}
     sources = {name: RUN["sources"]["real"] | {"images": n, "drawn": 12} for name, n in sizes.items()}
     (folder / "run.json").write_text(json.dumps(RUN | {"sources": sources}))
     for which in study.judged:
@@ -103,14 +103,14 @@ def test_a_study_killed_twice_ends_like_an_undisturbed_one(pictures, tmp_path, k
 
 def drawn(out, name):
     """Names of the photographs that a run can draw."""
-    run = next(run for run in study_runs(read_study(out).config) if run.name == name)
-    return set(read_sources(run.data(read_study(out), out))[1][0].file_names)
+    run = next(run for run in planned_study_runs(read_study(out).config) if run.name == name)
+    return set(read_classes_and_sources(run.data(read_study(out), out))[1][0].file_names)
 
 
 def test_seeds_are_complete_and_smaller_fractions_are_subsets_of_larger_ones(pictures, tmp_path):
     keys = {"arms": ["real", "mixed", "balanced", "synthetic"], "fractions": [1.0, 0.5, 0.25], "seeds": [0, 1]}
     study = prepare_study(config_of(pictures, tmp_path, **keys), tmp_path / "out")
-    runs = study_runs(study.config)
+    runs = planned_study_runs(study.config)
     shared = [f"{arm}-{share}" for share in (100, 50, 25) for arm in ("real", "mixed", "balanced")]
     assert [run.name for run in runs] == [f"{name}-seed{seed}" for seed in (0, 1) for name in (*shared, "synthetic")]
     few, half, whole = (drawn(tmp_path / "out", f"real-{share}-seed0") for share in (25, 50, 100))
@@ -163,7 +163,7 @@ def test_other_data_are_refused_and_other_settings_set_a_run_aside(pictures, tmp
 )
 def test_the_error_of_a_mistake_in_a_config_names_file_and_key(pictures, tmp_path, keys, words):
     with pytest.raises(HulldownError, match=words):
-        load_study(written(pictures, tmp_path / "s.toml", **keys))
+        load_study_config(written(pictures, tmp_path / "s.toml", **keys))
 
 
 def test_a_source_without_a_class_is_refused_before_training(pictures, tmp_path):
@@ -201,18 +201,18 @@ def test_a_folder_with_other_content_is_refused(pictures, tmp_path):
 def test_init_writes_a_config_that_run_accepts(pictures, tmp_path, capsys):
     words = [f"--{key}={pictures / key}" for key in ("real", "synthetic", "test")]
     assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 0
-    config = load_study(tmp_path / "study.toml")
-    assert (len(study_runs(config)), config.train.model, config.train.budget) == (48, "medium", 25_000)
+    config = load_study_config(tmp_path / "study.toml")
+    assert (len(planned_study_runs(config)), config.train.model, config.train.budget) == (48, "medium", 25_000)
     assert config.real.samefile(pictures / "real")
     capsys.readouterr()
     assert main(["study", "init", *words, "-o", str(tmp_path / "study.toml")]) == 2
     assert "study.toml: exists and isn't" in capsys.readouterr().err
     assert main(["study", "init", *words, f"--valid={pictures / 'valid'}", "-o", str(tmp_path / "with.toml")]) == 0
-    assert load_study(tmp_path / "with.toml").valid.samefile(pictures / "valid")
+    assert load_study_config(tmp_path / "with.toml").valid.samefile(pictures / "valid")
 
 
 def test_a_named_arm_draws_like_its_base_with_other_training(pictures, tmp_path):
-    mixed, fast = study_runs(config_of(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0]))
+    mixed, fast = planned_study_runs(config_of(pictures, tmp_path, arms=["mixed", FAST], fractions=[1.0]))
     assert (mixed.name, fast.name, fast.base) == ("mixed-100-seed0", "fast-100-seed0", "mixed")
     assert (mixed.settings.warmup, fast.settings.warmup) == (0.02, 0.5)
     assert fast.settings.model_copy(update={"warmup": 0.02}) == mixed.settings
@@ -223,7 +223,7 @@ def test_a_named_arm_of_another_model_has_that_models_defaults(pictures, tmp_pat
     other = {"name": "other", "base": "mixed", "train": {"model": "nano", "weights": "w.pth"}}
     train = {"model": "small", "budget": 24, "batch": 6}
     config = config_of(pictures, tmp_path, arms=["mixed", other], fractions=[1.0], train=train)
-    mixed, other = (run.settings for run in study_runs(config))
+    mixed, other = (run.settings for run in planned_study_runs(config))
     assert (mixed.resolution, mixed.batch, mixed.accumulate, mixed.schedule) == (320, 6, 1, "cosine")
     assert (other.resolution, other.batch, other.accumulate, other.schedule) == (384, 6, 4, "step")
     assert mixed.augmentation != other.augmentation

@@ -14,16 +14,16 @@ from hulldown.tests.builders.training_pictures import make_dataset, make_dataset
 from hulldown.tests.training.test_study import config_of, pretend
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.results import Estimate, photographs_needed
-from hulldown.training.study.study_comparison import ReportedCell, compared_runs
-from hulldown.training.study.study_folder import prepare_study, study_runs
+from hulldown.training.study.study_comparison import ReportedCell, compare_study_runs
+from hulldown.training.study.study_folder import planned_study_runs, prepare_study
 from hulldown.training.study.study_page import (
     PAPER_COLORS,
     PAPER_FIGURES,
-    bars_of_arms,
+    arm_bar_chart,
     figure_png,
-    over_photographs,
+    photograph_count_chart,
     study_page,
-    write_report,
+    write_study_report,
 )
 
 ARMS = ("real", "mixed", "synthetic")
@@ -52,7 +52,7 @@ def finished_study(pictures, folder, *, skill=SKILL, **keys):
     out = folder / "out"
     study = prepare_study(config_of(pictures, folder, **({"arms": ARMS, "fractions": [1.0, 0.5, 0.25]} | keys)), out)
     judged = {which: read_labels(study.datasets[which].folder) for which in study.judged}
-    for run in study_runs(study.config):
+    for run in planned_study_runs(study.config):
         share = skill[run.arm, run.fraction] + 2 * run.seed
         pretend(out, run, {which: looked(labels, share, seed=run.seed) for which, labels in judged.items()})
     return out
@@ -66,7 +66,7 @@ def pictures(tmp_path_factory):
 @pytest.fixture(scope="module")
 def study(pictures, tmp_path_factory):
     out = finished_study(pictures, tmp_path_factory.mktemp("study"), seeds=[0, 1])
-    return out, write_report(out)
+    return out, write_study_report(out)
 
 
 def test_figures_equal_those_of_the_detections(study):
@@ -109,13 +109,13 @@ def test_worth_is_read_from_the_real_curve(study):
 def test_without_a_shown_gain_of_photographs_there_is_no_worth(pictures, tmp_path, real, mixed):
     skill = {(arm, share): {"real": real, "mixed": mixed}[arm] for arm in ("real", "mixed") for share in (1.0, 0.25)}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
-    assert compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys)).worth == []
+    assert compare_study_runs(finished_study(pictures, tmp_path, skill=skill, **keys)).worth == []
 
 
 def test_results_beyond_all_photographs_are_worth_an_open_number(pictures, tmp_path):
     skill = SKILL | {("real", 1.0): 55, ("mixed", 1.0): 98}
     keys = {"seeds": [0], "arms": ["real", "mixed"], "fractions": [1.0, 0.25]}
-    found = compared_runs(finished_study(pictures, tmp_path, skill=skill, **keys)).worth
+    found = compare_study_runs(finished_study(pictures, tmp_path, skill=skill, **keys)).worth
     (open_above,) = [one for one in found if (one.name, one.measure) == ("mixed at 100 %", "recall")]
     assert open_above.photographs is None
     assert "no upper bound" in open_above.words
@@ -140,17 +140,17 @@ def test_an_unfinished_study_lists_what_is_missing(pictures, study, tmp_path):
     gone = ["mixed-25-seed1", "synthetic-seed0", "synthetic-seed1"]
     for name in gone:
         (out / "runs" / name / "weights.pt").unlink()
-    report = compared_runs(out)
+    report = compare_study_runs(out)
     assert sorted(report.missing) == gone
     assert "synthetic-seed0</li>" in study_page(report, {})
     with pytest.raises(HulldownError, match=r"study\.json: no such file; name a folder of `hulldown study run`"):
-        compared_runs(tmp_path)
+        compare_study_runs(tmp_path)
 
 
 def test_validation_photographs_choose_each_threshold_of_a_study_with_one_seed(pictures, tmp_path):
     make_dataset(tmp_path / "valid", 8, seed=7)
     keys = {"seeds": [0], "arms": ["real"], "fractions": [1.0, 0.5]}
-    report = compared_runs(finished_study(pictures, tmp_path, valid=str(tmp_path / "valid"), **keys))
+    report = compare_study_runs(finished_study(pictures, tmp_path, valid=str(tmp_path / "valid"), **keys))
     assert report.study.threshold == "validation"
     # False positives have a score of 0.55 and true detections more, so the best threshold excludes the former.
     assert all(run.threshold > 0.55 and run.fp == 0 for run in report.runs)
@@ -180,17 +180,17 @@ def test_charts_of_the_papers_own_figures():
     """This test checks that all is drawn, and the same twice; people looked at the charts."""
     for fraction, arms in PAPER_COLORS.items():
         cells = [ReportedCell(arm=arm, **dict(zip(PAPER_FIGURES, found, strict=True))) for arm, found in arms.items()]
-        figure = bars_of_arms(f"{100 * fraction:g} %", cells)
+        figure = arm_bar_chart(f"{100 * fraction:g} %", cells)
         bars = [bar.get_height() for axis in figure.axes for bar in axis.patches]
         assert [*arms["real"], *arms["mixed"]] == bars[6:12]
-    assert chart_svg(figure) == chart_svg(bars_of_arms(f"{100 * fraction:g} %", cells))
+    assert chart_svg(figure) == chart_svg(arm_bar_chart(f"{100 * fraction:g} %", cells))
     f1 = {arm: [PAPER_COLORS[fraction][arm][2] for fraction in sorted(PAPER_COLORS)] for arm in ("real", "mixed")}
     cells = [
         ReportedCell(arm=arm, photographs=420 * fraction, f1=value, intervals={"f1": None}, of_seeds={"f1": [value]})
         for arm, values in f1.items()
         for fraction, value in zip(sorted(PAPER_COLORS), values, strict=True)
     ]
-    figure = over_photographs(cells, ["f1"])
+    figure = photograph_count_chart(cells, ["f1"])
     assert [line.get_ydata().tolist() for line in figure.axes[0].lines] == list(f1.values())
     assert figure_png(figure).startswith(b"\x89PNG")
 

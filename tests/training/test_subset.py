@@ -1,9 +1,9 @@
 import pytest
 
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.record_checks import read_usable_dataset
 from hulldown.tests.builders.editing import write_dataset
-from hulldown.training.subset import nested_subsets, write_subsets
+from hulldown.training.subset import nested_subset_ids, write_subsets
 
 
 def make(folder, count, shots=1):
@@ -16,7 +16,7 @@ def make(folder, count, shots=1):
 
 
 def names(folder):
-    return {image.file_name for image in read_usable(folder).images}
+    return {image.file_name for image in read_usable_dataset(folder).images}
 
 
 def test_subsets_of_the_paper_are_nested_datasets_with_linked_pictures(tmp_path):
@@ -27,17 +27,17 @@ def test_subsets_of_the_paper_are_nested_datasets_with_linked_pictures(tmp_path)
         subset = names(tmp_path / "out" / name)
         assert subset <= larger
         larger = subset
-        assert all(image.labels for image in read_usable(tmp_path / "out" / name).images)
+        assert all(image.labels for image in read_usable_dataset(tmp_path / "out" / name).images)
         for file_name in subset:
             assert (tmp_path / "out" / name / file_name).samefile(dataset / file_name)
 
 
 def test_the_seed_matters_and_the_order_of_records_and_ids_does_not(tmp_path):
-    found = read_usable(make(tmp_path / "real", 40)).images
+    found = read_usable_dataset(make(tmp_path / "real", 40)).images
 
     def chosen(images, **options):
         by_id = {image.id: image.file_name for image in images}
-        return [by_id[i] for i in nested_subsets(images, [1.0], **options)[0]]
+        return [by_id[i] for i in nested_subset_ids(images, [1.0], **options)[0]]
 
     assert chosen(found) == chosen(found[::-1])
     assert chosen(found) != chosen(found, seed=1)
@@ -51,7 +51,7 @@ def test_images_of_a_position_stay_together(tmp_path, seed, stratified):
     counts = write_subsets(dataset, tmp_path / "out", fractions=(0.5, 0.1), seed=seed, stratified=stratified)
     assert counts == {"50": 30, "10": 5}
     for name in counts:
-        positions = [image.record["position"] for image in read_usable(tmp_path / "out" / name).images]
+        positions = [image.record["position"] for image in read_usable_dataset(tmp_path / "out" / name).images]
         assert all(positions.count(p) == 5 for p in positions)
 
 
@@ -59,7 +59,7 @@ def test_images_of_a_position_stay_together(tmp_path, seed, stratified):
 def test_classes_keep_their_proportions_on_request(tmp_path, seed):
     write_subsets(make(tmp_path / "set", 160), tmp_path / "out", fractions=(0.5, 0.1), seed=seed, stratified=True)
     for name, trucks in (("50", 20), ("10", 4)):
-        images = read_usable(tmp_path / "out" / name).images
+        images = read_usable_dataset(tmp_path / "out" / name).images
         labels = [label.category_id for image in images for label in image.labels]
         assert abs(labels.count(2) - trucks) <= 1
 

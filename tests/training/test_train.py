@@ -18,11 +18,11 @@ from hulldown.tests.builders.networks import RUN, tiny_weights, write_small_weig
 from hulldown.tests.builders.training_pictures import make_dataset
 from hulldown.tests.training.test_augment import augmentation
 from hulldown.training import fit_detr, fit_transformers
-from hulldown.training.detectors.transformers_detector import starting_network
+from hulldown.training.detectors.transformers_detector import starting_network_and_processor
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.inputs.data import Example
 from hulldown.training.inputs.settings import load_settings
-from hulldown.training.predict import load_detector, predict_detections, validation_figures
+from hulldown.training.predict import load_detector, predict_detections, validation_aps
 from hulldown.training.train import train_detector
 
 CONFIG = {"settings": {"budget": 47}, "classes": ["square"], "data": {}, "valid": None, "weights_sha256": None}
@@ -129,7 +129,7 @@ def test_a_killed_run_continues_from_its_checkpoint(pictures, tmp_path, settings
 def test_a_run_that_is_killed_after_its_last_step_keeps_its_averaged_weights(pictures, tmp_path, monkeypatch):
     data, out, settings = {"demo": pictures}, tmp_path / "run", small(budget=16, learning_rate=0.01)
     with monkeypatch.context() as patch:
-        patch.setattr(fit_transformers, "save_transformers", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
+        patch.setattr(fit_transformers, "save_transformers_weights", lambda *_: os.kill(os.getpid(), signal.SIGKILL))
         assert train_and_die(data, out, settings, workers=0) == -signal.SIGKILL
     checkpoint = torch.load(out / "checkpoint.ckpt", weights_only=True)
     average = checkpoint["callbacks"]["RFDETREMACallback"]["average_model_state_dict"]
@@ -164,7 +164,7 @@ def test_small_can_memorize_a_few_pictures(tmp_path):
 def test_new_classes_start_from_those_of_their_name_in_a_run_or_from_truck(tmp_path):
     write_small_weights(tmp_path / "before" / "weights", classes=("tank", "cube", "truck"))
     (tmp_path / "before" / "run.json").write_text(json.dumps(RUN))
-    network, _ = starting_network(small(weights=str(tmp_path / "before")), ("howitzer", "tank"))
+    network, _ = starting_network_and_processor(small(weights=str(tmp_path / "before")), ("howitzer", "tank"))
     assert network.config.id2label == {0: "howitzer", 1: "tank"}
     before = load_detector(tmp_path / "before", "cpu").network.state_dict()
     for key, value in network.state_dict().items():
@@ -196,7 +196,7 @@ def test_another_detector_of_transformers_trains_too(pictures, tmp_path):
 
 
 def test_d_fine_nano_has_its_published_size():
-    network, processor = starting_network(small(weights="none", resolution=160), ("tank",))
+    network, processor = starting_network_and_processor(small(weights="none", resolution=160), ("tank",))
     assert 3.6e6 < sum(parameter.numel() for parameter in network.parameters()) < 3.9e6
     assert network.config.num_queries == 10 * 10 + 5 * 5  # a cell of each stride has one
     assert not processor.do_normalize
@@ -238,7 +238,7 @@ def test_the_best_weights_are_kept_and_figures_logged(pictures, tmp_path):
     best = max(curve, key=lambda row: row["valid/ap50"])
     assert run.figures.valid["ap50"] == pytest.approx(best["valid/ap50"], abs=1e-9)
     assert run.figures.valid["step"] == best["step"] < run.steps
-    again = validation_figures(load_detector(tmp_path / "run", "cpu"), read_labels(valid))
+    again = validation_aps(load_detector(tmp_path / "run", "cpu"), read_labels(valid))
     assert again["ap50"] == pytest.approx(run.figures.valid["ap50"], abs=1e-9)
     logged = EventAccumulator(str(tmp_path / "run" / "tensorboard")).Reload()
     assert len(logged.Scalars("train/loss")) == run.steps
@@ -261,6 +261,8 @@ def test_a_training_that_diverges_names_the_learning_rate(pictures, tmp_path, se
 
 def test_rf_detr_gets_boxes_as_centers_and_sizes_in_shares_of_the_picture():
     corners = torch.tensor([[8.0, 10.0, 24.0, 30.0]])
-    _, (target,) = fit_detr.collate_examples([Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))])
+    _, (target,) = fit_detr.collate_detr_examples(
+        [Example(torch.zeros(3, 40, 80, dtype=torch.uint8), corners, torch.tensor([1]))]
+    )
     torch.testing.assert_close(target["boxes"], torch.tensor([[0.2, 0.5, 0.2, 0.5]]))
     assert (target["labels"].tolist(), target["area"].tolist()) == ([1], [320.0])

@@ -12,22 +12,22 @@ from hulldown.weather.precipitation import (
     MAX_DROPS,
     NEAREST_M,
     Drops,
-    drops_in_view,
+    precipitation_view,
     rain_sizes,
+    sample_drops_in_view,
     snow_sizes,
     streak_quads,
-    symmetric_view,
 )
 
 AHEAD = np.array([[0.0, 0.0, 1.0, 5.0], [-1.0, 0.0, 0.0, 6.0], [0.0, -1.0, 0.0, 7.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 def view(width=1280, exposure_s=0.004, fov_x_deg=50.0):
-    return symmetric_view(AHEAD, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), exposure_s)
+    return precipitation_view(AHEAD, Intrinsics(width, width * 9 // 16, math.radians(fov_x_deg)), exposure_s)
 
 
 def drawn(sizes, seen, wind=(0.0, 0.0), seed=3):
-    return drops_in_view(sizes, seen, wind, seed=seed)
+    return sample_drops_in_view(sizes, seen, wind, seed=seed)
 
 
 def middle(sizes):

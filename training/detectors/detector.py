@@ -19,7 +19,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from msgspec import Struct
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import open_regular
+from hulldown.base.files import open_regular_file
 from hulldown.base.outside import describe_path, file_sha256, read_json
 
 if TYPE_CHECKING:
@@ -131,11 +131,11 @@ def weights_digest(path: Path) -> str:
     return file_sha256(weights / TRANSFORMERS_FILES[-1] if weights.is_dir() else weights)
 
 
-def read_weights(path: Path) -> dict[str, object]:
+def read_detr_weights(path: Path) -> dict[str, object]:
     """Read a weights file of RF-DETR; code in it is refused, not run."""
     refuse = partial(HulldownError, path=path, remedy=_REMEDY)
     try:
-        with open_regular(path) as file:
+        with open_regular_file(path) as file:
             head = file.read(16)
             found = load_tensors(file)
     except FileNotFoundError:
@@ -163,7 +163,7 @@ def load_tensors(file: BinaryIO) -> object:
         return torch.load(file, map_location="cpu", weights_only=True)
 
 
-def refuse_odd_numbers(network: torch.nn.Module, path: Path) -> None:
+def refuse_nonfinite_weights(network: torch.nn.Module, path: Path) -> None:
     """Refuse weights that aren't finite."""
     for name, tensor in network.state_dict().items():
         if tensor.is_floating_point() and not bool(tensor.isfinite().all()):
@@ -180,12 +180,12 @@ def _guess_file_kind(path: Path, head: bytes) -> str:
     return "empty" if not head else "damaged or of an unknown kind"
 
 
-def first_line(error: BaseException) -> str:
+def first_error_line(error: BaseException) -> str:
     """Return the first line of an error's text."""
     return str(error).strip().split("\n")[0][:200] or type(error).__name__
 
 
-def chosen_device(device: str) -> Any:
+def usable_torch_device(device: str) -> Any:
     """Return the device that the user named."""
     import torch
 
@@ -196,5 +196,7 @@ def chosen_device(device: str) -> Any:
         chosen = torch.device(device)
         torch.empty(0, device=chosen)
     except (RuntimeError, AssertionError) as error:
-        raise HulldownError(f"device {device!r} cannot be used ({first_line(error)})", remedy="name auto or cpu") from None
+        raise HulldownError(
+            f"device {device!r} cannot be used ({first_error_line(error)})", remedy="name auto or cpu"
+        ) from None
     return chosen

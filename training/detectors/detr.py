@@ -29,13 +29,13 @@ from hulldown.training.detectors.detector import (
     DAMAGE_ERRORS,
     Detections,
     find_weights,
-    first_line,
-    read_weights,
-    refuse_odd_numbers,
+    first_error_line,
+    read_detr_weights,
+    refuse_nonfinite_weights,
 )
-from hulldown.training.inputs.data import network_pictures
+from hulldown.training.inputs.data import pictures_at_network_size
 from hulldown.training.inputs.extra import silence_libraries
-from hulldown.training.inputs.settings import Settings, rate_factor
+from hulldown.training.inputs.settings import Settings, learning_rate_factor
 
 with silence_libraries():  # its dependencies give deprecation warnings
     import rfdetr.config as rf_config
@@ -58,10 +58,10 @@ COCO_LOGITS = 91  # the pre-trained heads number classes as COCO does
 def starting_module(settings: Settings, classes: Sequence[str], device: torch.device, folder: Path) -> RFDETRModelModule:
     """Return RF-DETR's module with the weights to start from; RF-DETR downloads its own."""
     named = None if settings.weights in (None, "none") else find_weights(Path(str(settings.weights)))
-    own = own_weights(settings.model)
+    own = pretrained_weights_path(settings.model)
     weights = None if settings.weights == "none" else named or own
     if named is not None:
-        _check_kind(named, read_weights(named))
+        _require_detr_weights(named, read_detr_weights(named))
     configs = detr_configs(settings, classes, weights=weights, device=device, folder=folder)
     seed_everything(settings.seed % 2**32, verbose=False)
     try:
@@ -76,22 +76,22 @@ def starting_module(settings: Settings, classes: Sequence[str], device: torch.de
                 with suppress(OSError):  # it isn't empty
                     folder.rmdir()
             raise HulldownError(
-                f"the pre-trained weights of {settings.model} cannot be downloaded ({first_line(error)})",
+                f"the pre-trained weights of {settings.model} cannot be downloaded ({first_error_line(error)})",
                 remedy=f"put {own.name} into {own.parent}, or give --weights FILE or --weights none",
             ) from None
         raise HulldownError(
-            f"does not fit {settings.model} ({first_line(error)})", path=weights, remedy="name weights of that model"
+            f"does not fit {settings.model} ({first_error_line(error)})", path=weights, remedy="name weights of that model"
         ) from None
-    refuse_odd_numbers(module.model, weights or folder)
+    refuse_nonfinite_weights(module.model, weights or folder)
     return module
 
 
-def own_weights(model: str) -> Path:
+def pretrained_weights_path(model: str) -> Path:
     """Return the file of RF-DETR's COCO weights, which trainings download."""
     return Path(get_model_cache_dir()) / str(DETR_CONFIGS[model].model_fields["pretrain_weights"].default)
 
 
-def _check_kind(path: Path, found: Mapping[str, object]) -> None:
+def _require_detr_weights(path: Path, found: Mapping[str, object]) -> None:
     state = found.get("model", found.get("state_dict"))
     if not isinstance(state, dict) or not any("class_embed" in str(key) for key in state):
         raise HulldownError("has no weights of RF-DETR", path=path, remedy="name a checkpoint of RF-DETR")
@@ -113,7 +113,7 @@ def detr_configs(
         lr=settings.learning_rate,
         lr_encoder=1.5 * settings.learning_rate,  # RF-DETR's own ratio
         weight_decay=settings.weight_decay,
-        lr_scheduler=partial(LambdaLR, lr_lambda=partial(rate_factor, settings=settings, steps=settings.steps)),
+        lr_scheduler=partial(LambdaLR, lr_lambda=partial(learning_rate_factor, settings=settings, steps=settings.steps)),
         lr_scheduler_interval="step",
         batch_size=settings.batch,
         grad_accum_steps=settings.accumulate,
@@ -132,12 +132,12 @@ def detr_configs(
     return model, train
 
 
-def normalize_pictures(pictures: Tensor) -> Tensor:
+def normalize_for_detr(pictures: Tensor) -> Tensor:
     """Normalize pictures (..., 3, h, w) of 0 to 255 for RF-DETR."""
     return normalize(pictures.float() / 255, IMAGENET_MEAN, IMAGENET_DEVIATION)
 
 
-def detr_contents(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
+def detr_checkpoint_contents(module: RFDETRModelModule, classes: Sequence[str], network: Any) -> dict[str, object]:
     """Return the contents of a weights file, which `rfdetr.RFDETR.from_checkpoint` opens too."""
     state = {key: value.detach().cpu() for key, value in network.state_dict().items()}
     config = BestModelCallback._serialize_model_config(module, state)
@@ -160,7 +160,7 @@ class DetrDetector:
         """Detect objects in RGB pictures."""
         if not images:
             return []
-        pictures = normalize_pictures(network_pictures(images, self._size).to(self._device))
+        pictures = normalize_for_detr(pictures_at_network_size(images, self._size).to(self._device))
         sizes = torch.tensor([image.shape[:2] for image in images], device=self._device)
         known = torch.tensor(list(self._index), device=self._device)
         detections = []
@@ -173,16 +173,18 @@ class DetrDetector:
         return detections
 
 
-def load_checkpoint(path: Path, *, device: torch.device) -> DetrDetector:
+def load_detr_detector(path: Path, *, device: torch.device) -> DetrDetector:
     """Load the detector of an RF-DETR checkpoint, from hulldown or elsewhere."""
-    _check_kind(path, read_weights(path))
+    _require_detr_weights(path, read_detr_weights(path))
     try:
         with silence_libraries():
             model = RFDETR.from_checkpoint(str(path), device=device.type)
     except DAMAGE_ERRORS as error:  # an entry of the file may be missing or have another shape
-        raise HulldownError(f"isn't a checkpoint of RF-DETR ({first_line(error)})", path=path, remedy="name another") from None
+        raise HulldownError(
+            f"isn't a checkpoint of RF-DETR ({first_error_line(error)})", path=path, remedy="name another"
+        ) from None
     context = model.model
-    refuse_odd_numbers(context.model, path)
+    refuse_nonfinite_weights(context.model, path)
     logits = int(context.model.class_embed.weight.shape[0])
     names = context.class_names
     if not names and logits == COCO_LOGITS:

@@ -35,12 +35,12 @@ class ContestedDetector:
         """Detect objects in RGB pictures of any sizes, as one batch."""
         found, others = self._detector.detect(images), self._pretrained.detect(images)
         return [
-            lower_scores(one, other.take(np.isin(other.class_index, self._rivals)))
+            lower_contested_scores(one, other.take(np.isin(other.class_index, self._rivals)))
             for one, other in zip(found, others, strict=True)
         ]
 
 
-def lower_scores(found: Detections, rivals: Detections) -> Detections:
+def lower_contested_scores(found: Detections, rivals: Detections) -> Detections:
     """Return detections with scores times one minus the highest score of an overlapping rival."""
     corners = [box_convert(torch.from_numpy(one.xywh), "xywh", "xyxy") for one in (found, rivals)]
     contested = (box_iou(*corners) >= MIN_RIVAL_IOU).numpy() * rivals.score

@@ -21,7 +21,7 @@ class TiledDetector:
     def __init__(self, detector: Detector, size: tuple[int, int], *, batch: int) -> None:
         self.classes = detector.classes
         self._slicer = sv.InferenceSlicer(
-            partial(_detect_tiles, detector),
+            partial(_detect_in_tiles, detector),
             slice_wh=size,
             overlap_wh=(int(TILE_OVERLAP_SHARE * size[0]), int(TILE_OVERLAP_SHARE * size[1])),
             iou_threshold=MIN_SAME_OBJECT_SHARE,
@@ -44,7 +44,7 @@ class TiledDetector:
         return found
 
 
-def _detect_tiles(detector: Detector, tiles: list[UInt8[np.ndarray, "_ _ 3"]]) -> list[sv.Detections]:
+def _detect_in_tiles(detector: Detector, tiles: list[UInt8[np.ndarray, "_ _ 3"]]) -> list[sv.Detections]:
     """Return the detections in some tiles, in the tiles' pixels."""
     return [
         sv.Detections(

@@ -33,17 +33,17 @@ from transformers import (
 from transformers.utils import logging
 
 from hulldown.base.errors import HulldownError
-from hulldown.base.files import open_regular
+from hulldown.base.files import open_regular_file
 from hulldown.base.outputs import DONE_NAME, OutputFolder
 from hulldown.training.detectors.detector import (
     DAMAGE_ERRORS,
     TRANSFORMERS_FILES,
     Detections,
     find_weights,
-    first_line,
-    refuse_odd_numbers,
+    first_error_line,
+    refuse_nonfinite_weights,
 )
-from hulldown.training.inputs.data import network_pictures
+from hulldown.training.inputs.data import pictures_at_network_size
 from hulldown.training.inputs.extra import silence_libraries
 from hulldown.training.inputs.settings import Settings
 
@@ -56,7 +56,7 @@ _REMEDY = f"name a run, a folder with {', '.join(TRANSFORMERS_FILES)}, a detecto
 logging.disable_progress_bar()
 
 
-def nano_config(**keys: Any) -> DFineConfig:
+def d_fine_nano_config(**keys: Any) -> DFineConfig:
     """Return the architecture of D-FINE nano."""
     last_stages: dict[str, Any] = {"out_indices": [3, 4]}
     backbone = HGNetV2Config(
@@ -73,26 +73,26 @@ def nano_config(**keys: Any) -> DFineConfig:
     )  # fmt: skip
 
 
-def starting_network(settings: Settings, classes: Sequence[str]) -> tuple[Any, Any]:
+def starting_network_and_processor(settings: Settings, classes: Sequence[str]) -> tuple[Any, Any]:
     """Return a network to train, and its image processor."""
     names = {"id2label": dict(enumerate(classes)), "label2id": {name: i for i, name in enumerate(classes)}}
     size = {"height": settings.resolution, "width": settings.resolution}
     if settings.weights == "none":
-        config = _config_with_queries(nano_config(**names), settings)
+        config = _set_config_queries(d_fine_nano_config(**names), settings)
         return AutoModelForObjectDetection.from_config(config), RTDetrImageProcessor(size=size)
     source = settings.weights or D_FINE_NANO
     if Path(source).is_dir():
         source = str(find_weights(Path(source)))
     elif source.count("/") != 1:  # names at the hub have one
         raise HulldownError("no such run, or folder of weights", path=source, remedy=_REMEDY)
-    network, processor, lost = _read_pretrained(source, settings, **names)
+    network, processor, lost = _load_network_and_processor(source, settings, **names)
     if lost:
-        _start_classes(network, _read_pretrained(source, None)[0], lost)
+        _copy_class_weights(network, _load_network_and_processor(source, None)[0], lost)
     processor.size = size
     return network, processor
 
 
-def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
+def _copy_class_weights(network: Any, before: Any, lost: Sequence[str]) -> None:
     """Start each class's lost outputs from those of its name in another network, or of `VEHICLE_LIKE_CLASS` there."""
     place = {name: i for i, name in before.config.id2label.items()}
     if VEHICLE_LIKE_CLASS not in place:
@@ -105,7 +105,7 @@ def _start_classes(network: Any, before: Any, lost: Sequence[str]) -> None:
             new[key].copy_(old[key][rows + last])
 
 
-def _config_with_queries(config: Any, settings: Settings) -> Any:
+def _set_config_queries(config: Any, settings: Settings) -> Any:
     """Return a config with as many queries as the settings ask for, but no more than the input has cells."""
     if settings.queries is not None:
         config.num_queries = settings.queries
@@ -114,28 +114,28 @@ def _config_with_queries(config: Any, settings: Settings) -> Any:
     return config
 
 
-def _read_pretrained(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any, list[str]]:
+def _load_network_and_processor(source: str, settings: Settings | None, **names: object) -> tuple[Any, Any, list[str]]:
     """Read network and image processor from a folder or the hub, without its code; also return lost weights' names."""
     try:
         for name in TRANSFORMERS_FILES if Path(source).exists() else ():
-            open_regular(Path(source, name)).close()
+            open_regular_file(Path(source, name)).close()
         with silence_libraries():
             config = AutoConfig.from_pretrained(source, trust_remote_code=False, **names)
             processor = AutoImageProcessor.from_pretrained(source, trust_remote_code=False)
             network, found = AutoModelForObjectDetection.from_pretrained(
-                source, config=config if settings is None else _config_with_queries(config, settings),
+                source, config=config if settings is None else _set_config_queries(config, settings),
                 ignore_mismatched_sizes=settings is not None, use_safetensors=True, output_loading_info=True,
                 trust_remote_code=False,
             )  # fmt: skip
     except UNUSABLE_ERRORS as error:
         raise HulldownError(
-            f"{source}: cannot be loaded as a detector of transformers ({first_line(error)})", remedy=_REMEDY
+            f"{source}: cannot be loaded as a detector of transformers ({first_error_line(error)})", remedy=_REMEDY
         ) from None
-    refuse_odd_numbers(network, Path(source))
+    refuse_nonfinite_weights(network, Path(source))
     return network, processor, sorted(key for key, *_ in found["mismatched_keys"])
 
 
-def normalized_pictures(pictures: UInt8[Tensor, "n 3 h w"], processor: Any) -> Float[Tensor, "n 3 h w"]:
+def normalize_for_transformers(pictures: UInt8[Tensor, "n 3 h w"], processor: Any) -> Float[Tensor, "n 3 h w"]:
     """Return pictures in the form that a network takes."""
     scaled = pictures.float() * processor.rescale_factor
     return normalize(scaled, processor.image_mean, processor.image_std) if processor.do_normalize else scaled
@@ -155,7 +155,7 @@ class TransformersDetector:
         """Detect objects in RGB pictures."""
         if not images:
             return []
-        pictures = normalized_pictures(network_pictures(images, self.size).to(self._device), self.processor)
+        pictures = normalize_for_transformers(pictures_at_network_size(images, self.size).to(self._device), self.processor)
         sizes = [image.shape[:2] for image in images]
         found = self.processor.post_process_object_detection(
             self.network(pixel_values=pictures), threshold=MIN_SCORE, target_sizes=sizes
@@ -171,18 +171,18 @@ class TransformersDetector:
         return detections
 
 
-def load_transformers(path: Path, *, device: torch.device) -> TransformersDetector:
+def load_transformers_detector(path: Path, *, device: torch.device) -> TransformersDetector:
     """Load the detector of a folder of weights."""
-    network, processor, _ = _read_pretrained(str(path), None)
+    network, processor, _ = _load_network_and_processor(str(path), None)
     return TransformersDetector(network, processor, device)
 
 
-def save_transformers(network: Any, processor: Any, path: Path) -> None:
+def save_transformers_weights(network: Any, processor: Any, path: Path) -> None:
     """Write a folder of weights, which `transformers` opens too."""
     shutil.rmtree(path, ignore_errors=True)
     try:
-        with OutputFolder(path, "weights", [DONE_NAME]) as output, output.all_or_nothing() as folder:
+        with OutputFolder(path, "weights", [DONE_NAME]) as output, output.stage_content() as folder:
             network.save_pretrained(folder)
             processor.save_pretrained(folder)
     except SafetensorError as error:  # of a full disk, for example
-        raise HulldownError(f"cannot be written ({first_line(error)})", path=path) from None
+        raise HulldownError(f"cannot be written ({first_error_line(error)})", path=path) from None

@@ -14,8 +14,8 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import Matching, loaded_evaluation
-from hulldown.training.evaluation.metrics import safe_ratio
+from hulldown.training.evaluation.matching import Matching, load_coco_evaluation
+from hulldown.training.evaluation.metrics import ratio_or_nan
 from hulldown.training.evaluation.predictions import Predictions
 
 RECALL_GRID = np.linspace(0.0, 1.0, 101)
@@ -29,19 +29,19 @@ AP_SUMMARY = (
 )
 
 
-def average_precision(labels: Labels, predictions: Predictions) -> dict[str, float]:
+def coco_summary(labels: Labels, predictions: Predictions) -> dict[str, float]:
     """Return the twelve figures of COCO's summary over all classes; nan where COCO has -1."""
-    return coco_averages(labels, predictions)[0]
+    return coco_summary_and_class_aps(labels, predictions)[0]
 
 
-def coco_averages(labels: Labels, predictions: Predictions) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
+def coco_summary_and_class_aps(labels: Labels, predictions: Predictions) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
     """Return COCO's summary over all classes, and `AP_NAMES` of each class; nan without labels."""
     if not len(predictions.score):
         # The library refuses an empty list of results. Without detections, AP is 0 if there are labels.
         wanted = np.bincount(labels.class_index[~labels.crowd], minlength=len(predictions.class_names)) > 0
         each = np.where(wanted, 0.0, np.nan)
         return dict.fromkeys(AP_SUMMARY, 0.0 if wanted.any() else np.nan), np.tile(each[:, None], len(AP_NAMES))
-    evaluation = loaded_evaluation(labels, predictions)
+    evaluation = load_coco_evaluation(labels, predictions)
     evaluation.run()
     figures = (float(figure) if figure >= 0 else float("nan") for figure in evaluation.stats)
     found = evaluation.eval["precision"][:, :, :, 0, -1].mean(axis=1)  # of each IoU and class, over recalls
@@ -49,7 +49,7 @@ def coco_averages(labels: Labels, predictions: Predictions) -> tuple[dict[str, f
     return dict(zip(AP_SUMMARY, figures, strict=False)), np.where(each < 0.0, np.nan, each)
 
 
-def resampled_averages(matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]) -> Float[np.ndarray, "r c 3"]:
+def resampled_class_aps(matchings: Sequence[Matching], weights: Float[np.ndarray, "r positions"]) -> Float[np.ndarray, "r c 3"]:
     """Return `AP_NAMES` of each class in each resample of positions; nan if a resample has no label of it."""
     labels, predictions = matchings[0].labels, matchings[0].predictions
     order = np.argsort(-predictions.score, kind="stable")
@@ -63,12 +63,12 @@ def resampled_averages(matchings: Sequence[Matching], weights: Float[np.ndarray,
         true = np.stack([one.true[rows] for one in matchings])
         at_once = max(1, MAX_ARRAY_CELLS // max(1, len(rows)))
         parts = np.split(weights, range(at_once, len(weights), at_once))
-        found = np.concatenate([weighted_averages(true, counts, some[:, where], some @ wanted_at) for some in parts])
+        found = np.concatenate([weighted_class_ap(true, counts, some[:, where], some @ wanted_at) for some in parts])
         each.append(np.stack([found.mean(axis=1), found[:, AT_50], found[:, AT_75]], axis=1))
     return np.stack(each, axis=1) if each else np.zeros((len(weights), 0, len(AP_NAMES)))
 
 
-def weighted_averages(
+def weighted_class_ap(
     true: Bool[np.ndarray, "i d"],
     counts: Bool[np.ndarray, "i d"],
     weight: Float[np.ndarray, "r d"],
@@ -97,6 +97,6 @@ def weighted_averages(
     return np.where(labels[:, None] > 0, result, np.nan)
 
 
-def class_mean(each: Float[np.ndarray, "r c *more"]) -> Float[np.ndarray, "r *more"]:
+def mean_over_classes(each: Float[np.ndarray, "r c *more"]) -> Float[np.ndarray, "r *more"]:
     """Return the mean over classes with labels, as in COCO; nan without any."""
-    return safe_ratio(np.nansum(each, axis=1), (~np.isnan(each)).sum(axis=1))
+    return ratio_or_nan(np.nansum(each, axis=1), (~np.isnan(each)).sum(axis=1))

@@ -10,11 +10,11 @@ from itertools import compress
 import numpy as np
 from jaxtyping import Float, Int, Shaped
 
-from hulldown.dataset.attributes import BOX_SIZE_SCALE, SCALES, label_numbers, value_bins
-from hulldown.training.evaluation.bootstrap import ratio_error, share_interval
+from hulldown.dataset.attributes import BOX_SIZE_SCALE, SCALES, label_attribute_values, value_bin_indices
+from hulldown.training.evaluation.bootstrap import ratio_standard_error, share_interval
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.matching import Matching
-from hulldown.training.evaluation.metrics import grouped_sums, safe_ratio
+from hulldown.training.evaluation.metrics import metric_sums_by_bin, ratio_or_nan
 from hulldown.training.evaluation.predictions import Predictions
 
 BINNED_SCALES = ("visible_fraction", "distance")  # keys of `SCALES`
@@ -34,14 +34,14 @@ class BinnedField:
 
 def binned_fields(labels: Labels, predictions: Predictions) -> list[BinnedField]:
     """Return all attributes with bins, but for attributes that no label has, and empty bins."""
-    numbers = label_numbers(labels.annotations, labels.images, labels.image)
+    numbers = label_attribute_values(labels.annotations, labels.images, labels.image)
     classes = np.where(labels.crowd, -1, labels.class_index)
-    sizes = (value_bins(_side_length(boxes), BOX_SIZE_SCALE) for boxes in (labels, predictions))
+    sizes = (value_bin_indices(_root_box_areas(boxes), BOX_SIZE_SCALE) for boxes in (labels, predictions))
     found = [
-        _make_field("class", "class", predictions.class_names, classes, predictions.class_index),
-        _make_field(BOX_SIZE_SCALE.name, BOX_SIZE_SCALE.title, BOX_SIZE_SCALE.bins, *sizes),
+        _make_binned_field("class", "class", predictions.class_names, classes, predictions.class_index),
+        _make_binned_field(BOX_SIZE_SCALE.name, BOX_SIZE_SCALE.title, BOX_SIZE_SCALE.bins, *sizes),
         *(
-            _make_field(one.name, one.title, one.bins, value_bins(numbers[one.name], one), None)
+            _make_binned_field(one.name, one.title, one.bins, value_bin_indices(numbers[one.name], one), None)
             for one in SCALES
             if one.name in BINNED_SCALES
         ),
@@ -49,11 +49,11 @@ def binned_fields(labels: Labels, predictions: Predictions) -> list[BinnedField]
     return [field for field in found if (field.of_label[~labels.crowd] >= 0).any()]
 
 
-def _side_length(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
+def _root_box_areas(boxes: Labels | Predictions) -> Float[np.ndarray, " n"]:
     return np.sqrt(np.abs(boxes.xywh[:, 2] * boxes.xywh[:, 3]))
 
 
-def _make_field(
+def _make_binned_field(
     name: str, title: str, bins: Sequence[str], of_label: Int[np.ndarray, " g"], of_detection: Int[np.ndarray, " d"] | None
 ) -> BinnedField:
     used = of_label if of_detection is None else np.concatenate([of_label, of_detection])
@@ -80,10 +80,10 @@ class BinFigures:
     precision_interval: Float[np.ndarray, "b 2"]
 
 
-def bin_figures(field: BinnedField, seen: Matching) -> BinFigures:
+def figures_by_bin(field: BinnedField, seen: Matching) -> BinFigures:
     """Return recall, precision if it's defined, and mean IoU in every bin."""
     n = len(field.bins)
-    sums = partial(grouped_sums, seen, of_label=field.of_label, bins=n)
+    sums = partial(metric_sums_by_bin, seen, of_label=field.of_label, bins=n)
     # A match is in its label's bin.
     tp, _, fn, iou, *_ = np.moveaxis(sums(of_detection=np.append(field.of_label, -1)[seen.box]), -1, 0)
     if field.of_detection is None:
@@ -96,17 +96,17 @@ def bin_figures(field: BinnedField, seen: Matching) -> BinFigures:
         field,
         (tp + fn).sum(axis=0).astype(np.int64),
         tp.sum(axis=0).astype(np.int64),
-        *_ratio_interval(tp, tp + fn),
-        safe_ratio(iou.sum(axis=0), tp.sum(axis=0)),
+        *_ratio_and_interval(tp, tp + fn),
+        ratio_or_nan(iou.sum(axis=0), tp.sum(axis=0)),
         detections,
-        *_ratio_interval(right, counted),
+        *_ratio_and_interval(right, counted),
     )
 
 
-def _ratio_interval(
+def _ratio_and_interval(
     part: Float[np.ndarray, "positions b"], whole: Float[np.ndarray, "positions b"]
 ) -> tuple[Float[np.ndarray, " b"], Float[np.ndarray, "b 2"]]:
     trials = whole.sum(axis=0)
-    value = safe_ratio(part.sum(axis=0), trials)
-    ends = share_interval(value, ratio_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
+    value = ratio_or_nan(part.sum(axis=0), trials)
+    ends = share_interval(value, ratio_standard_error(part, whole), freedom=(whole > 0).sum(axis=0) - 1, trials=trials)
     return value, ends.T

@@ -23,7 +23,7 @@ from jaxtyping import Float
 from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from hulldown.training.evaluation.metrics import MEAN_METRICS, safe_ratio
+from hulldown.training.evaluation.metrics import MEAN_METRICS, ratio_or_nan
 
 RESAMPLE_COUNT = 2000
 MIN_ERROR = 1e-150  # the square of a smaller one underflows
@@ -42,14 +42,14 @@ def draw_resamples(groups: int, *, times: int = RESAMPLE_COUNT) -> Iterator[Floa
         yield np.bincount(chosen.ravel(), minlength=now * groups).reshape(now, groups).astype(np.float64)
 
 
-def resampled_sums(
+def resample_sums(
     sums: Float[np.ndarray, "groups *columns"], *, times: int = RESAMPLE_COUNT
 ) -> Float[np.ndarray, "r *columns"]:
     """Return sums over the groups of each resample; resamples depend on the number of groups alone."""
     return np.concatenate([np.tensordot(weights, sums, 1) for weights in draw_resamples(len(sums), times=times)])
 
 
-def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
+def resampled_standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) -> Float[np.ndarray, "*shape"]:
     """Return the standard error by resampling; nan with fewer than `MIN_POSITIONS` groups or few defined resamples."""
     groups = np.asarray(groups, dtype=np.float64)
     known = ~np.isnan(resampled)
@@ -60,14 +60,14 @@ def standard_error(resampled: Float[np.ndarray, "r *shape"], groups: ArrayLike) 
     return np.where(enough, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
 
 
-def ratio_error(
+def ratio_standard_error(
     part: Float[np.ndarray, "groups *shape"], whole: Float[np.ndarray, "groups *shape"]
 ) -> Float[np.ndarray, "*shape"]:
     """Return the standard error of a ratio of sums by the delta method, without resampling."""
     groups = (whole > 0).sum(axis=0)
     total = whole.sum(axis=0)
-    off = part - safe_ratio(part.sum(axis=0), total) * whole
-    variance = safe_ratio((off**2).sum(axis=0), total**2)
+    off = part - ratio_or_nan(part.sum(axis=0), total) * whole
+    variance = ratio_or_nan((off**2).sum(axis=0), total**2)
     return np.where(groups >= MIN_POSITIONS, np.sqrt(variance * groups / np.maximum(groups - 1.0, 1.0)), np.nan)
 
 
@@ -78,8 +78,8 @@ def share_interval(
     value, error, freedom = (np.asarray(n, dtype=np.float64) for n in (value, error, freedom))
     spread = value * (1.0 - value)
     variance = np.maximum(error, MIN_ERROR) ** 2
-    worth = np.where((error > 0) & (spread > 0), safe_ratio(spread, variance), freedom + 1.0)
-    scale = safe_ratio(_t_quantile(freedom) ** 2, np.minimum(worth, trials))
+    worth = np.where((error > 0) & (spread > 0), ratio_or_nan(spread, variance), freedom + 1.0)
+    scale = ratio_or_nan(_t_quantile(freedom) ** 2, np.minimum(worth, trials))
     middle = (value + scale / 2.0) / (1.0 + scale)
     reach = np.sqrt(np.maximum(spread * scale + scale * scale / 4.0, 0.0)) / (1.0 + scale)
     ends = np.clip(np.stack([middle - reach, middle + reach]), 0.0, 1.0)
@@ -96,14 +96,14 @@ def difference_interval(
     return np.clip(np.stack([middle - reach, middle + reach]), -1.0, 1.0)
 
 
-def combined_error(
+def combined_error_and_freedom(
     tests: ArrayLike, seeds: ArrayLike, *, test_freedom: ArrayLike, seed_freedom: ArrayLike
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
     """Return standard error from test pictures and from seeds together, and its degrees of freedom (Satterthwaite)."""
     first, second = np.asarray(tests, dtype=np.float64) ** 2, np.asarray(seeds, dtype=np.float64) ** 2
     both = first + second
-    shrink = safe_ratio(first**2, test_freedom) + np.where(second > 0, safe_ratio(second**2, seed_freedom), 0.0)
-    return np.asarray(np.sqrt(both)), np.where(shrink > 0, safe_ratio(both**2, shrink), test_freedom)
+    shrink = ratio_or_nan(first**2, test_freedom) + np.where(second > 0, ratio_or_nan(second**2, seed_freedom), 0.0)
+    return np.asarray(np.sqrt(both)), np.where(shrink > 0, ratio_or_nan(both**2, shrink), test_freedom)
 
 
 def figure_intervals(
@@ -116,7 +116,9 @@ def figure_intervals(
     for key, whole in wholes.items():
         groups = int((whole > 0).sum())
         trials = np.inf if key in MEAN_METRICS else whole.sum()
-        found[key] = share_interval(values[key], standard_error(resampled[key], groups), freedom=groups - 1, trials=trials)
+        found[key] = share_interval(
+            values[key], resampled_standard_error(resampled[key], groups), freedom=groups - 1, trials=trials
+        )
     return found
 
 

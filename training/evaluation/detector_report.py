@@ -125,43 +125,43 @@ def detector_report(one: Evaluation) -> DetectorReport:
         images=len(one.labels.images),
         positions=one.labels.positions,
         labels=int((~one.labels.crowd).sum()),
-        overall=_report_figures(one),
-        per_class={name: _report_figures(one, c) for c, name in enumerate(names)},
+        overall=_figures_for_report(one),
+        per_class={name: _figures_for_report(one, c) for c, name in enumerate(names)},
         confusion=Confusion([*names, "background"], confusion_matrix(one.seen).tolist()),
-        curves={key: plain_json(values[shown]) for key, values in curve.items()},
-        bins={found.field.name: _report_bins(found) for found in one.bins},
+        curves={key: rounded_json(values[shown]) for key, values in curve.items()},
+        bins={found.field.name: _bins_for_report(found) for found in one.bins},
     )
 
 
-def reported_comparison(found: DetectorComparison) -> ReportedComparison:
+def comparison_for_report(found: DetectorComparison) -> ReportedComparison:
     """Return a comparison in the form of the report."""
-    return ReportedComparison(**plain_json(asdict(found)))
+    return ReportedComparison(**rounded_json(asdict(found)))
 
 
-def plain_json(value: Any) -> Any:
+def rounded_json(value: Any) -> Any:
     """Return numbers and arrays as rounded JSON values; None for nan and infinity."""
     if isinstance(value, Mapping):
-        return {key: plain_json(item) for key, item in value.items()}
+        return {key: rounded_json(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
-        return plain_json(value.tolist())
+        return rounded_json(value.tolist())
     if isinstance(value, list | tuple):
-        return [plain_json(item) for item in value]
+        return [rounded_json(item) for item in value]
     if isinstance(value, float | np.floating):
         return round(float(value), DECIMAL_DIGITS) if math.isfinite(value) else None
     return value
 
 
-def _report_figures(one: Evaluation, label: int | None = None) -> ReportedFigures:
+def _figures_for_report(one: Evaluation, label: int | None = None) -> ReportedFigures:
     return ReportedFigures(
-        **{key: int(value) if key in COUNT_METRICS else plain_json(value) for key, value in one.values(label).items()},
+        **{key: int(value) if key in COUNT_METRICS else rounded_json(value) for key, value in one.values(label).items()},
         threshold=one.threshold.value,
         threshold_source=one.threshold.source,
         iou=one.matching.iou_threshold,
-        average_precision=plain_json(one.summary) if label is None else UNSET,
-        intervals=plain_json(one.intervals(label)),
+        average_precision=rounded_json(one.summary) if label is None else UNSET,
+        intervals=rounded_json(one.intervals(label)),
     )
 
 
-def _report_bins(found: BinFigures) -> list[ReportedBin]:
-    figures = (plain_json(getattr(found, key)) for key in BinFigures.__slots__ if key != "field")
+def _bins_for_report(found: BinFigures) -> list[ReportedBin]:
+    figures = (rounded_json(getattr(found, key)) for key in BinFigures.__slots__ if key != "field")
     return [ReportedBin(*row) for row in zip(found.field.bins, *figures, strict=True)]

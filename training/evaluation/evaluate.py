@@ -11,27 +11,27 @@ from jaxtyping import Float
 from hulldown.training.evaluation.average_precision import (
     AP_NAMES,
     IOU_THRESHOLDS,
-    class_mean,
-    coco_averages,
-    resampled_averages,
+    coco_summary_and_class_aps,
+    mean_over_classes,
+    resampled_class_aps,
 )
-from hulldown.training.evaluation.bins import BinFigures, bin_figures, binned_fields
+from hulldown.training.evaluation.bins import BinFigures, binned_fields, figures_by_bin
 from hulldown.training.evaluation.bootstrap import (
     difference_interval,
     draw_resamples,
     figure_intervals,
-    resampled_sums,
-    standard_error,
+    resample_sums,
+    resampled_standard_error,
 )
 from hulldown.training.evaluation.labels import Labels
-from hulldown.training.evaluation.matching import match_detections, match_repeatedly
+from hulldown.training.evaluation.matching import match_at_each_iou, match_detections
 from hulldown.training.evaluation.metrics import (
     COUNT_METRICS,
     DERIVED_METRICS,
     SUM_METRICS,
     figure_denominators,
     figures_from_sums,
-    grouped_sums,
+    metric_sums_by_bin,
     threshold_curves,
 )
 from hulldown.training.evaluation.predictions import Predictions
@@ -44,7 +44,7 @@ class Threshold:
     """The confidence threshold of detections, and its source."""
 
     value: float  # detections with at least this score count
-    source: str  # ``"given"``, ``"validation"`` (the best F1 on another set), or ``"count"`` (`equal_count`)
+    source: str  # ``"given"``, ``"validation"`` (the best F1 on another set), or ``"count"`` (`equal_count_threshold`)
 
 
 class Evaluation:
@@ -53,49 +53,49 @@ class Evaluation:
     def __init__(self, labels: Labels, predictions: Predictions, *, threshold: Threshold, iou: float = 0.5) -> None:
         self.labels, self.predictions, self.threshold = labels, predictions, threshold
         self.matching = match_detections(labels, predictions, iou=iou)
-        self.seen = self.matching.above_threshold(threshold.value)
+        self.seen = self.matching.with_threshold(threshold.value)
 
     @cached_property
-    def position_sums(self) -> Float[np.ndarray, "positions c 6"]:
+    def position_metric_sums(self) -> Float[np.ndarray, "positions c 6"]:
         """`metrics.SUM_METRICS` of each class in each position."""
         classes = len(self.predictions.class_names)
         by_class = {"of_detection": self.predictions.class_index, "of_label": self.labels.class_index}
-        return grouped_sums(self.seen, **by_class, bins=classes)
+        return metric_sums_by_bin(self.seen, **by_class, bins=classes)
 
     @cached_property
-    def resampled_sums(self) -> Float[np.ndarray, "r c 6"]:
+    def resampled_metric_sums(self) -> Float[np.ndarray, "r c 6"]:
         """`metrics.SUM_METRICS` of each class in every resample of positions."""
-        return resampled_sums(self.position_sums)
+        return resample_sums(self.position_metric_sums)
 
     @cached_property
-    def position_labels(self) -> Float[np.ndarray, " positions"]:
+    def position_label_counts(self) -> Float[np.ndarray, " positions"]:
         """Number of labels in each position, without crowds."""
-        return figure_denominators(self.position_sums.sum(axis=1))["recall"]
+        return figure_denominators(self.position_metric_sums.sum(axis=1))["recall"]
 
     @property
     def summary(self) -> dict[str, float]:
         """COCO's summary of all classes."""
-        return self._averages[0]
+        return self._summary_and_class_aps[0]
 
     @cached_property
-    def _averages(self) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
-        return coco_averages(self.labels, self.predictions)
+    def _summary_and_class_aps(self) -> tuple[dict[str, float], Float[np.ndarray, "c 3"]]:
+        return coco_summary_and_class_aps(self.labels, self.predictions)
 
     @cached_property
-    def _resampled_averages(self) -> Float[np.ndarray, "r c 3"]:
-        matchings = match_repeatedly(self.labels, self.predictions, IOU_THRESHOLDS)
+    def _resampled_class_aps(self) -> Float[np.ndarray, "r c 3"]:
+        matchings = match_at_each_iou(self.labels, self.predictions, IOU_THRESHOLDS)
         some = draw_resamples(self.labels.positions, times=AP_RESAMPLES)
-        return np.concatenate([resampled_averages(matchings, weights) for weights in some])
+        return np.concatenate([resampled_class_aps(matchings, weights) for weights in some])
 
     @cached_property
     def bins(self) -> list[BinFigures]:
         """Figures in the bins of each field."""
-        return [bin_figures(field, self.seen) for field in binned_fields(self.labels, self.predictions)]
+        return [figures_by_bin(field, self.seen) for field in binned_fields(self.labels, self.predictions)]
 
     def values(self, label: int | None = None) -> dict[str, float]:
         """Return counts, derived metrics, and `AP_NAMES`, over all classes or of one; nan if undefined."""
-        sums = self.position_sums[:, _describe_label(label)].sum(axis=0).sum(axis=0)
-        summary, of_classes = self._averages
+        sums = self.position_metric_sums[:, _class_slice(label)].sum(axis=0).sum(axis=0)
+        summary, of_classes = self._summary_and_class_aps
         averages = [summary[key] for key in AP_NAMES] if label is None else of_classes[label]
         found = {
             **dict(zip(SUM_METRICS, sums, strict=True)),
@@ -106,18 +106,18 @@ class Evaluation:
 
     def resampled(self, label: int | None = None) -> dict[str, Float[np.ndarray, " r"]]:
         """`metrics.DERIVED_METRICS` in every resample of positions, and `AP_NAMES` in `AP_RESAMPLES` resamples."""
-        averages = class_mean(self._resampled_averages[:, _describe_label(label)])
-        found = figures_from_sums(self.resampled_sums[:, _describe_label(label)].sum(axis=1))
+        averages = mean_over_classes(self._resampled_class_aps[:, _class_slice(label)])
+        found = figures_from_sums(self.resampled_metric_sums[:, _class_slice(label)].sum(axis=1))
         return found | dict(zip(AP_NAMES, averages.T, strict=True))
 
     def intervals(self, label: int | None = None) -> dict[str, Float[np.ndarray, "2"]]:
         """Return intervals of all figures, over all classes or of one."""
-        wholes = figure_denominators(self.position_sums[:, _describe_label(label)].sum(axis=1))
+        wholes = figure_denominators(self.position_metric_sums[:, _class_slice(label)].sum(axis=1))
         wholes |= dict.fromkeys(AP_NAMES, wholes["recall"])
         return figure_intervals(self.values(label), self.resampled(label), wholes)
 
 
-def _describe_label(label: int | None) -> slice:
+def _class_slice(label: int | None) -> slice:
     return slice(None) if label is None else slice(label, label + 1)
 
 
@@ -137,7 +137,7 @@ def best_threshold(labels: Labels, predictions: Predictions, *, iou: float = 0.5
     return float(curve["threshold"][np.argmax(curve["f1"])]) if len(curve["f1"]) else None
 
 
-def equal_count(labels: Labels, predictions: Predictions) -> float:
+def equal_count_threshold(labels: Labels, predictions: Predictions) -> float:
     """Return the confidence that as many detections reach as there are labels; 0 if there are fewer detections."""
     wanted = int((~labels.crowd).sum())
     return float(np.sort(predictions.score)[-wanted]) if 0 < wanted <= len(predictions.score) else 0.0
@@ -147,12 +147,12 @@ def compare_detectors(first: Evaluation, second: Evaluation) -> DetectorComparis
     """Compare two detectors on one dataset, second minus first, on the same resamples of positions."""
     before, after = first.values(), second.values()
     again, later = first.resampled(), second.resampled()
-    labels = first.position_labels
+    labels = first.position_label_counts
     positions = int((labels > 0).sum())
     difference = {key: after[key] - before[key] for key in again}
     intervals = {
         key: difference_interval(
-            value, standard_error(later[key] - again[key], positions), freedom=positions - 1, labels=labels.sum()
+            value, resampled_standard_error(later[key] - again[key], positions), freedom=positions - 1, labels=labels.sum()
         )
         for key, value in difference.items()
     }

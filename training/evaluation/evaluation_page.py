@@ -12,11 +12,20 @@ from jaxtyping import Bool, Float
 from matplotlib.figure import Figure
 from PIL import Image, ImageDraw
 
-from hulldown.annotate.labels.oriented_box import visible_corners
+from hulldown.annotate.labels.oriented_box import visible_rectangle_corners
 from hulldown.assets.picture_files import read_pixels
 from hulldown.base.errors import DatasetError
 from hulldown.base.files import replace_file
-from hulldown.dataset.reports.charts import BLUE, GREEN, INK, MAX_NAME_CHARACTERS, RED, SERIES_COLORS, make_axes, shorten_name
+from hulldown.dataset.reports.charts import (
+    BLUE,
+    GREEN,
+    INK,
+    MAX_NAME_CHARACTERS,
+    RED,
+    SERIES_COLORS,
+    make_figure_and_axes,
+    shorten_and_escape_name,
+)
 from hulldown.dataset.reports.page import render_page
 from hulldown.pictures.sheets import BACKGROUND_COLOR, contact_sheet
 from hulldown.training.evaluation.detector_report import DetectorReport
@@ -51,7 +60,7 @@ LABEL_COLOR, FOUND_COLOR = (0, 200, 120), (255, 120, 0)
 
 
 def evaluation_page(one: Evaluation, report: DetectorReport, sheets: Mapping[str, bytes]) -> str:
-    """Return the page about one file of detections, from its evaluation, its report, and its `write_sheets`."""
+    """Return the page about one file of detections, from its evaluation, its report, and its `write_error_sheets`."""
     return render_page(
         PAGE_TEMPLATE,
         {
@@ -60,8 +69,8 @@ def evaluation_page(one: Evaluation, report: DetectorReport, sheets: Mapping[str
             "reports": {report.predictions: report},
             "columns": {"all classes": report.overall, **report.per_class},
             "curves": {
-                "precision over recall": precision_recall([one]),
-                "precision, recall, and F1 over the confidence threshold": over_thresholds(one),
+                "precision over recall": precision_recall_chart([one]),
+                "precision, recall, and F1 over the confidence threshold": threshold_chart(one),
             },
             "sheets": sheets,
             "titles": {found.field.name: found.field.title for found in one.bins},
@@ -80,7 +89,7 @@ def comparison_page(
             "sources": THRESHOLD_SOURCES,
             "reports": reports,
             "columns": {name: report.overall for name, report in reports.items()},
-            "curves": {"precision over recall of each": precision_recall(evaluations)},
+            "curves": {"precision over recall of each": precision_recall_chart(evaluations)},
             "changes": [
                 (f"{FIGURE_TITLES[key]}: {one.second[:MAX_NAME_CHARACTERS]}", one.difference[key], one.intervals[key].tolist())
                 for one in compared
@@ -90,19 +99,19 @@ def comparison_page(
     )
 
 
-def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
+def precision_recall_chart(evaluations: Sequence[Evaluation]) -> Figure:
     """Draw precision over recall with operating points: of each class for one detector, or of several detectors."""
-    figure, axes = make_axes("precision over recall", 5.4, 3.6)
+    figure, axes = make_figure_and_axes("precision over recall", 5.4, 3.6)
     colors = cycle(SERIES_COLORS)
     for one in evaluations:
         alone = len(evaluations) == 1
         curve, color = threshold_curves(one.matching), next(colors)
-        name = "all classes" if alone else shorten_name(one.predictions.name)
-        axes.plot(curve["recall"], curve["precision"], find_marker(curve["recall"]), color=color, label=name)
+        name = "all classes" if alone else shorten_and_escape_name(one.predictions.name)
+        axes.plot(curve["recall"], curve["precision"], curve_line_style(curve["recall"]), color=color, label=name)
         for label, name in enumerate(one.predictions.class_names if alone else ()):
             each = threshold_curves(one.matching, label=label)
-            line, own = find_marker(each["recall"]), next(colors)
-            axes.plot(each["recall"], each["precision"], line, color=own, linewidth=0.9, label=shorten_name(name))
+            line, own = curve_line_style(each["recall"]), next(colors)
+            axes.plot(each["recall"], each["precision"], line, color=own, linewidth=0.9, label=shorten_and_escape_name(name))
         at = np.searchsorted(-curve["threshold"], -one.threshold.value, side="right") - 1
         if at >= 0:
             axes.plot(curve["recall"][at], curve["precision"][at], "o", color=color)
@@ -111,29 +120,31 @@ def precision_recall(evaluations: Sequence[Evaluation]) -> Figure:
     return figure
 
 
-def find_marker(values: np.ndarray) -> str:
+def curve_line_style(values: np.ndarray) -> str:
     """Return the marker of a curve: a dot if the curve has one point."""
     return "-" if len(values) > 1 else "."
 
 
-def over_thresholds(one: Evaluation) -> Figure:
+def threshold_chart(one: Evaluation) -> Figure:
     """Draw precision, recall, and F1 over the confidence from which detections count."""
-    figure, axes = make_axes("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
+    figure, axes = make_figure_and_axes("figures over the threshold (dotted: as evaluated)", 5.4, 3.6)
     curve = threshold_curves(one.matching)
     for key, color in (("precision", BLUE), ("recall", GREEN), ("f1", RED)):
-        axes.plot(curve["threshold"], curve[key], find_marker(curve[key]), color=color, label=FIGURE_TITLES[key])
+        axes.plot(curve["threshold"], curve[key], curve_line_style(curve[key]), color=color, label=FIGURE_TITLES[key])
     axes.axvline(one.threshold.value, color=INK, linewidth=0.8, linestyle=":")
     axes.set(xlabel="confidence threshold", ylim=(0, 1.02))
     axes.legend(fontsize=7, loc="lower center")
     return figure
 
 
-def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
+def write_error_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
     """Write and return sheets of the largest misses and the most confident false positives; remove old ones."""
     sizes = np.sqrt(one.labels.xywh[:, 2] * one.labels.xywh[:, 3])
     chosen = {
-        "misses.png": _ranked_tiles(one, one.labels, one.seen.missed, sizes, "size {:.0f} px"),
-        "false_alarms.png": _ranked_tiles(one, one.predictions, one.seen.false, one.predictions.score, "confidence {:.2f}"),
+        "misses.png": _ranked_tiles_by_caption(one, one.labels, one.seen.missed, sizes, "size {:.0f} px"),
+        "false_alarms.png": _ranked_tiles_by_caption(
+            one, one.predictions, one.seen.false, one.predictions.score, "confidence {:.2f}"
+        ),
     }
     sheets = {}
     for name, tiles in chosen.items():
@@ -146,20 +157,20 @@ def write_sheets(folder: Path, one: Evaluation) -> dict[str, bytes]:
     return sheets
 
 
-def _ranked_tiles(
+def _ranked_tiles_by_caption(
     one: Evaluation, boxes: Labels | Predictions, among: Bool[np.ndarray, " n"], rank: Float[np.ndarray, " n"], word: str
 ) -> dict[str, Image.Image]:
     """Return pictures of the boxes of highest rank by caption; `word` formats the rank there."""
     rows = np.flatnonzero(among)
     tiles = {}
     for number, k in enumerate(rows[np.argsort(-rank[rows], kind="stable")][:MAX_SHEET_TILES].tolist(), start=1):
-        tile, problem = _cut_picture(one, int(boxes.image[k]), boxes.xywh[k])
+        tile, problem = _box_tile_and_problem(one, int(boxes.image[k]), boxes.xywh[k])
         name = one.predictions.class_names[boxes.class_index[k]]
         tiles[", ".join((f"{number}. {name}", word.format(rank[k]), *problem))] = tile
     return tiles
 
 
-def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[Image.Image, tuple[str, ...]]:
+def _box_tile_and_problem(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) -> tuple[Image.Image, tuple[str, ...]]:
     """Return a box's surroundings with all labels' and counted detections' boxes, and why it can't be read."""
     tile, name = Image.new("RGB", TILE_SIZE, BACKGROUND_COLOR), one.labels.images[image].file_name
     try:
@@ -176,9 +187,9 @@ def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) ->
     pen = ImageDraw.Draw(cut)
     shown = np.flatnonzero((one.labels.image == image) & ~one.labels.crowd)
     counted = ~one.seen.ignored & (one.predictions.image == image)
-    true, found = list(_draw_outlines(one.labels.xywh[shown])), _draw_outlines(one.predictions.xywh[counted])
+    true, found = list(_box_corners(one.labels.xywh[shown])), _box_corners(one.predictions.xywh[counted])
     if one.predictions.corners is not None:
-        true = [visible_corners(one.labels.annotations[k], one.labels.images[image]) for k in shown.tolist()]
+        true = [visible_rectangle_corners(one.labels.annotations[k], one.labels.images[image]) for k in shown.tolist()]
         found = one.predictions.corners[counted]
     for outlines, color in ((true, LABEL_COLOR), (found, FOUND_COLOR)):
         for outline in outlines:
@@ -187,5 +198,5 @@ def _cut_picture(one: Evaluation, image: int, around: Float[np.ndarray, "4"]) ->
     return tile, ()
 
 
-def _draw_outlines(xywh: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4 2"]:
+def _box_corners(xywh: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 4 2"]:
     return xywh[:, None, :2] + xywh[:, None, 2:] * [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]

@@ -22,9 +22,9 @@ from hulldown.base.files import replace_file
 from hulldown.base.outputs import OutputFolder
 from hulldown.base.terminal import progress_bar
 from hulldown.training.evaluation.average_precision import AP_NAMES
-from hulldown.training.evaluation.detector_report import DetectorReport, DetectorReports, detector_report, reported_comparison
+from hulldown.training.evaluation.detector_report import DetectorReport, DetectorReports, comparison_for_report, detector_report
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, compare_detectors
-from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, write_sheets
+from hulldown.training.evaluation.evaluation_page import comparison_page, evaluation_page, write_error_sheets
 from hulldown.training.evaluation.labels import Labels, read_labels
 from hulldown.training.evaluation.metrics import COUNT_METRICS, DERIVED_METRICS
 from hulldown.training.evaluation.predictions import Predictions, read_predictions
@@ -101,11 +101,13 @@ def evaluate_detections(
         )
     with progress_bar("evaluating", progress) as advance, ExitStack() as stack:
         labels = read_labels(Path(dataset))
-        read = [read_predictions(path, labels, name=name) for path, name in zip(paths, _file_names(paths), strict=True)]
+        read = [
+            read_predictions(path, labels, name=name) for path, name in zip(paths, _unique_prediction_names(paths), strict=True)
+        ]
         if validation:
             valid = read_labels(Path(validation[0]))
             others = [read_predictions(Path(path), valid, name=str(path)) for path in validation[1:]]
-            thresholds = [_best_threshold(valid, one, iou) for one in others]
+            thresholds = [_validation_threshold(valid, one, iou) for one in others]
         else:
             thresholds = [Threshold(float(threshold), "given")] * len(read)
         reports, evaluations = {}, []
@@ -117,17 +119,19 @@ def evaluate_detections(
             reports[detections.name] = found
             folder = output / detections.name if len(paths) > 1 else output
             folder.mkdir(exist_ok=True)
-            _write_reports(folder, {detections.name: found}, found, evaluation_page(one, found, write_sheets(folder, one)))
+            _write_report_files(
+                folder, {detections.name: found}, found, evaluation_page(one, found, write_error_sheets(folder, one))
+            )
             advance(k, len(paths))
         if len(evaluations) == 1:
             return found
         compared = [compare_detectors(evaluations[0], other) for other in evaluations[1:]]
-        written = DetectorReports(reports, [reported_comparison(one) for one in compared])
-        _write_reports(output, reports, written, comparison_page(evaluations, reports, compared))
+        written = DetectorReports(reports, [comparison_for_report(one) for one in compared])
+        _write_report_files(output, reports, written, comparison_page(evaluations, reports, compared))
         return written
 
 
-def _best_threshold(labels: Labels, predictions: Predictions, iou: float) -> Threshold:
+def _validation_threshold(labels: Labels, predictions: Predictions, iou: float) -> Threshold:
     best = best_threshold(labels, predictions, iou=iou)
     if best is None:
         remedy = "give one with --threshold"
@@ -135,7 +139,7 @@ def _best_threshold(labels: Labels, predictions: Predictions, iou: float) -> Thr
     return Threshold(best, "validation")
 
 
-def _file_names(paths: Sequence[Path]) -> list[str]:
+def _unique_prediction_names(paths: Sequence[Path]) -> list[str]:
     """Return names of files of detections: the file's, with its folder if needed to tell them apart, or numbers."""
     for names in (
         [path.stem for path in paths],
@@ -147,15 +151,15 @@ def _file_names(paths: Sequence[Path]) -> list[str]:
     return [f"{path.stem}-{k}" for k, path in enumerate(paths, start=1)]
 
 
-def _write_reports(
+def _write_report_files(
     folder: Path, reports: Mapping[str, DetectorReport], written: DetectorReport | DetectorReports, page: str
 ) -> None:
-    replace_file(folder / "metrics.csv", metrics_csv(reports).encode())
+    replace_file(folder / "metrics.csv", detector_reports_csv(reports).encode())
     replace_file(folder / "report.json", orjson.dumps(msgspec.to_builtins(written), option=orjson.OPT_INDENT_2) + b"\n")
     replace_file(folder / "report.html", page.encode())
 
 
-def metrics_csv(reports: Mapping[str, DetectorReport]) -> str:
+def detector_reports_csv(reports: Mapping[str, DetectorReport]) -> str:
     """Return CSV with a line for all classes (``overall``) and each (``per_class.NAME``), per file of detections."""
     text = io.StringIO()
     writer = csv.DictWriter(text, REPORT_COLUMNS, extrasaction="ignore", lineterminator="\n")

@@ -14,8 +14,8 @@ from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.labels.mask import label_area
 from hulldown.annotate.records import Image, Label
 from hulldown.base.errors import DatasetError
-from hulldown.dataset.images import LabeledImages, position_group
-from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.images import LabeledImages, position_group_key
+from hulldown.dataset.record_checks import read_usable_dataset
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -37,7 +37,7 @@ class Labels(BoxTable):
     @cached_property
     def position(self) -> Int[np.ndarray, " n"]:
         """(n,) position of each image; an image without one is its own."""
-        return np.unique([position_group(image) for image in self.images], return_inverse=True)[1]
+        return np.unique([position_group_key(image) for image in self.images], return_inverse=True)[1]
 
     @property
     def positions(self) -> int:
@@ -47,10 +47,10 @@ class Labels(BoxTable):
 
 def read_labels(path: Path | str) -> Labels:
     """Read the labels of a dataset."""
-    return evaluation_labels(read_usable(Path(path), takes_file=True), path=Path(path))
+    return labels_from_images(read_usable_dataset(Path(path), takes_file=True), path=Path(path))
 
 
-def evaluation_labels(found: LabeledImages, *, path: Path) -> Labels:
+def labels_from_images(found: LabeledImages, *, path: Path) -> Labels:
     """Return the labels of a dataset's images."""
     # By image, then in the file's order, so the order of images in the file doesn't matter.
     images = sorted(found.images, key=lambda image: image.id)

@@ -15,7 +15,7 @@ import shapely
 from faster_coco_eval import COCO, COCOeval_faster
 from jaxtyping import Bool, Float, Int
 
-from hulldown.annotate.labels.oriented_box import visible_corners
+from hulldown.annotate.labels.oriented_box import visible_rectangle_corners
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.predictions import Predictions
 
@@ -57,7 +57,7 @@ class Matching:
         """Labels without a detection; a crowd is neither found nor missed."""
         return (self.detection < 0) & ~self.labels.crowd
 
-    def above_threshold(self, threshold: float) -> Matching:
+    def with_threshold(self, threshold: float) -> Matching:
         """Return the matching without detections below a score, on which other detections' matches don't depend."""
         ignored = self.ignored | (self.predictions.score < threshold)
         detection = self.detection.copy()
@@ -89,13 +89,13 @@ def oriented_overlaps(
     return np.divide(shared, union, out=np.zeros(shared.shape), where=union > 0.0)
 
 
-def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_faster:
+def load_coco_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_faster:
     """Load labels and at least one detection into faster-coco-eval; images, classes, and boxes are numbered from 1."""
     true, found = None, predictions.corners
     areas, never = predictions.xywh[:, 2] * predictions.xywh[:, 3], np.zeros(len(predictions.score), dtype=bool)
     if found is not None:
         images = [labels.images[i] for i in labels.image.tolist()]
-        true, areas = list(map(visible_corners, labels.annotations, images)), shapely.area(shapely.polygons(found))
+        true, areas = list(map(visible_rectangle_corners, labels.annotations, images)), shapely.area(shapely.polygons(found))
     loaded = []
     for boxes, area, crowd, score, corners in (
         (labels, labels.area, labels.crowd, np.zeros(len(labels.area)), true),  # a label's score is ignored
@@ -120,16 +120,16 @@ def loaded_evaluation(labels: Labels, predictions: Predictions) -> COCOeval_fast
 
 def match_detections(labels: Labels, predictions: Predictions, *, iou: float = 0.5) -> Matching:
     """Match detections with labels of their class as COCO does."""
-    return match_repeatedly(labels, predictions, [iou])[0]
+    return match_at_each_iou(labels, predictions, [iou])[0]
 
 
-def match_repeatedly(labels: Labels, predictions: Predictions, ious: Sequence[float]) -> list[Matching]:
+def match_at_each_iou(labels: Labels, predictions: Predictions, ious: Sequence[float]) -> list[Matching]:
     """Match once for each of several least IoUs."""
-    evaluation = loaded_evaluation(labels, predictions) if len(predictions.score) else None
-    return [_match_class(labels, predictions, evaluation, iou) for iou in ious]
+    evaluation = load_coco_evaluation(labels, predictions) if len(predictions.score) else None
+    return [_match_at_iou(labels, predictions, evaluation, iou) for iou in ious]
 
 
-def _match_class(labels: Labels, predictions: Predictions, evaluation: COCOeval_faster | None, iou: float) -> Matching:
+def _match_at_iou(labels: Labels, predictions: Predictions, evaluation: COCOeval_faster | None, iou: float) -> Matching:
     box = np.full(len(predictions.score), -1, dtype=np.int64)
     overlap = np.full(len(predictions.score), np.nan)
     detection = np.full(len(labels.class_index), -1, dtype=np.int64)

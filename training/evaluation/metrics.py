@@ -17,7 +17,7 @@ MEAN_METRICS = ("mean_iou", "mean_confidence", "mean_confidence_tp", "mean_confi
 DERIVED_METRICS = (*RATIO_METRICS, *MEAN_METRICS)
 
 
-def grouped_sums(
+def metric_sums_by_bin(
     matching: Matching, *, of_detection: Int[np.ndarray, " d"], of_label: Int[np.ndarray, " g"], bins: int
 ) -> Float[np.ndarray, "positions bins 6"]:
     """Return `SUM_METRICS` of each bin in each position."""
@@ -39,7 +39,7 @@ def figures_from_sums(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np
     """Return `DERIVED_METRICS` from `SUM_METRICS` in the last axis; nan if undefined."""
     tp, _, _, iou, sure_tp, sure_fp = np.moveaxis(np.asarray(sums, dtype=np.float64), -1, 0)
     parts = (tp, tp, 2.0 * tp, iou, sure_tp + sure_fp, sure_tp, sure_fp)
-    return {key: safe_ratio(part, whole) for part, (key, whole) in zip(parts, figure_denominators(sums).items(), strict=True)}
+    return {key: ratio_or_nan(part, whole) for part, (key, whole) in zip(parts, figure_denominators(sums).items(), strict=True)}
 
 
 def figure_denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[np.ndarray, "*batch"]]:
@@ -49,7 +49,7 @@ def figure_denominators(sums: Float[np.ndarray, "*batch 6"]) -> dict[str, Float[
     return dict(zip(DERIVED_METRICS, each, strict=True))
 
 
-def safe_ratio(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
+def ratio_or_nan(part: ArrayLike, whole: ArrayLike) -> Float[np.ndarray, "..."]:
     """Return `part / whole`; nan if the whole is 0."""
     part, whole = np.asarray(part, dtype=np.float64), np.asarray(whole, dtype=np.float64)
     return np.divide(part, whole, out=np.full(np.broadcast(part, whole).shape, np.nan), where=whole != 0.0)
@@ -68,9 +68,9 @@ def threshold_curves(matching: Matching, *, label: int | None = None) -> dict[st
     fp, fn = last + 1 - tp, int(wanted.sum()) - tp
     return {
         "threshold": score[rows][last],
-        "precision": safe_ratio(tp, tp + fp),
-        "recall": safe_ratio(tp, tp + fn),
-        "f1": safe_ratio(2 * tp, 2 * tp + fp + fn),
+        "precision": ratio_or_nan(tp, tp + fp),
+        "recall": ratio_or_nan(tp, tp + fn),
+        "f1": ratio_or_nan(2 * tp, 2 * tp + fp + fn),
     }
 
 

@@ -14,10 +14,10 @@ from msgspec import Struct
 
 from hulldown.annotate.box_table import BoxTable
 from hulldown.annotate.coco_types import Record
-from hulldown.annotate.record_fields import Pixel, Share, Side, invalid_fields
+from hulldown.annotate.record_fields import Pixel, Share, Side, invalid_field_sentences
 from hulldown.annotate.rectangles import rectangle_corners
 from hulldown.base.errors import DatasetError
-from hulldown.base.outside import MAX_DATA_BYTES, describe_path, parse_value, read_json
+from hulldown.base.outside import MAX_DATA_BYTES, convert_parsed_value, describe_path, read_json
 from hulldown.training.evaluation.labels import Labels
 
 INFO_SUFFIX = ".info.json"  # a file next to the results, a `PredictionInfo`
@@ -67,35 +67,35 @@ class Predictions(BoxTable):
 def read_predictions(path: Path | str, labels: Labels, *, name: str | None = None) -> Predictions:
     """Read COCO results, a list or an object's ``annotations``; `name` None: the file's without extension."""
     path = Path(path)
-    found, names = _read_file(path), {}
+    found, names = _read_results_file(path), {}
     if isinstance(found, dict):
-        _check_images(path, found.get("images"), labels)
-        names, found = _category_names(found), found.get("annotations")
+        _require_same_images(path, found.get("images"), labels)
+        names, found = _category_names_by_id(found), found.get("annotations")
     info = path.with_name(path.name + INFO_SUFFIX)
-    if info.exists() and isinstance(listed := _read_file(info), dict):
-        _check_images(info, listed.get("images"), labels)
-        names |= _category_names(listed)
+    if info.exists() and isinstance(listed := _read_results_file(info), dict):
+        _require_same_images(info, listed.get("images"), labels)
+        names |= _category_names_by_id(listed)
     if not isinstance(found, list):
         raise DatasetError("isn't COCO results: expected a list of detections", path=path, remedy="name a file of detections")
-    return read_checked_predictions(found, labels, path=path, name=name or path.stem, names=names)
+    return predictions_from_results(found, labels, path=path, name=name or path.stem, names=names)
 
 
-def read_checked_predictions(
+def predictions_from_results(
     found: Sequence[object], labels: Labels, *, path: Path, name: str, names: Mapping[int, str] | None = None
 ) -> Predictions:
     """Return detections from a list; `names` are those of categories that the dataset lacks."""
     try:
-        rows = parse_value(found, list[_Detection])
+        rows = convert_parsed_value(found, list[_Detection])
     except ValueError:
-        number, problem = next((i, problem) for i, each in enumerate(found) for problem in _find_misfits(each))
-        raise _refuse_file(f"{number}: {problem}", path, labels) from None
+        number, problem = next((i, problem) for i, each in enumerate(found) for problem in _find_result_problems(each))
+        raise _detection_error(f"{number}: {problem}", path, labels) from None
     index = {image.id: i for i, image in enumerate(labels.images)}
     oriented = any(row.obb is not None for row in rows)
     for i, row in enumerate(rows):
         if row.image_id not in index:
-            raise _refuse_file(f"{i}: image {row.image_id} is not in the dataset", path, labels)
+            raise _detection_error(f"{i}: image {row.image_id} is not in the dataset", path, labels)
         if (row.obb if oriented else row.bbox) is None:
-            raise _refuse_file(f"{i}: has no {'obb, which others have' if oriented else 'bbox'}", path, labels)
+            raise _detection_error(f"{i}: has no {'obb, which others have' if oriented else 'bbox'}", path, labels)
     known = labels.class_id.tolist()
     others = sorted({row.category_id for row in rows} - set(known))
     class_index = {category: i for i, category in enumerate([*known, *others])}
@@ -122,24 +122,24 @@ def read_checked_predictions(
     )
 
 
-def _find_misfits(detection: object) -> Iterator[str]:
+def _find_result_problems(detection: object) -> Iterator[str]:
     if isinstance(detection, dict):
-        yield from invalid_fields(detection, _Detection)
+        yield from invalid_field_sentences(detection, _Detection)
     else:
         yield f"{detection!r:.60} isn't an object"
 
 
-def _refuse_file(problem: str, path: Path, labels: Labels) -> DatasetError:
+def _detection_error(problem: str, path: Path, labels: Labels) -> DatasetError:
     return DatasetError(f"detection {problem}", path=path, remedy=f"give results of {labels.path}")
 
 
-def _category_names(info: Mapping[str, object]) -> dict[int, str]:
+def _category_names_by_id(info: Mapping[str, object]) -> dict[int, str]:
     listed = info.get("categories")
     records = [one for one in listed if isinstance(one, dict)] if isinstance(listed, list) else []
     return {one["id"]: one["name"] for one in records if type(one.get("id")) is int and isinstance(one.get("name"), str)}
 
 
-def _check_images(path: Path, listed: object, labels: Labels) -> None:
+def _require_same_images(path: Path, listed: object, labels: Labels) -> None:
     if listed is None:
         return
     found = [one.get("id") if isinstance(one, dict) else one for one in listed] if isinstance(listed, list) else [None]
@@ -161,7 +161,7 @@ def _check_images(path: Path, listed: object, labels: Labels) -> None:
         )
 
 
-def _read_file(path: Path) -> object:
+def _read_results_file(path: Path) -> object:
     refuse = partial(DatasetError, path=path, remedy="name a file of COCO results")
     if path.exists() and (kind := describe_path(path)) not in ("a JSON list", "a JSON file", "another file", "empty"):
         raise refuse(f"is {kind}, not a file of detections")

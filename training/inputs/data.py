@@ -56,16 +56,16 @@ class DrawnExamples(Dataset[Example | HulldownError]):
         """Return draw k, or why it can't be read, since PyTorch's loader would add its traceback to an exception."""
         cv2.setNumThreads(0)  # its threads compete with the loader's workers and the network
         try:
-            return make_example(self.augment(self._sample(k), int(self.draws.seed[k])), self.size)
+            return make_example(self.augment(self._sample_of_draw(k), int(self.draws.seed[k])), self.size)
         except HulldownError as error:
             return error
 
-    def _sample(self, k: int) -> Sample:
+    def _sample_of_draw(self, k: int) -> Sample:
         """Return the sample of draw k before augmentation. Small datasets are kept in memory, since reading is slow."""
         key = int(self.draws.source[k]), int(self.draws.image[k])
         if key in self._kept:
             return self._kept[key]
-        sample = at_work_size(self.sources[key[0]].sample(key[1], masks=self.masks), self.size)
+        sample = shrink_for_augmentation(self.sources[key[0]].sample(key[1], masks=self.masks), self.size)
         arrays = [sample.picture, *sample.masks]
         needed = sum(array.nbytes for array in arrays)
         if needed <= self._room:
@@ -76,7 +76,7 @@ class DrawnExamples(Dataset[Example | HulldownError]):
         return sample
 
 
-def at_work_size(sample: Sample, size: tuple[int, int]) -> Sample:
+def shrink_for_augmentation(sample: Sample, size: tuple[int, int]) -> Sample:
     """Return a sample at the size for augmentation: shrunk, but no side smaller than the network's."""
     height, width = sample.picture.shape[:2]
     scale = max(size[0] / width, size[1] / height)
@@ -108,10 +108,12 @@ class Batches(Sampler[list[int]]):
             yield list(range(start, min(start + self._batch, self._draws)))
 
 
-def network_pictures(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]) -> UInt8[torch.Tensor, "n 3 h w"]:
+def pictures_at_network_size(
+    images: Sequence[UInt8[np.ndarray, "_ _ 3"]], size: tuple[int, int]
+) -> UInt8[torch.Tensor, "n 3 h w"]:
     """Return pictures of any sizes at a network's size (width, height), as in training."""
     nothing = np.zeros((0, 4)), np.zeros(0, dtype=np.int64)
-    return torch.stack([make_example(at_work_size(Sample(image, *nothing), size), size).picture for image in images])
+    return torch.stack([make_example(shrink_for_augmentation(Sample(image, *nothing), size), size).picture for image in images])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -127,7 +129,7 @@ class Draws:
 
 
 def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence[float] = ()) -> Draws:
-    """Draw pictures with replacement, by `source_shares`, or without `shares` all equally often."""
+    """Draw pictures with replacement, by `fill_source_shares`, or without `shares` all equally often."""
     if not sizes or min(sizes) < 1:
         raise ValueError(f"sizes: expected at least one picture in each of at least one source, got {list(sizes)}")
     if shares and len(shares) != len(sizes):
@@ -141,7 +143,7 @@ def make_draws(sizes: Sequence[int], budget: int, *, seed: int, shares: Sequence
     return Draws(source.astype(np.int64), image, (raw[:, 2] >> np.uint64(32)).astype(np.int64))
 
 
-def source_shares(sizes: Mapping[str, int], shares: Mapping[str, float]) -> list[float]:
+def fill_source_shares(sizes: Mapping[str, int], shares: Mapping[str, float]) -> list[float]:
     """Return each source's share of the draws: by `shares`, or a part of the rest by its number of pictures."""
     for name, share in shares.items():
         if name not in sizes:

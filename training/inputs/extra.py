@@ -1,4 +1,4 @@
-"""The extra `training`: PyTorch, RF-DETR, Albumentations. Call `require_extra` before importing them."""
+"""The extra `training`: PyTorch, RF-DETR, Albumentations. Call `require_training_extra` before importing them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hulldown.base.errors import HulldownError
 TRAINING_PACKAGES = ("torch", "torchvision", "pytorch_lightning", "rfdetr", "transformers", "albumentations", "cv2", "onnx")
 
 
-def require_extra() -> None:
+def require_training_extra() -> None:
     """Raise if the extra isn't installed; call it before importing anything of it."""
     os.environ["NO_ALBUMENTATIONS_UPDATE"] = "1"  # else it asks the network for its latest version
     missing = [name for name in TRAINING_PACKAGES if importlib.util.find_spec(name) is None]

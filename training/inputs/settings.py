@@ -14,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from pydantic.fields import FieldInfo
 
 from hulldown.base.errors import ConfigError
-from hulldown.base.outside import parse_json, parse_value, parse_yaml, read_text
+from hulldown.base.outside import convert_parsed_value, parse_json, parse_yaml, read_text
 from hulldown.base.toml_files import read_toml, validate_model
 
 ModelName = Literal["small", "nano", "rf-small", "medium", "large"]
@@ -68,11 +68,11 @@ class Settings(BaseModel):
 
     @model_validator(mode="before")
     @classmethod
-    def _completed(cls, data: object) -> object:
+    def _fill_model_defaults(cls, data: object) -> object:
         if not isinstance(data, dict):
             return data
         defaults = _MODEL_DEFAULTS.get(str(data.get("model")), _MODEL_DEFAULTS["medium"])
-        return resolved_augmentation({**defaults, **data})
+        return settings_with_augmentation({**defaults, **data})
 
     @property
     def effective_batch(self) -> int:
@@ -88,7 +88,7 @@ class Settings(BaseModel):
 _OPTION_NAMES = ("model", "budget", "seed", "resolution", "weights", "keep", "logger")
 
 
-def _setting_option(field: FieldInfo) -> object:
+def _setting_option_type(field: FieldInfo) -> object:
     shown = str(field.default) if isinstance(field.default, str | int) else False
     kind: Any = field.annotation
     return Annotated[kind | None, Parameter(help=field.description, show_default=shown)]
@@ -98,13 +98,13 @@ def _setting_option(field: FieldInfo) -> object:
 SettingOptions = Parameter(name="*")(
     make_dataclass(
         "SettingOptions",
-        [(name, _setting_option(Settings.model_fields[name]), None) for name in _OPTION_NAMES],
+        [(name, _setting_option_type(Settings.model_fields[name]), None) for name in _OPTION_NAMES],
         namespace={"__module__": __name__},
     )
 )
 
 
-def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> dict[str, object]:
+def settings_with_augmentation(data: Mapping[str, object], folder: Path = Path()) -> dict[str, object]:
     """Return settings with the contents of the file that ``augmentation`` names, by a path from a folder."""
     named = data.get("augmentation")
     if isinstance(named, Mapping) and "transform" not in named:
@@ -115,7 +115,7 @@ def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> 
     refuse = partial(ConfigError, path=path, remedy=_NAME_A_FILE)
     text = read_text(path, refuse)
     try:
-        document = parse_value(
+        document = convert_parsed_value(
             parse_json(text.encode(), object) if path.suffix == ".json" else parse_yaml(text), dict[str, object]
         )
     except ValueError as error:
@@ -127,12 +127,12 @@ def resolved_augmentation(data: Mapping[str, object], folder: Path = Path()) -> 
 
 def load_settings(path: Path | None, changes: Mapping[str, object]) -> Settings:
     """Load settings from a TOML file, if given, with changes to its fields; a change of None changes nothing."""
-    data = {} if path is None else resolved_augmentation(read_toml(path), path.parent)
+    data = {} if path is None else settings_with_augmentation(read_toml(path), path.parent)
     data.update({key: value for key, value in changes.items() if value is not None})
     return validate_model(Settings, data, path)
 
 
-def rate_factor(step: int, settings: Settings, steps: int) -> float:
+def learning_rate_factor(step: int, settings: Settings, steps: int) -> float:
     """Return the learning rate of a step, from 0 on, as a share of the highest; the run has `steps` steps."""
     rise = math.ceil(settings.warmup * steps)
     if step < rise:

@@ -21,9 +21,9 @@ from hulldown.annotate.records import Label
 from hulldown.assets.picture_files import read_picture, read_pixels
 from hulldown.base.errors import ConfigError, DatasetError
 from hulldown.dataset.images import LabeledImages
-from hulldown.dataset.record_checks import read_usable
-from hulldown.dataset.usable_labels import clip_labels
-from hulldown.dataset.verification.check_pictures import near_duplicates, picture_hash
+from hulldown.dataset.record_checks import read_usable_dataset
+from hulldown.dataset.usable_labels import images_with_clipped_labels
+from hulldown.dataset.verification.check_pictures import near_duplicate_pairs, perceptual_hash
 
 CHECK_THREADS = 4  # they check pictures before training
 
@@ -84,11 +84,11 @@ class LabeledPictures(BoxTable):
         return Sample(pixels, self.xywh[boxes], self.class_index[boxes], tuple(decoded))
 
 
-def read_sources(
+def read_classes_and_sources(
     folders: Mapping[str, str | os.PathLike[str]], *, classes: Sequence[str] | None = None
 ) -> tuple[tuple[str, ...], tuple[LabeledPictures, ...]]:
     """Read datasets without crowds; return `classes`, or by name those of the first, and each dataset's labels."""
-    sources = {name: _read_checked(Path(folder)) for name, folder in folders.items()}
+    sources = {name: _read_checked_dataset(Path(folder)) for name, folder in folders.items()}
     known, of = (list(classes), "the detector") if classes is not None else ([], "")
     for name, found in sources.items():
         own = _class_names(found)
@@ -96,13 +96,13 @@ def read_sources(
             known, of = own, name
         if sorted(own) != sorted(known):
             raise DatasetError(
-                f"the classes of {name} are {_list_names(own)}, those of {of} are {_list_names(known)}",
+                f"the classes of {name} are {_join_quoted_names(own)}, those of {of} are {_join_quoted_names(known)}",
                 path=Path(folders[name]), remedy="give the same classes the same names in both, and leave none out",
             )  # fmt: skip
     return tuple(known), tuple(_make_source(name, Path(folders[name]), found, known) for name, found in sources.items())
 
 
-def follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
+def should_follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
     """Return whether turned boxes follow masks in all datasets: as `asked`, or if every box has one."""
     lacking = [source.name for source in sources if not source.masked]
     if asked and lacking:
@@ -116,11 +116,11 @@ class CheckedPictures:
 
     sha256: str  # SHA-256 of records and pictures
     digests: tuple[bytes, ...]
-    # perceptual hash of each picture, see `dataset.verification.check_pictures`
+    # perceptual hash of each picture, see `dataset.verification.find_picture_problems`
     hashes: tuple[Bool[np.ndarray, "256"] | None, ...]
 
 
-def check_source_pictures(
+def hash_source_pictures(
     sources: Sequence[LabeledPictures], *, progress: Callable[[int, int], None] | None = None
 ) -> dict[str, CheckedPictures]:
     """Read every picture of every source; return their hashes by the source's name."""
@@ -129,7 +129,7 @@ def check_source_pictures(
         for source in sources:
             found: list[tuple[bytes, Bool[np.ndarray, "256"] | None]] = []
             paths = [source.folder / name for name in source.file_names]
-            for one in pool.map(_source_hashes, paths, source.sizes):
+            for one in pool.map(_digest_and_perceptual_hash, paths, source.sizes):
                 found.append(one)
                 done += 1
                 if progress is not None:
@@ -140,10 +140,12 @@ def check_source_pictures(
     return checked
 
 
-def shared_pictures(first: LabeledPictures, second: LabeledPictures, checked: Mapping[str, CheckedPictures]) -> list[str]:
+def describe_shared_pictures(
+    first: LabeledPictures, second: LabeledPictures, checked: Mapping[str, CheckedPictures]
+) -> list[str]:
     """Describe the near duplicates between two sources."""
     ones, others = checked[first.name], checked[second.name]
-    pairs = set(map(tuple, near_duplicates(ones.hashes, others.hashes).tolist()))
+    pairs = set(map(tuple, near_duplicate_pairs(ones.hashes, others.hashes).tolist()))
     rows = {digest: i for i, digest in enumerate(ones.digests)}  # pictures without contrast have only this hash
     pairs |= {(rows[digest], j) for j, digest in enumerate(others.digests) if digest in rows}
     return [
@@ -152,17 +154,17 @@ def shared_pictures(first: LabeledPictures, second: LabeledPictures, checked: Ma
     ]
 
 
-def _source_hashes(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, "256"] | None]:
+def _digest_and_perceptual_hash(path: Path, size: tuple[int, int]) -> tuple[bytes, Bool[np.ndarray, "256"] | None]:
     picture = read_picture(path, size)
     assert picture.pixels is not None
-    return hashlib.sha256(picture.content).digest(), picture_hash(picture.pixels)
+    return hashlib.sha256(picture.content).digest(), perceptual_hash(picture.pixels)
 
 
-def _read_checked(folder: Path) -> LabeledImages:
-    found = read_usable(folder)
+def _read_checked_dataset(folder: Path) -> LabeledImages:
+    found = read_usable_dataset(folder)
     if not found.images:
         raise DatasetError("has no images", path=folder, remedy="name a dataset that has some")
-    return replace(found, images=tuple(clip_labels(found.images, folder=folder, clip=False)))
+    return replace(found, images=tuple(images_with_clipped_labels(found.images, folder=folder, clip=False)))
 
 
 def _class_names(found: LabeledImages) -> list[str]:
@@ -174,7 +176,8 @@ def _make_source(name: str, folder: Path, found: LabeledImages, classes: Sequenc
     counted = [[label for label in image.labels if not label.crowd] for image in images]
     boxes = [sorted(labels, key=lambda label: label.id) for labels in counted]
     learned = [
-        [image.file_name, *image.size, list(map(_training_label, labels))] for image, labels in zip(images, boxes, strict=True)
+        [image.file_name, *image.size, list(map(_learned_label_values, labels))]
+        for image, labels in zip(images, boxes, strict=True)
     ]
     return LabeledPictures(
         class_names=tuple(classes),
@@ -190,9 +193,9 @@ def _make_source(name: str, folder: Path, found: LabeledImages, classes: Sequenc
     )
 
 
-def _training_label(label: Label) -> list[object]:
+def _learned_label_values(label: Label) -> list[object]:
     return [label.record["bbox"], label.category, label.read(VisibleMask).segmentation]
 
 
-def _list_names(names: Sequence[str]) -> str:
+def _join_quoted_names(names: Sequence[str]) -> str:
     return ", ".join(repr(name) for name in sorted(names)) or "none"

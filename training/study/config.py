@@ -12,9 +12,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import ConfigError, HulldownError
 from hulldown.base.files import replace_file
-from hulldown.base.outputs import claim_file
+from hulldown.base.outputs import require_replaceable_file
 from hulldown.base.toml_files import read_toml, validate_model
-from hulldown.training.inputs.settings import Settings, resolved_augmentation
+from hulldown.training.inputs.settings import Settings, settings_with_augmentation
 from hulldown.training.study.arms import ARM_KINDS, Arm
 from hulldown.training.subset import DEFAULT_FRACTIONS
 
@@ -62,7 +62,7 @@ class StudyConfig(BaseModel):
         return tuple(made(name=arm, base=arm, train={}) if isinstance(arm, str) else arm for arm in self.arms)
 
     @model_validator(mode="after")
-    def _sound(self) -> StudyConfig:
+    def _refuse_repeated_values(self) -> StudyConfig:
         for key in ("arms", "fractions", "seeds"):
             values = [arm.name for arm in self.named_arms] if key == "arms" else getattr(self, key)
             if repeated := [value for value in values if values.count(value) > 1]:
@@ -70,12 +70,12 @@ class StudyConfig(BaseModel):
         return self
 
 
-def load_study(path: Path | str) -> StudyConfig:
+def load_study_config(path: Path | str) -> StudyConfig:
     """Load a study's config from a TOML file; its paths are relative to the file's folder."""
     path = Path(path)
     data = read_toml(path)
     if isinstance(data.get("train"), dict):
-        data["train"] = resolved_augmentation(data["train"], path.parent)
+        data["train"] = settings_with_augmentation(data["train"], path.parent)
     study = validate_model(StudyConfig, data, path)
     for key, instead in (("seed", "seeds"), ("shares", "arms")):
         if key in data.get("train", {}):
@@ -89,7 +89,7 @@ def load_study(path: Path | str) -> StudyConfig:
             if arm.name in ARM_KINDS:
                 raise ConfigError(f"arms: {arm.name} is taken", path=path, remedy="choose another name")
             # Another model has other defaults, which the keys of [train] replace.
-            asked = resolved_augmentation(arm.train, path.parent)
+            asked = settings_with_augmentation(arm.train, path.parent)
             own = validate_model(Settings, {**data.get("train", {}), **asked}, path)
             differing = {key: value for key, value in own.model_dump().items() if value != getattr(study.train, key)}
             changes = asked | differing
@@ -113,7 +113,9 @@ def _resolve_weights(folder: Path, weights: str | None) -> str | None:
     return str(folder / weights) if weights is not None and (folder / weights).exists() else weights
 
 
-def write_study(output: AnyPath, *, real: AnyPath, synthetic: AnyPath, test: AnyPath, valid: AnyPath | None = None) -> Path:
+def write_study_config(
+    output: AnyPath, *, real: AnyPath, synthetic: AnyPath, test: AnyPath, valid: AnyPath | None = None
+) -> Path:
     """Write a study's config.
 
     Writes a comment on every key, and its default.
@@ -132,14 +134,14 @@ def write_study(output: AnyPath, *, real: AnyPath, synthetic: AnyPath, test: Any
         Photographs to choose confidence thresholds on.
     """
     path = Path(output)
-    claim_file(path, "a study")
+    require_replaceable_file(path, "a study")
     given = {"real": real, "synthetic": synthetic, "test": test, "valid": valid}
     folders = {key: Path(folder) for key, folder in given.items() if folder is not None}
     for folder in folders.values():
         if not folder.is_dir():
             raise HulldownError("no such folder", path=folder, remedy="name the folder of a COCO dataset")
     # JSON and TOML write these values in the same way.
-    named = {key: json.dumps(_resolve_path(path.parent, folder), ensure_ascii=False) for key, folder in folders.items()}
+    named = {key: json.dumps(_relative_path_text(path.parent, folder), ensure_ascii=False) for key, folder in folders.items()}
     if valid:
         named |= {"valid": f"valid = {named['valid']}"}
     else:
@@ -148,7 +150,7 @@ def write_study(output: AnyPath, *, real: AnyPath, synthetic: AnyPath, test: Any
     return path
 
 
-def _resolve_path(start: Path, folder: Path) -> str:
+def _relative_path_text(start: Path, folder: Path) -> str:
     try:
         return Path(os.path.relpath(folder.resolve(), start.resolve())).as_posix()
     except ValueError:  # another drive

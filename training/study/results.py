@@ -17,8 +17,13 @@ import numpy as np
 from jaxtyping import Float
 
 from hulldown.training.evaluation.average_precision import AP_NAMES
-from hulldown.training.evaluation.bootstrap import combined_error, difference_interval, share_interval, standard_error
-from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, equal_count
+from hulldown.training.evaluation.bootstrap import (
+    combined_error_and_freedom,
+    difference_interval,
+    resampled_standard_error,
+    share_interval,
+)
+from hulldown.training.evaluation.evaluate import Evaluation, Threshold, best_threshold, equal_count_threshold
 from hulldown.training.evaluation.labels import Labels
 from hulldown.training.evaluation.metrics import RATIO_METRICS
 from hulldown.training.evaluation.predictions import read_predictions
@@ -95,7 +100,7 @@ def evaluate_run(
     if threshold is not None:
         chosen = Threshold(threshold, "given")
     elif "valid" not in labels:
-        chosen = Threshold(equal_count(labels["test"], predictions), "count")
+        chosen = Threshold(equal_count_threshold(labels["test"], predictions), "count")
     else:
         best = best_threshold(labels["valid"], read_predictions(detections["valid"], labels["valid"]), iou=iou)
         # A detector without any detection there is given the highest threshold.
@@ -111,7 +116,7 @@ def evaluate_run(
     )
 
 
-def group_cells(runs: Sequence[Judged]) -> list[Cell]:
+def group_runs_into_cells(runs: Sequence[Judged]) -> list[Cell]:
     """Group runs by arm and fraction, in the order of the study."""
     groups: dict[tuple[str, float | None], dict[int, Judged]] = {}
     for one in runs:
@@ -125,14 +130,14 @@ def group_cells(runs: Sequence[Judged]) -> list[Cell]:
 def estimate_measure(cell: Cell, measure: str, *, minus: Cell | None = None) -> Estimate:
     """Return a measure of a cell; with `minus`, its difference from that cell over their common seeds, at least one."""
     seeds = sorted(cell.judged.keys() & (minus or cell).judged.keys())
-    values, again = _of_seeds(cell, measure, seeds)
+    values, again = _seed_values_and_resamples(cell, measure, seeds)
     if minus is not None:
-        before, before_again = _of_seeds(minus, measure, seeds)
+        before, before_again = _seed_values_and_resamples(minus, measure, seeds)
         values, again = values - before, again - before_again
-    labels = cell.judged[seeds[0]].evaluation.position_labels
+    labels = cell.judged[seeds[0]].evaluation.position_label_counts
     positions = int((labels > 0).sum())
-    error, freedom = combined_error(
-        standard_error(again.mean(axis=0), positions),
+    error, freedom = combined_error_and_freedom(
+        resampled_standard_error(again.mean(axis=0), positions),
         values.std(ddof=1) / np.sqrt(len(seeds)) if len(seeds) > 1 else 0.0,
         test_freedom=positions - 1,
         seed_freedom=len(seeds) - 1,
@@ -144,14 +149,14 @@ def estimate_measure(cell: Cell, measure: str, *, minus: Cell | None = None) -> 
     return Estimate(value, share_interval(value, error, freedom=freedom, trials=trials))
 
 
-def _of_seeds(
+def _seed_values_and_resamples(
     cell: Cell, measure: str, seeds: Sequence[int]
 ) -> tuple[Float[np.ndarray, " seeds"], Float[np.ndarray, "seeds r"]]:
     runs = [cell.judged[seed] for seed in seeds]
     return np.array([one.values[measure] for one in runs]), np.stack([one.resampled[measure] for one in runs])
 
 
-def compared_cells(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
+def cell_pairs_to_compare(found: Sequence[Cell]) -> list[tuple[Cell, Cell]]:
     """Return pairs of cells with common seeds: with real, synthetic, later arms with mixed, named arms with base."""
     by_key = {(cell.arm, cell.fraction): cell for cell in found}
     fractions = [cell.fraction for cell in found if cell.fraction is not None]
@@ -184,7 +189,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     same = next((one for one in ordered if one.fraction == cell.fraction), None)
     if cell.fraction is not None and (same is None or not estimate_measure(cell, measure, minus=same).shown):
         return None
-    of_seeds = [_of_seeds(one, measure, seeds) for one in (*ordered, cell)]
+    of_seeds = [_seed_values_and_resamples(one, measure, seeds) for one in (*ordered, cell)]
     counts = np.array([one.photographs for one in ordered])
     own = cell.photographs if cell.fraction is not None else 0.0
     values = np.array([[each.mean()] for each, _ in of_seeds])
@@ -216,6 +221,6 @@ def photographs_needed(
     return np.where((rising >= wanted).any(axis=0), found, np.inf)
 
 
-def known_ends(ends: Float[np.ndarray, "2"]) -> list[float] | None:
+def interval_ends_or_none(ends: Float[np.ndarray, "2"]) -> list[float] | None:
     """Return an interval's ends; None without an interval."""
     return None if np.isnan(ends).any() else ends.tolist()

@@ -10,7 +10,7 @@ from msgspec import Struct
 from hulldown.base.errors import HulldownError
 from hulldown.base.terminal import track_items
 from hulldown.training.detectors.detector import read_run
-from hulldown.training.evaluation.detector_report import Ends, plain_json
+from hulldown.training.evaluation.detector_report import Ends, rounded_json
 from hulldown.training.evaluation.labels import read_labels
 from hulldown.training.study.results import (
     COUNT_MEASURES,
@@ -19,14 +19,14 @@ from hulldown.training.study.results import (
     Cell,
     Equivalent,
     Estimate,
-    compared_cells,
+    cell_pairs_to_compare,
     equivalent_photographs,
     estimate_measure,
     evaluate_run,
-    group_cells,
-    known_ends,
+    group_runs_into_cells,
+    interval_ends_or_none,
 )
-from hulldown.training.study.study_folder import RUNS_NAME, Study, is_finished, read_study, study_runs
+from hulldown.training.study.study_folder import RUNS_NAME, Study, is_run_finished, planned_study_runs, read_study
 
 WORTH_BY = ("ap50", "f1", "recall")
 
@@ -132,12 +132,12 @@ class StudyReport(Struct, frozen=True, kw_only=True):
     times: dict[str, float | None]  # seconds
 
 
-def compared_runs(study: Path | str) -> StudyReport:
+def compare_study_runs(study: Path | str) -> StudyReport:
     """Compare the finished runs of a study."""
     study = Path(study)
     known = read_study(study)
-    planned = study_runs(known.config)
-    finished = [run for run in planned if is_finished(study, known, run)]
+    planned = planned_study_runs(known.config)
+    finished = [run for run in planned if is_run_finished(study, known, run)]
     if not finished:
         raise HulldownError("no run is finished", path=study, remedy="run `hulldown study run` first")
     config, folders = known.config, {run.name: study / RUNS_NAME / run.name for run in finished}
@@ -152,9 +152,9 @@ def compared_runs(study: Path | str) -> StudyReport:
         )
         for run in track_items("evaluating", finished, len(finished))
     ]  # fmt: skip
-    found = group_cells(runs)
-    compared, real = compared_cells(found), [cell for cell in found if cell.arm == "real"]
-    records = [_pair_record(first, second) for first, second in compared]
+    found = group_runs_into_cells(runs)
+    compared, real = cell_pairs_to_compare(found), [cell for cell in found if cell.arm == "real"]
+    records = [_pair_for_report(first, second) for first, second in compared]
     summary = [record.measures["ap50"].words for record in records]
     largest = max(real, key=lambda cell: cell.photographs, default=None)
     if largest is not None and (reached := estimate_measure(largest, "ap50").value) < 0.5:
@@ -166,12 +166,12 @@ def compared_runs(study: Path | str) -> StudyReport:
         study=_study_facts(known, len(planned)),
         summary=summary,
         sureness=interval_note(known, len(records) * len(RATIO_MEASURES)),
-        cells=[_cell_record(cell) for cell in found],
+        cells=[_cell_for_report(cell) for cell in found],
         pairs=records,
         worth=[
             ReportedWorth(
-                cell.arm, cell.name, plain_json(cell.fraction), measure, plain_json(one.photographs),
-                plain_json(one.interval),
+                cell.arm, cell.name, rounded_json(cell.fraction), measure, rounded_json(one.photographs),
+                rounded_json(one.interval),
                 worth_words(cell.name, measure, one),
             )
             for cell in found
@@ -180,14 +180,14 @@ def compared_runs(study: Path | str) -> StudyReport:
         ],
         runs=[
             ReportedRun(
-                name=one.run.name, arm=one.run.arm, fraction=plain_json(one.run.fraction), seed=one.run.seed,
+                name=one.run.name, arm=one.run.arm, fraction=rounded_json(one.run.fraction), seed=one.run.seed,
                 photographs=one.photographs, drawn=drawn[one.run.name],
-                threshold=plain_json(one.evaluation.threshold.value), **plain_json(one.values),
+                threshold=rounded_json(one.evaluation.threshold.value), **rounded_json(one.values),
             )
             for one in runs
         ],
         missing=[run.name for run in planned if run not in finished],
-        times={name: plain_json(run.figures.seconds) for name, run in trained.items()},
+        times={name: rounded_json(run.figures.seconds) for name, run in trained.items()},
     )  # fmt: skip
 
 
@@ -197,36 +197,36 @@ def _study_facts(study: Study, runs: int) -> StudyFacts:
         classes=list(study.classes),
         datasets={name: one.model_dump(mode="json", exclude={"folder"}) for name, one in study.datasets.items()},
         arms=[arm.name for arm in config.named_arms],
-        **plain_json(config.model_dump(include={"fractions", "seeds", "iou"})),
-        threshold=plain_json(config.threshold or ("count" if config.valid is None else "validation")),
-        train=plain_json(config.train.model_dump(mode="json", exclude={"seed", "weights"})),
+        **rounded_json(config.model_dump(include={"fractions", "seeds", "iou"})),
+        threshold=rounded_json(config.threshold or ("count" if config.valid is None else "validation")),
+        train=rounded_json(config.train.model_dump(mode="json", exclude={"seed", "weights"})),
         runs=runs,
     )
 
 
-def _cell_record(cell: Cell) -> ReportedCell:
+def _cell_for_report(cell: Cell) -> ReportedCell:
     seeds, estimates = sorted(cell.judged), {key: estimate_measure(cell, key) for key in RATIO_MEASURES}
     return ReportedCell(
         arm=cell.arm,
-        fraction=plain_json(cell.fraction),
+        fraction=rounded_json(cell.fraction),
         name=cell.name,
-        photographs=plain_json(cell.photographs),
+        photographs=rounded_json(cell.photographs),
         seeds=seeds,
-        **{key: plain_json(np.mean([cell.judged[seed].values[key] for seed in seeds])) for key in COUNT_MEASURES},
-        **{key: plain_json(one.value) for key, one in estimates.items()},
-        intervals={key: plain_json(known_ends(one.ends)) for key, one in estimates.items()},
-        of_seeds={key: [plain_json(cell.judged[seed].values[key]) for seed in seeds] for key in RATIO_MEASURES},
+        **{key: rounded_json(np.mean([cell.judged[seed].values[key] for seed in seeds])) for key in COUNT_MEASURES},
+        **{key: rounded_json(one.value) for key, one in estimates.items()},
+        intervals={key: rounded_json(interval_ends_or_none(one.ends)) for key, one in estimates.items()},
+        of_seeds={key: [rounded_json(cell.judged[seed].values[key]) for seed in seeds] for key in RATIO_MEASURES},
     )
 
 
-def _pair_record(first: Cell, second: Cell) -> ReportedPair:
+def _pair_for_report(first: Cell, second: Cell) -> ReportedPair:
     measures = {
         key: ReportedDifference(
-            plain_json(one.value), plain_json(known_ends(one.ends)), difference_words(first, second, key, one)
+            rounded_json(one.value), rounded_json(interval_ends_or_none(one.ends)), difference_words(first, second, key, one)
         )
         for key, one in ((key, estimate_measure(second, key, minus=first)) for key in RATIO_MEASURES)
     }
-    return ReportedPair(first.name, second.name, plain_json(second.fraction), measures)
+    return ReportedPair(first.name, second.name, rounded_json(second.fraction), measures)
 
 
 def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -> str:

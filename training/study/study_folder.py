@@ -17,15 +17,15 @@ from hulldown.base.files import replace_file
 from hulldown.base.outside import read_json
 from hulldown.base.terminal import progress_bar
 from hulldown.base.toml_files import validate_model
-from hulldown.dataset.record_checks import read_usable
+from hulldown.dataset.record_checks import read_usable_dataset
 from hulldown.training.inputs.settings import Settings
 from hulldown.training.inputs.sources import (
     CheckedPictures,
     LabeledPictures,
-    check_source_pictures,
-    follow_masks,
-    read_sources,
-    shared_pictures,
+    describe_shared_pictures,
+    hash_source_pictures,
+    read_classes_and_sources,
+    should_follow_masks,
 )
 from hulldown.training.run_folder import RunFolder
 from hulldown.training.study.arms import ARM_KINDS
@@ -93,7 +93,7 @@ def subset_folder(folder: Path, seed: int, fraction: float) -> Path:
     return folder / SUBSETS_NAME / f"seed{seed}-{subset_name(fraction)}" / subset_name(fraction)
 
 
-def study_runs(config: StudyConfig) -> list[StudyRun]:
+def planned_study_runs(config: StudyConfig) -> list[StudyRun]:
     """Return all runs, seed by seed, so that a study that is stopped early has complete seeds."""
     arms = [(arm, "real" in ARM_KINDS[arm.base].sources) for arm in config.named_arms]
     of_seed = [
@@ -114,7 +114,7 @@ def study_runs(config: StudyConfig) -> list[StudyRun]:
     ]  # fmt: skip
 
 
-def is_finished(folder: Path, study: Study, run: StudyRun) -> bool:
+def is_run_finished(folder: Path, study: Study, run: StudyRun) -> bool:
     """Return whether a run has all that the report needs."""
     path = folder / RUNS_NAME / run.name
     return all((path / f"{which}.json").exists() for which in study.judged) and RunFolder(path).finished() is not None
@@ -125,7 +125,7 @@ def prepare_study(config: StudyConfig, folder: Path) -> Study:
     folders = {"real": config.real, "synthetic": config.synthetic, "test": config.test}
     if config.valid is not None:
         folders["valid"] = config.valid
-    classes, found = read_sources(folders)
+    classes, found = read_classes_and_sources(folders)
     sources = {source.name: source for source in found}
     boxes = {name: np.bincount(source.class_index, minlength=len(classes)).tolist() for name, source in sources.items()}
     for name, counts in boxes.items():
@@ -135,9 +135,9 @@ def prepare_study(config: StudyConfig, folder: Path) -> Study:
                 remedy="add pictures of it, or leave the class out of every dataset",
             )  # fmt: skip
     with progress_bar("checking pictures") as advance:
-        checked = check_source_pictures(found, progress=advance)
-    _check_apart(found, checked)
-    masks = follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
+        checked = hash_source_pictures(found, progress=advance)
+    _refuse_shared_pictures(found, checked)
+    masks = should_follow_masks(config.train.masks, [sources["real"], sources["synthetic"]])  # one rule for all arms
     study = Study(
         config=config.model_copy(update={"train": config.train.model_copy(update={"masks": masks})}),
         classes=classes,
@@ -148,7 +148,7 @@ def prepare_study(config: StudyConfig, folder: Path) -> Study:
         },
     )  # fmt: skip
     if (folder / STUDY_NAME).exists():
-        _check_unchanged(read_study(folder), study, folder)
+        _refuse_changed_study(read_study(folder), study, folder)
     for seed in config.seeds:
         for fraction in config.fractions:
             subset = subset_folder(folder, seed, fraction)
@@ -176,7 +176,7 @@ def study_warnings(study: Study, folder: Path) -> list[str]:
         warnings.append(f"mixed: renders have over {part:.0%} of some draws; add the arm balanced to compare")
     for seed in config.seeds:
         for fraction in config.fractions:
-            images = read_usable(subset_folder(folder, seed, fraction)).images
+            images = read_usable_dataset(subset_folder(folder, seed, fraction)).images
             shown = {label.category for image in images for label in image.labels}
             if lacking := [name for name in study.classes if name not in shown]:
                 warnings.append(
@@ -186,7 +186,7 @@ def study_warnings(study: Study, folder: Path) -> list[str]:
     return warnings
 
 
-def _check_unchanged(before: Study, now: Study, folder: Path) -> None:
+def _refuse_changed_study(before: Study, now: Study, folder: Path) -> None:
     changed = [name for name, data in now.datasets.items() if before.datasets.get(name, data).sha256 != data.sha256]
     if before.config.stratified != now.config.stratified:
         changed.append("stratified")
@@ -195,12 +195,12 @@ def _check_unchanged(before: Study, now: Study, folder: Path) -> None:
         raise ConfigError(problem, path=folder, remedy="name a new folder")
 
 
-def _check_apart(sources: Sequence[LabeledPictures], checked: Mapping[str, CheckedPictures]) -> None:
+def _refuse_shared_pictures(sources: Sequence[LabeledPictures], checked: Mapping[str, CheckedPictures]) -> None:
     alike = [
         pair
         for first, second in combinations(sources, 2)
         if {first.name, second.name} & {"test", "valid"}
-        for pair in shared_pictures(first, second, checked)
+        for pair in describe_shared_pictures(first, second, checked)
     ]
     if alike:
         more = f", and {len(alike) - MAX_LISTED_PAIRS} more" if len(alike) > MAX_LISTED_PAIRS else ""

@@ -20,7 +20,7 @@ from hulldown.dataset.reports.charts import INK, SERIES_COLORS, SOFT, tidy_axes
 from hulldown.dataset.reports.page import format_interval, format_number, render_page
 from hulldown.training.study.arms import ARM_KINDS
 from hulldown.training.study.results import COUNT_MEASURES, MEASURE_TITLES, RATIO_MEASURES
-from hulldown.training.study.study_comparison import ReportedCell, StudyReport, compared_runs
+from hulldown.training.study.study_comparison import ReportedCell, StudyReport, compare_study_runs
 from hulldown.training.subset import subset_name
 
 CHART_MEASURES = ("ap50", "f1", "recall", "precision")
@@ -38,7 +38,7 @@ CHART_PANELS = (("tp", "fp", "fn"), ("precision", "recall", "f1"), ("mean_iou",)
 BARS_WIDTH_SHARE = 0.8  # for the bars of one measure
 
 
-def draw_charts(report: StudyReport) -> dict[str, tuple[str, Figure]]:
+def study_charts(report: StudyReport) -> dict[str, tuple[str, Figure]]:
     """Return the charts of a report by name, with descriptions."""
     found = {}
     of_shares = sorted((cell for cell in report.cells if cell.fraction is not None), key=attrgetter("fraction"))
@@ -46,15 +46,15 @@ def draw_charts(report: StudyReport) -> dict[str, tuple[str, Figure]]:
         cells = list(group)
         title = f"{100 * fraction:.10g} % of the photographs ({cells[0].photographs:.0f})"
         words = f"{', '.join(cell.arm for cell in cells)} at {100 * fraction:g} % of the photographs"
-        found[f"real_{subset_name(fraction)}"] = words, bars_of_arms(title, cells)
+        found[f"real_{subset_name(fraction)}"] = words, arm_bar_chart(title, cells)
     if report.cells:
         words = "AP50, F1, recall and precision of each arm over the number of photographs, with bands"
-        found["over_photographs"] = words, over_photographs(report.cells, CHART_MEASURES)
+        found["over_photographs"] = words, photograph_count_chart(report.cells, CHART_MEASURES)
     return found
 
 
 def study_page(report: StudyReport, charts: Mapping[str, tuple[str, Figure]]) -> str:
-    """Return the report as HTML, with the charts of `draw_charts`."""
+    """Return the report as HTML, with the charts of `study_charts`."""
     data = {
         "report": report,
         "charts": charts,
@@ -87,7 +87,7 @@ def arm_color(arm: str) -> str:
     return dict(zip(ARM_KINDS, SERIES_COLORS, strict=False)).get(arm, SPARE_COLORS[sum(arm.encode()) % len(SPARE_COLORS)])
 
 
-def bars_of_arms(title: str, cells: Sequence[ReportedCell]) -> Figure:
+def arm_bar_chart(title: str, cells: Sequence[ReportedCell]) -> Figure:
     """Draw bars of arms in four panels, as in the paper's Figures 5 to 9."""
     figure = Figure(figsize=(11.0, 3.4), layout="constrained")
     axes = figure.subplots(1, len(CHART_PANELS), width_ratios=[len(keys) + 0.6 for keys in CHART_PANELS])
@@ -122,7 +122,7 @@ def _draw_bars(axis: Axes, cell: ReportedCell, keys: Sequence[str], *, shift: fl
         )  # fmt: skip
 
 
-def over_photographs(cells: Sequence[ReportedCell], measures: Sequence[str]) -> Figure:
+def photograph_count_chart(cells: Sequence[ReportedCell], measures: Sequence[str]) -> Figure:
     """Draw each measure over photographs: bands are intervals, dots seeds, level lines arms without photographs."""
     figure = Figure(figsize=(3.9 * len(measures), 3.7), layout="constrained")
     axes = figure.subplots(1, len(measures), squeeze=False)[0]
@@ -162,7 +162,7 @@ def figure_png(figure: Figure) -> bytes:
     return file.getvalue()
 
 
-def write_report(study: AnyPath) -> StudyReport:
+def write_study_report(study: AnyPath) -> StudyReport:
     """Compare the arms of a study.
 
     Reads a study, finished or not; writes report.html, report.json, and charts into it.
@@ -173,8 +173,8 @@ def write_report(study: AnyPath) -> StudyReport:
         The folder of `hulldown study run`.
     """
     study = Path(study)
-    report = compared_runs(study)
-    charts = draw_charts(report)
+    report = compare_study_runs(study)
+    charts = study_charts(report)
     for name, (_, figure) in charts.items():
         replace_file(study / f"{name}.png", figure_png(figure))
     text = json.dumps(msgspec.to_builtins(report), indent=2, ensure_ascii=False)

@@ -16,20 +16,20 @@ from typing import TypeAlias
 from hulldown.base.arguments import AnyPath
 from hulldown.base.errors import HulldownError
 from hulldown.base.outputs import OutputBusy, OutputFolder
+from hulldown.base.terminal import one_bar_per_title
 from hulldown.base.terminal import print_message as show_line
-from hulldown.base.terminal import progress_bars
-from hulldown.training.detectors.detector import chosen_device
-from hulldown.training.inputs.extra import require_extra
+from hulldown.training.detectors.detector import usable_torch_device
+from hulldown.training.inputs.extra import require_training_extra
 from hulldown.training.predict import predict_detections
-from hulldown.training.study.config import load_study
+from hulldown.training.study.config import load_study_config
 from hulldown.training.study.study_folder import (
     RUNS_NAME,
     STUDY_NAME,
     Study,
     StudyRun,
-    is_finished,
+    is_run_finished,
+    planned_study_runs,
     prepare_study,
-    study_runs,
     study_warnings,
 )
 from hulldown.training.train import prepare_trainee, train_detector
@@ -76,23 +76,23 @@ def train_study(
     say
         Called with messages for the user.
     """
-    asked, out = load_study(Path(config)), Path(output)
-    require_extra()
+    asked, out = load_study_config(Path(config)), Path(output)
+    require_training_extra()
     # Not at the top: this module can be imported without the extra.
     from hulldown.training.inputs.augment import Augmenter
 
     if progress is None:
-        with progress_bars() as bars:
+        with one_bar_per_title() as bars:
             return train_study(config, output, device=device, workers=workers, progress=bars, say=say)
     Augmenter(asked.train.augmentation)  # refuses a wrong file
     with OutputFolder(out, "study", [STUDY_NAME]):
         study = prepare_study(asked, out)
     # Downloads the weights once, or refuses them, before a run begins.
-    prepare_trainee(asked.train, study.classes, chosen_device(device), out)
+    prepare_trainee(asked.train, study.classes, usable_torch_device(device), out)
     for line in study_warnings(study, out):
         warnings.warn(line, stacklevel=2)
-    runs = study_runs(study.config)
-    already = tuple(run.name for run in runs if is_finished(out, study, run))
+    runs = planned_study_runs(study.config)
+    already = tuple(run.name for run in runs if is_run_finished(out, study, run))
     say(f"{len(already)} of {len(runs)} runs are finished")
     finished, elsewhere, failed = [], [], {}
     for number, run in enumerate(runs, start=1):
@@ -100,7 +100,7 @@ def train_study(
             continue
         told = partial(_report_progress, progress, f"{run.name} ({number} of {len(runs)})")
         try:
-            _train_and_predict(run, study, out, device=device, workers=workers, progress=told)
+            _train_and_predict_run(run, study, out, device=device, workers=workers, progress=told)
         except OutputBusy:
             elsewhere.append(run.name)
         except HulldownError as error:
@@ -116,7 +116,7 @@ def _report_progress(progress: ReportProgress, run: str, what: str, done: int, t
     progress(f"{run}: {what}", done, total)
 
 
-def _train_and_predict(
+def _train_and_predict_run(
     run: StudyRun, study: Study, out: Path, *, device: str, workers: int | None, progress: ReportProgress
 ) -> None:
     folder = out / RUNS_NAME / run.name

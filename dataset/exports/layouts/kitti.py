@@ -38,7 +38,7 @@ def write_kitti(splits: Splits, out: Path) -> None:
                 stem = f"{number:06d}"  # its readers number files so
                 number += 1
                 item.link(pictures, stem + Path(item.name).suffix)
-                lines = [label_line(label) for label in item.image.labels]
+                lines = [kitti_label_line(label) for label in item.image.labels]
                 (texts / f"{stem}.txt").write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
                 if (intrinsics := item.image.intrinsics) is None:
                     without += 1
@@ -53,7 +53,7 @@ def write_kitti(splits: Splits, out: Path) -> None:
         warnings.warn(f"calib files have no place for the distortion of {curved} pictures: `dist` has it", stacklevel=2)
 
 
-def label_line(label: Label) -> str:
+def kitti_label_line(label: Label) -> str:
     """Class, truncated, occluded, alpha, box, and height, width, length, position, and rotation in the camera's frame.
 
     Names have no blanks. Crowds are ``DontCare``. ``occluded`` is 0 from 95 % visible, 1 from 50 %, else 2, and 3

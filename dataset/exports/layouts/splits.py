@@ -15,8 +15,8 @@ from hulldown.annotate.records import Category, Image, Label
 from hulldown.assets.picture_files import DECODER_THREADS, read_picture
 from hulldown.base.errors import DatasetError
 from hulldown.base.outside import file_sha256
-from hulldown.dataset.store.placed_pictures import link_or_copy, resolve_own_picture
-from hulldown.dataset.usable_labels import refuse_all
+from hulldown.dataset.store.placed_pictures import link_or_copy_file, resolve_own_picture
+from hulldown.dataset.usable_labels import refuse_listed_problems
 
 COMMON_SPLIT_NAMES = {"train": "train", "valid": "val", "test": "test"}  # most layouts call the splits so
 
@@ -37,7 +37,7 @@ class ExportedImage:
 
     def link(self, folder: Path, name: str | None = None) -> None:
         """Link or copy the picture into a folder, under its name or another."""
-        link_or_copy(self.picture, folder / (name or self.name))
+        link_or_copy_file(self.picture, folder / (name or self.name))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -53,20 +53,20 @@ class Splits:
     def __iter__(self) -> Iterator[tuple[str, Iterator[ExportedImage]]]:
         done = count(1)
         for split, items in self.items.items():
-            yield split, self._count_items(items, done)
+            yield split, self._items_with_progress(items, done)
 
     @property
     def coco_head(self) -> dict[str, object]:
         """The COCO dictionary without images and annotations."""
         return {**self.head, "categories": [category.record for category in self.categories]}
 
-    def _count_items(self, items: Sequence[ExportedImage], done: Iterator[int]) -> Iterator[ExportedImage]:
+    def _items_with_progress(self, items: Sequence[ExportedImage], done: Iterator[int]) -> Iterator[ExportedImage]:
         for item in items:
             yield item
             self.progress(next(done), sum(map(len, self.items.values())))
 
 
-def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[tuple[Path, str]]:
+def checked_paths_and_hashes(folder: Path, images: Sequence[Image], allowed: Sequence[Path]) -> list[tuple[Path, str]]:
     """Return each picture's file, links resolved, and hash; a file with the hash in its record isn't decoded."""
 
     def checked(image: Image) -> tuple[Path, str] | str:
@@ -84,11 +84,11 @@ def sound_pictures(folder: Path, images: Sequence[Image], allowed: Sequence[Path
     with ThreadPoolExecutor(DECODER_THREADS) as pool:
         found = list(pool.map(checked, images))
     wrong = [problem for problem in found if isinstance(problem, str)]
-    refuse_all(wrong, "picture", folder, remedy="replace them or delete their records")
+    refuse_listed_problems(wrong, "picture", folder, remedy="replace them or delete their records")
     return [each for each in found if not isinstance(each, str)]
 
 
-def flat_names(images: Sequence[Image]) -> list[str]:
+def unique_flat_file_names(images: Sequence[Image]) -> list[str]:
     """Return a unique name without folders for each image; dots in stems become underscores, as readers need."""
     names = []
     taken: set[str] = set()

@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from hulldown.annotate.labels.keypoints import Keypoints
 from hulldown.annotate.labels.mask import VisibleMask
-from hulldown.annotate.labels.oriented_box import visible_corners
+from hulldown.annotate.labels.oriented_box import visible_rectangle_corners
 from hulldown.annotate.outlines import bridge_rings
 from hulldown.annotate.records import Label
 from hulldown.base.errors import DatasetError
@@ -27,7 +27,7 @@ from hulldown.dataset.exports.layouts.splits import COMMON_SPLIT_NAMES, Exported
 MakeLabelLines: TypeAlias = Callable[[ExportedImage, Mapping[int, int]], list[str]]
 
 
-def label_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
+def box_or_polygon_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
     """Return a line for each label but crowds, in shares: a box, or polygons for all if any label has one."""
     labels = [label for label in item.image.labels if not label.crowd]
     masks = [label.read(VisibleMask).segmentation for label in labels]
@@ -35,34 +35,39 @@ def label_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
         corners = [bridge_rings([np.reshape(ring, (-1, 2)) for ring in label_rings(label)]) for label in labels]
         shares = [(each / item.image.size).ravel() for each in corners]
     else:
-        shares = [_center_shares(label, item.image.size) for label in labels]
-    return [_label_line(numbers[label.category_id], each) for label, each in zip(labels, shares, strict=True)]
+        shares = [_center_and_size_shares(label, item.image.size) for label in labels]
+    return [_class_and_shares_line(numbers[label.category_id], each) for label, each in zip(labels, shares, strict=True)]
 
 
-def _center_shares(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
+def _center_and_size_shares(label: Label, size: tuple[int, int]) -> Float[np.ndarray, "4"]:
     (x, y, w, h), (width, height) = label.bbox, size
     return np.array([(x + w / 2) / width, (y + h / 2) / height, w / width, h / height])
 
 
-def corner_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
+def oriented_box_lines(item: ExportedImage, numbers: Mapping[int, int]) -> list[str]:
     """Return one line for each label: class and corners of its oriented box; crowds are left out."""
     lines = []
     for label in item.image.labels:
         if not label.crowd:
-            shares = visible_corners(label, item.image) / item.image.size
+            shares = visible_rectangle_corners(label, item.image) / item.image.size
             if (np.ptp(shares, axis=0) > 1.0).any():  # Ultralytics leaves out pictures with labels larger than they
                 shares = shares.clip(0.0, 1.0)
-            lines.append(_label_line(numbers[label.category_id], shares.ravel()))
+            lines.append(_class_and_shares_line(numbers[label.category_id], shares.ravel()))
     return lines
 
 
-def _label_line(number: int, shares: Float[np.ndarray, " n"]) -> str:
+def _class_and_shares_line(number: int, shares: Float[np.ndarray, " n"]) -> str:
     # Nine digits: a millionth of a pixel of any image.
     return " ".join([str(number), *(f"{n:.9f}" for n in shares)])
 
 
 def write_yolo(
-    splits: Splits, out: Path, *, lines: MakeLabelLines = label_lines, split_first: bool = False, more: Sequence[str] = ()
+    splits: Splits,
+    out: Path,
+    *,
+    lines: MakeLabelLines = box_or_polygon_lines,
+    split_first: bool = False,
+    more: Sequence[str] = (),
 ) -> None:
     """Write ``images/train``, ``labels/train``, and so on, as Ultralytics reads them."""
     numbers = {category.id: number for number, category in enumerate(splits.categories)}
@@ -83,7 +88,7 @@ def write_yolo(
     (out / "data.yaml").write_text("\n".join(data) + "\n", encoding="utf-8")
 
 
-def write_pose(splits: Splits, out: Path) -> None:
+def write_yolo_pose(splits: Splits, out: Path) -> None:
     """Write ``images/train`` and so on, with boxes and keypoints: x, y, and COCO's v of each."""
     lists = [category.keypoints for category in splits.categories]
     if not lists or not (names := lists[0]) or any(each != names for each in lists):
@@ -92,14 +97,15 @@ def write_pose(splits: Splits, out: Path) -> None:
     swapped = [re.sub("left|right", lambda side: {"left": "right", "right": "left"}[side[0]], name) for name in names]
     mirrored = [names.index(partner) if partner in names else i for i, partner in enumerate(swapped)]
     more = [f"kpt_shape: [{len(names)}, 3]", f"flip_idx: {mirrored}"]
-    write_yolo(splits, out, lines=partial(_pose_lines, keypoints=len(names)), more=more)
+    write_yolo(splits, out, lines=partial(_keypoint_lines, keypoints=len(names)), more=more)
 
 
-def _pose_lines(item: ExportedImage, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
+def _keypoint_lines(item: ExportedImage, numbers: Mapping[int, int], *, keypoints: int) -> list[str]:
     lines = []
     for label in item.image.labels:
         if not label.crowd:
             points = np.reshape(label.read(Keypoints).keypoints or np.zeros(3 * keypoints), (-1, 3))
             shares = " ".join(f"{x:.9f} {y:.9f} {v:.0f}" for x, y, v in points / [*item.image.size, 1])
-            lines.append(f"{_label_line(numbers[label.category_id], _center_shares(label, item.image.size))} {shares}")
+            box = _center_and_size_shares(label, item.image.size)
+            lines.append(f"{_class_and_shares_line(numbers[label.category_id], box)} {shares}")
     return lines

@@ -10,9 +10,16 @@ import numpy as np
 from jaxtyping import Float32, Int
 
 from hulldown.blender.buffers import read_property, texture_coordinates
-from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, fewer_texels
-from hulldown.reading.blender.surfaces.bake import bake_opacities, bake_opacity
-from hulldown.reading.blender.surfaces.opacity import IDENTITY_AFFINE, Cutter, Lookup, NotUnderstoodError, is_opaque, texels
+from hulldown.geometry.alpha import AlphaMap, Cutouts, Extension, shrink_alpha_texels
+from hulldown.reading.blender.surfaces.bake import bake_cutter, bake_opacity_by_material
+from hulldown.reading.blender.surfaces.opacity import (
+    IDENTITY_AFFINE,
+    Cutter,
+    Lookup,
+    NotUnderstoodError,
+    channel_texels,
+    is_opaque,
+)
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
 
@@ -26,14 +33,14 @@ class CutoutReader:
         self._texels: dict[Any, np.ndarray] = {}
         self.doubts: list[Doubt] = []
 
-    def bake_materials(self, materials: Iterable[Any]) -> None:
+    def bake_material_opacity(self, materials: Iterable[Any]) -> None:
         """Bake the opacity of materials; call it while nothing is evaluated."""
         materials = [material for material in materials if not is_opaque(material)]
-        self._opacities = bake_opacities(materials)
+        self._opacities = bake_opacity_by_material(materials)
         for material in materials:
             if material.as_pointer() not in self._opacities:
                 try:
-                    self._cutters[material.as_pointer()] = bake_opacity(material, self._longest)
+                    self._cutters[material.as_pointer()] = bake_cutter(material, self._longest)
                 except NotUnderstoodError as reason:
                     text = f"the material {material.name!r} counts as opaque: its transparency depends on {reason}"
                     self.doubts.append(Doubt(DoubtKind.OPACITY, text))
@@ -53,17 +60,17 @@ class CutoutReader:
         for number, cutter in enumerate(cutters):
             of_slot = slot[face] == number
             if cutter is not None and of_slot.any():
-                uv[of_slot] = _corner_coordinates(data, cutter, corners[of_slot])
+                uv[of_slot] = _corner_texture_coordinates(data, cutter, corners[of_slot])
                 face_map[of_slot] = maps.setdefault(cutter.alpha, len(maps))
         return Cutouts(face, uv, face_map, tuple(maps))
 
     def _material_cutter(self, material: Any) -> Cutter | None:
         key = material.original.as_pointer()
         if key not in self._cutters:
-            self._cutters[key] = self._make_cutter(self._opacities[key]) if key in self._opacities else None
+            self._cutters[key] = self._cutter_from_opacity(self._opacities[key]) if key in self._opacities else None
         return self._cutters[key]
 
-    def _make_cutter(self, opacity: Lookup | float) -> Cutter | None:
+    def _cutter_from_opacity(self, opacity: Lookup | float) -> Cutter | None:
         if isinstance(opacity, float):
             texel = np.full((1, 1), opacity, dtype=np.float32)
             return Cutter(AlphaMap(texel, Extension.EXTEND, smooth=False), "", IDENTITY_AFFINE) if opacity < 1.0 else None
@@ -72,17 +79,17 @@ class CutoutReader:
             return None  # Cycles renders it pink; the report lists it as missing
         key = (image.as_pointer(), channel, opacity.alpha_used)
         if key not in self._texels:
-            self._texels[key] = texels(image, channel, alpha_used=opacity.alpha_used)
+            self._texels[key] = channel_texels(image, channel, alpha_used=opacity.alpha_used)
         alpha = AlphaMap(self._texels[key], opacity.extension, opacity.smooth, opacity.curve)
         if max(alpha.texels.shape) > self._longest:
             small = (*key, opacity.curve is not None and opacity.curve.tobytes())
             if small not in self._texels:
-                self._texels[small] = fewer_texels(alpha, self._longest)
+                self._texels[small] = shrink_alpha_texels(alpha, self._longest)
             alpha = replace(alpha, texels=self._texels[small], curve=None)
         return Cutter(alpha, opacity.layer, opacity.image_from_uv)
 
 
-def _corner_coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
+def _corner_texture_coordinates(data: Any, cutter: Cutter, corners: Int[np.ndarray, "m 3"]) -> Float32[np.ndarray, "m 3 2"]:
     """Return the coordinates of face corners; zeros if the mesh has no such layer, as in Cycles."""
     found = texture_coordinates(data, cutter.layer)
     uv = np.zeros((*corners.shape, 2)) if found is None else found[corners]

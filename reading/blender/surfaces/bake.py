@@ -13,11 +13,11 @@ from jaxtyping import Float, Float32
 
 from hulldown.base.color import linear_from_srgb
 from hulldown.blender.buffers import texture_coordinates
-from hulldown.blender.light_pictures import render_light, see_pixel_centers
-from hulldown.blender.nodes import material_output, nested_trees, upstream_nodes
+from hulldown.blender.light_pictures import render_light, set_light_at_pixel_centers
+from hulldown.blender.nodes import material_output_node, tree_and_nested_trees, upstream_nodes_and_outputs
 from hulldown.blender.opacity_nodes import show_opacity
 from hulldown.geometry.alpha import TEXEL_GRADES, AlphaMap, Extension
-from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, material_lookup
+from hulldown.reading.blender.surfaces.opacity import Cutter, Lookup, NotUnderstoodError, single_image_lookup
 
 CYCLES_NOISE = 2e-6  # Cycles' luminance of white is 1.000001
 MIN_BAKE_SIDE_PX = 4  # of a picture that Blender renders
@@ -32,32 +32,34 @@ PLAIN_NODES = (
 TEXTURE_NODES = tuple(f"Tex{name}" for name in ("Noise", "Voronoi", "Wave", "Magic", "Checker", "Brick", "Gradient"))
 
 
-def bake_opacities(materials: Sequence[Any]) -> dict[int, Lookup | float]:
+def bake_opacity_by_material(materials: Sequence[Any]) -> dict[int, Lookup | float]:
     """Return the opacity of materials by pointer, if it's a monotone function of one lookup."""
     found: dict[int, Lookup | float] = {}
     shown, lookups = [], dict[int, Lookup | None]()
     with ExitStack() as copies:
-        images = [copies.enter_context(_grade_image(values)) for values in (TEXEL_GRADES, linear_from_srgb(TEXEL_GRADES))]
-        for material, copy in zip(materials, copies.enter_context(_emit_opacity(materials)), strict=True):
+        images = [
+            copies.enter_context(_temporary_grade_image(values)) for values in (TEXEL_GRADES, linear_from_srgb(TEXEL_GRADES))
+        ]
+        for material, copy in zip(materials, copies.enter_context(_opacity_emitting_copies(materials)), strict=True):
             with suppress(NotUnderstoodError):
-                lookups[material.as_pointer()] = lookup = material_lookup(copy)
-                _replace_lookups(copy, images[lookup is not None and lookup.is_srgb])
+                lookups[material.as_pointer()] = lookup = single_image_lookup(copy)
+                _replace_lookup_images(copy, images[lookup is not None and lookup.is_srgb])
                 shown.append(copy)
         rows = _render_materials(shown, "", UNIT_SQUARE, (len(TEXEL_GRADES), 1))[:, 0] if shown else np.empty((0, 0))
     for (key, lookup), curve in zip(lookups.items(), rows, strict=True):
         is_texel = bool(np.abs(curve - TEXEL_GRADES).max() <= CYCLES_NOISE)
         one_way = (np.diff(curve) >= -CYCLES_NOISE).all() or (np.diff(curve) <= CYCLES_NOISE).all()
-        if lookup is None or (np.ptp(curve) <= CYCLES_NOISE and lookup.is_bounded()):
+        if lookup is None or (np.ptp(curve) <= CYCLES_NOISE and lookup.has_texels_in_unit_range()):
             found[key] = round(float(curve[0]), 6)
-        elif one_way and (is_texel or lookup.is_bounded()):
+        elif one_way and (is_texel or lookup.has_texels_in_unit_range()):
             found[key] = replace(lookup, curve=None if is_texel else curve)
     return found
 
 
 @contextmanager
-def _emit_opacity(materials: Sequence[Any]) -> Iterator[list[Any]]:
+def _opacity_emitting_copies(materials: Sequence[Any]) -> Iterator[list[Any]]:
     copies = [material.copy() for material in materials]
-    groups = [group for copy in copies for group in _own_groups(copy.node_tree)]
+    groups = [group for copy in copies for group in _copy_node_groups(copy.node_tree)]
     try:
         for copy in copies:
             show_opacity(copy)
@@ -67,7 +69,7 @@ def _emit_opacity(materials: Sequence[Any]) -> Iterator[list[Any]]:
 
 
 @contextmanager
-def _grade_image(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
+def _temporary_grade_image(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
     image = bpy.data.images.new("hulldown grades", len(values), 1, alpha=True, float_buffer=True, is_data=True)
     image.alpha_mode = "CHANNEL_PACKED"
     image.pixels.foreach_set(np.repeat(values.astype(np.float32), 4))
@@ -77,8 +79,8 @@ def _grade_image(values: Float[np.ndarray, " g"]) -> Iterator[Any]:
         bpy.data.images.remove(image)
 
 
-def _replace_lookups(material: Any, image: Any) -> None:
-    for tree in nested_trees(material.node_tree):
+def _replace_lookup_images(material: Any, image: Any) -> None:
+    for tree in tree_and_nested_trees(material.node_tree):
         for node in tree.nodes:
             if node.bl_idname == "ShaderNodeTexImage":
                 node.image, node.interpolation, node.extension = image, "Closest", "EXTEND"
@@ -86,11 +88,11 @@ def _replace_lookups(material: Any, image: Any) -> None:
                     tree.links.remove(link)
 
 
-def bake_opacity(material: Any, size: int) -> Cutter:
+def bake_cutter(material: Any, size: int) -> Cutter:
     """Return the opacity of a material, over the range of its coordinates."""
-    with _emit_opacity([material]) as (copy,):
-        layer = _opacity_layer(copy)
-        low, high = uv = _coordinate_range(material, layer)
+    with _opacity_emitting_copies([material]) as (copy,):
+        layer = _opacity_uv_layer(copy)
+        low, high = uv = _material_uv_range(material, layer)
         extent = (high - low) / (high - low).max()
         (texels,) = _render_materials([copy], layer, uv, np.maximum(np.rint(extent * size), 1).astype(int).tolist())
     whole = (low == 0.0).all() and (high == 1.0).all()
@@ -100,25 +102,25 @@ def bake_opacity(material: Any, size: int) -> Cutter:
     return Cutter(AlphaMap(np.rint(texels * 255.0).astype(np.uint8), extension), layer, onto)
 
 
-def _own_groups(tree: Any) -> Iterator[Any]:
+def _copy_node_groups(tree: Any) -> Iterator[Any]:
     for node in tree.nodes:
         if node.bl_idname == "ShaderNodeGroup" and node.node_tree is not None:
             node.node_tree = node.node_tree.copy()
             yield node.node_tree
-            yield from _own_groups(node.node_tree)
+            yield from _copy_node_groups(node.node_tree)
 
 
-def _opacity_layer(material: Any) -> str:
+def _opacity_uv_layer(material: Any) -> str:
     """Return the one layer of coordinates that the opacity depends on; "" is the rendered layer."""
-    output = material_output(material)
-    found = {_node_layer(node, socket) for node, socket in upstream_nodes(output.inputs["Surface"], ())}
+    output = material_output_node(material)
+    found = {_node_uv_layer(node, socket) for node, socket in upstream_nodes_and_outputs(output.inputs["Surface"], ())}
     layers = sorted(layer for layer in found if layer is not None)
     if len(layers) > 1:
         raise NotUnderstoodError(f"several layers of texture coordinates: {layers}")
     return layers[0] if layers else ""
 
 
-def _node_layer(node: Any, socket: Any) -> str | None:
+def _node_uv_layer(node: Any, socket: Any) -> str | None:
     kind = node.bl_idname.removeprefix("ShaderNode")
     if kind == "UVMap" and not node.from_instancer:
         return str(node.uv_map)
@@ -132,7 +134,7 @@ def _node_layer(node: Any, socket: Any) -> str | None:
     raise NotUnderstoodError(f"the node {node.name!r}")
 
 
-def _coordinate_range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
+def _material_uv_range(material: Any, layer: str) -> Float[np.ndarray, "2 2"]:
     low, high = np.zeros(2), np.ones(2)
     for mesh in bpy.data.meshes:
         if material.name not in mesh.materials:
@@ -173,7 +175,7 @@ def _render_materials(
     scene.cycles.use_denoising, scene.cycles.max_bounces = False, 0
     scene.render.resolution_x, scene.render.resolution_y = seen.tolist()
     scene.render.resolution_percentage = 100
-    see_pixel_centers(scene)
+    set_light_at_pixel_centers(scene)
     try:
         light = render_light(scene)[: count * height, :width, 0]
         return light.clip(0.0, 1.0).reshape(count, height, width)

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from hulldown.blender.buffers import read_property
-from hulldown.blender.shaders import BASE_COLOR_INPUTS, is_clear, surface_shaders
+from hulldown.blender.shaders import BASE_COLOR_INPUTS, is_clear_material, surface_shaders_and_stacks
 from hulldown.reading.pieces.asset_report import MaterialRow
 from hulldown.reading.pieces.roles import Piece
 
@@ -27,7 +27,9 @@ def material_rows(meshes: Sequence[Any], pieces: Sequence[Piece], piece_part: Se
             areas[material] += scale * area
     total = sum(areas.values()) or 1.0
     rows = [
-        MaterialRow(material.name, area / total, is_clear(material), _least_alpha(material), *_plain_color(material))
+        MaterialRow(
+            material.name, area / total, is_clear_material(material), _least_constant_alpha(material), *_plain_color(material)
+        )
         for material, area in areas.items()
     ]
     return tuple(sorted(rows, key=lambda row: (-row.share, row.name)))
@@ -48,7 +50,7 @@ def _material_areas(mesh: Any) -> dict[Any, float]:
 
 def _plain_color(material: Any) -> tuple[tuple[float, float, float] | None, bool]:
     """Return the color of a material's only shader, None unless it's one color, and whether that's all metal."""
-    shaders = [shader for shader, _ in surface_shaders(material)]
+    shaders = [shader for shader, _ in surface_shaders_and_stacks(material)]
     socket = shaders[0].inputs.get(BASE_COLOR_INPUTS.get(shaders[0].type, "")) if len(shaders) == 1 else None
     if socket is None or socket.is_linked:
         return None, False
@@ -57,6 +59,6 @@ def _plain_color(material: Any) -> tuple[tuple[float, float, float] | None, bool
     return (red, green, blue), bool(metallic and not metallic.is_linked and metallic.default_value > 1 - 1e-3)
 
 
-def _least_alpha(material: Any) -> float:
-    sockets = [shader.inputs["Alpha"] for shader, _ in surface_shaders(material) if "Alpha" in shader.inputs]
+def _least_constant_alpha(material: Any) -> float:
+    sockets = [shader.inputs["Alpha"] for shader, _ in surface_shaders_and_stacks(material) if "Alpha" in shader.inputs]
     return min((float(socket.default_value) for socket in sockets if not socket.is_linked), default=1.0)

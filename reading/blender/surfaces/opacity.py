@@ -15,8 +15,8 @@ from mathutils import Euler, Matrix
 
 from hulldown.base.color import LUMINANCE_WEIGHTS, linear_from_srgb, srgb_from_linear
 from hulldown.blender.buffers import image_pixels
-from hulldown.blender.nodes import Stack, material_output, socket_source
-from hulldown.blender.shaders import TRANSPARENT_SHADER, surface_shaders
+from hulldown.blender.nodes import Stack, material_output_node, socket_source_and_stack
+from hulldown.blender.shaders import TRANSPARENT_SHADER, surface_shaders_and_stacks
 from hulldown.geometry.alpha import AlphaMap, Extension
 
 MAX_READ_PIXELS = 1 << 26  # Blender shrinks larger images first
@@ -47,13 +47,13 @@ class Lookup:
     @property
     def is_srgb(self) -> bool:
         """Whether its values are sRGB, which Cycles makes linear after it has interpolated."""
-        return self.image is not None and is_curved(self.image, self.channel)
+        return self.image is not None and has_srgb_texels(self.image, self.channel)
 
-    def is_bounded(self) -> bool:
+    def has_texels_in_unit_range(self) -> bool:
         """Return whether all texels are from 0 to 1, where curves are known."""
         if self.image is None or not self.image.is_float:
             return True
-        values = texels(self.image, self.channel, alpha_used=True)
+        values = channel_texels(self.image, self.channel, alpha_used=True)
         return bool(values.min() >= 0.0 and values.max() <= 1.0)
 
 
@@ -68,26 +68,26 @@ class Cutter:
 
 def is_opaque(material: Any) -> bool:
     """Return whether nothing is visible through a material, whatever its textures."""
-    for shader, around in surface_shaders(material):
+    for shader, around in surface_shaders_and_stacks(material):
         if shader.type == TRANSPARENT_SHADER:
             return False
         if shader.type == "BSDF_PRINCIPLED":
-            alpha, _ = socket_source(shader.inputs["Alpha"], around) or (shader.inputs["Alpha"], around)
+            alpha, _ = socket_source_and_stack(shader.inputs["Alpha"], around) or (shader.inputs["Alpha"], around)
             if alpha.is_output or alpha.default_value < 1.0:
                 return False
     return True
 
 
-def material_lookup(material: Any) -> Lookup | None:
+def single_image_lookup(material: Any) -> Lookup | None:
     """Return the one lookup that the light of a material depends on; None if the light is constant."""
-    found = _socket_lookups(material_output(material).inputs["Surface"], ())
+    found = _socket_lookups(material_output_node(material).inputs["Surface"], ())
     if len(found) > 1:
         raise NotUnderstoodError("two textures")
     return next(iter(found), None)
 
 
 def _socket_lookups(socket: Any, stack: Stack) -> set[Lookup]:
-    found = socket_source(socket, stack)
+    found = socket_source_and_stack(socket, stack)
     if found is None or not found[0].is_output:
         return set()
     output, stack = found
@@ -95,7 +95,7 @@ def _socket_lookups(socket: Any, stack: Stack) -> set[Lookup]:
     if kind == "TexImage":
         return {_node_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)}
     if kind == "SeparateColor" and node.mode == "RGB":
-        below = socket_source(node.inputs[0], stack)
+        below = socket_source_and_stack(node.inputs[0], stack)
         if below is None or not below[0].is_output:
             return set()
         if below[0].node.bl_idname == "ShaderNodeTexImage" and below[0].name == "Color":
@@ -115,13 +115,13 @@ def _node_lookup(node: Any, channel: str, stack: Stack) -> Lookup:
     mapped = (tuple(own.translation), tuple(own.rotation), tuple(own.scale)) != ((0, 0, 0), (0, 0, 0), (1, 1, 1))
     if node.projection != "FLAT" or node.extension == "MIRROR" or mapped:
         raise NotUnderstoodError(f"the projection of the node {node.name!r}")
-    layer, image_from_uv = _coordinate_layer(node.inputs["Vector"], stack)
+    layer, image_from_uv = _uv_layer_and_transform(node.inputs["Vector"], stack)
     smooth, alpha_used = node.interpolation != "Closest", node.outputs["Alpha"].is_linked
     return Lookup(image, channel, layer, image_from_uv, Extension[node.extension], smooth, alpha_used)
 
 
-def _coordinate_layer(socket: Any, stack: Stack) -> tuple[str, Affine]:
-    found = socket_source(socket, stack)
+def _uv_layer_and_transform(socket: Any, stack: Stack) -> tuple[str, Affine]:
+    found = socket_source_and_stack(socket, stack)
     if found is None or not found[0].is_output:
         return "", IDENTITY_AFFINE
     output, stack = found
@@ -133,8 +133,8 @@ def _coordinate_layer(socket: Any, stack: Stack) -> tuple[str, Affine]:
     if node.bl_idname == "ShaderNodeAttribute" and node.attribute_type == "GEOMETRY" and output.name == "Vector":
         return node.attribute_name, IDENTITY_AFFINE
     if node.bl_idname == "ShaderNodeMapping" and node.vector_type in ("POINT", "VECTOR", "TEXTURE"):
-        layer, before = _coordinate_layer(node.inputs["Vector"], stack)
-        if not any(socket_source(below, stack) for below in node.inputs if below.name != "Vector"):
+        layer, before = _uv_layer_and_transform(node.inputs["Vector"], stack)
+        if not any(socket_source_and_stack(below, stack) for below in node.inputs if below.name != "Vector"):
             return layer, _compose_mapping(_mapping_matrix(node), before)
     raise NotUnderstoodError(f"the coordinates of the node {node.name!r}")
 
@@ -158,25 +158,25 @@ def _compose_mapping(matrix: Matrix, before: Affine) -> Affine:
     return (a, b, c), (d, e, f)
 
 
-def is_curved(image: Any, channel: str) -> bool:
+def has_srgb_texels(image: Any, channel: str) -> bool:
     """Return whether texels of a channel are sRGB values, which Cycles makes linear after it has interpolated."""
     return channel != "alpha" and image.colorspace_settings.name == "sRGB"
 
 
-def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
-    """Return the texels of an image's channel, in 255ths if the file has bytes, and in sRGB if `is_curved`."""
+def channel_texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
+    """Return the texels of an image's channel, in 255ths if the file has bytes, and in sRGB if `has_srgb_texels`."""
     if image.alpha_mode == "NONE" and channel == "alpha":
         return np.full((1, 1), 255, np.uint8)
     width, height = image.size
     share = min(1.0, (MAX_READ_PIXELS / (width * height)) ** 0.5)
     rgba = image_pixels(image, (int(width * share), int(height * share)))
     if channel == "alpha":
-        return _stored(rgba[..., 3], image)
+        return _quantize_like_image(rgba[..., 3], image)
     is_data = image.colorspace_settings.is_data or image.colorspace_settings.name in ("Non-Color", "Raw")
     color = rgba[..., :3]
     if not is_data and not alpha_used and image.alpha_mode in ("STRAIGHT", "PREMUL") and not image.is_float:
         color = color * rgba[..., 3:]
-    curved = is_curved(image, channel)
+    curved = has_srgb_texels(image, channel)
     if curved and image.is_float:  # Blender's floats are linear
         color = srgb_from_linear(color)
     if channel != "gray":
@@ -187,9 +187,9 @@ def texels(image: Any, channel: str, *, alpha_used: bool) -> np.ndarray:
         linear = linear_from_srgb(color).astype(np.float32) if curved else color
         value = linear @ LUMINANCE_WEIGHTS.astype(np.float32)
         value = srgb_from_linear(value) if curved else value
-    return _stored(value, image)
+    return _quantize_like_image(value, image)
 
 
-def _stored(values: np.ndarray, image: Any) -> np.ndarray:
+def _quantize_like_image(values: np.ndarray, image: Any) -> np.ndarray:
     values = np.ascontiguousarray(values)
     return values if image.is_float else np.rint(np.clip(values, 0.0, 1.0) * 255.0).astype(np.uint8)

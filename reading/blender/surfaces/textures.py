@@ -10,9 +10,9 @@ from typing import Any
 
 import bpy
 
-from hulldown.blender.nodes import socket_source
-from hulldown.blender.shaders import BASE_COLOR_INPUTS, surface_shaders
-from hulldown.reading.confinement.references import nearby_files
+from hulldown.blender.nodes import socket_source_and_stack
+from hulldown.blender.shaders import BASE_COLOR_INPUTS, surface_shaders_and_stacks
+from hulldown.reading.confinement.references import files_near_asset
 from hulldown.reading.pieces.asset_report import Missing
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 
@@ -20,21 +20,25 @@ UDIM_TOKEN = "<UDIM>"
 TEXTURE_SUFFIXES = (".png", ".jpg", ".jpeg", ".tga", ".psd", ".tif", ".tiff", ".bmp", ".dds", ".webp")
 
 
-def used_files() -> list[str]:
+def referenced_file_paths() -> list[str]:
     """Return the absolute path of every file that the open file refers to, existing or not, without packed ones."""
     paths = {path for path in bpy.utils.blend_paths(absolute=True, packed=False, local=False) if path}
-    paths |= {path for block in _referring_blocks() if (path := _block_path(block))}
+    paths |= {path for block in _external_file_datablocks() if (path := _block_path(block))}
     return sorted(paths)
 
 
-def find_moved(path: Path) -> list[Doubt]:
+def relink_moved_pictures(path: Path) -> list[Doubt]:
     """Point images whose files are missing to files of the same name near the asset."""
-    images = [block for block in _referring_blocks() if isinstance(block, bpy.types.Image) and UDIM_TOKEN not in block.filepath]
-    gone = [image for image in images if (wanted := _block_path(image)) and not _is_there(wanted)]
+    images = [
+        block
+        for block in _external_file_datablocks()
+        if isinstance(block, bpy.types.Image) and UDIM_TOKEN not in block.filepath
+    ]
+    gone = [image for image in images if (wanted := _block_path(image)) and not _is_readable_file(wanted)]
     named = [re.split(r"[/\\]", image.filepath)[-1].lower() for image in gone]
     found: dict[str, set[str]] = {name: set() for name in named}
     if found:
-        for file in nearby_files(path):
+        for file in files_near_asset(path):
             if file.name.lower() in found:
                 found[file.name.lower()].add(os.path.realpath(file))
     doubts = []
@@ -52,9 +56,11 @@ def find_moved(path: Path) -> list[Doubt]:
     return doubts
 
 
-def nearby_pictures(path: Path) -> list[str]:
-    """Return pictures that `find_moved` searches near an asset, relative to its folder, without hidden folders."""
-    near = {Path(os.path.relpath(file, path.parent)) for file in nearby_files(path) if file.suffix.lower() in TEXTURE_SUFFIXES}
+def pictures_near_asset(path: Path) -> list[str]:
+    """Return pictures that `relink_moved_pictures` searches near an asset, relative to its folder, without hidden folders."""
+    near = {
+        Path(os.path.relpath(file, path.parent)) for file in files_near_asset(path) if file.suffix.lower() in TEXTURE_SUFFIXES
+    }
     return sorted(str(file) for file in near if not any(re.match(r"\.\w", part) for part in file.parts))
 
 
@@ -66,46 +72,46 @@ def _replace_image(image: Any, file: str) -> None:
     bpy.data.images.remove(image)
 
 
-def missing_files(drawn: Collection[str]) -> tuple[Missing, ...]:
+def missing_or_unreadable_files(drawn: Collection[str]) -> tuple[Missing, ...]:
     """Return files and pictures of drawn objects that are missing, or that Blender can't read."""
     users = bpy.data.user_map()
     found: dict[tuple[str, str], set[str]] = {}
-    for block in _referring_blocks():
+    for block in _external_file_datablocks():
         path = _block_path(block)
-        if path and not _is_there(path):
+        if path and not _is_readable_file(path):
             problem = "missing"
-        elif path and _is_unreadable(block):
+        elif path and _is_unreadable_picture(block):
             problem = "unreadable"
         else:
             continue
         if isinstance(block, bpy.types.Library):
             wanted = {b.name for b in block.users_id if isinstance(b, (bpy.types.Object, bpy.types.Collection))}
         else:
-            wanted = _objects_using(block, users) & set(drawn)
+            wanted = _using_object_names(block, users) & set(drawn)
             if not wanted:
                 continue
         found.setdefault((path, problem), set()).update(wanted)
     for material in bpy.data.materials:
-        if _lacks_picture(material) and (wanted := _objects_using(material, users) & set(drawn)):
+        if _lacks_base_color_image(material) and (wanted := _using_object_names(material, users) & set(drawn)):
             found[f"the picture of the material {material.name!r}", "missing"] = wanted
     return tuple(Missing(path, tuple(sorted(names)), problem) for (path, problem), names in sorted(found.items()))
 
 
-def _is_unreadable(block: Any) -> bool:
+def _is_unreadable_picture(block: Any) -> bool:
     """Return whether a block is a picture without pixels although its file is there."""
     return isinstance(block, bpy.types.Image) and block.source == "FILE" and not all(block.size)
 
 
-def _lacks_picture(material: Any) -> bool:
-    for shader, around in surface_shaders(material):
+def _lacks_base_color_image(material: Any) -> bool:
+    for shader, around in surface_shaders_and_stacks(material):
         socket = shader.inputs.get(BASE_COLOR_INPUTS.get(shader.type, ""))
-        found = socket_source(socket, around) if socket is not None else None
+        found = socket_source_and_stack(socket, around) if socket is not None else None
         if found and found[0].is_output and found[0].node.type == "TEX_IMAGE" and found[0].node.image is None:
             return True
     return False
 
 
-def _referring_blocks() -> Iterator[Any]:
+def _external_file_datablocks() -> Iterator[Any]:
     for image in bpy.data.images:
         if image.source in ("FILE", "SEQUENCE", "MOVIE", "TILED") and not image.packed_file:
             yield image
@@ -119,7 +125,7 @@ def _block_path(block: Any) -> str:
     return bpy.path.abspath(block.filepath, library=getattr(block, "library", None)) if block.filepath else ""
 
 
-def _is_there(path: str) -> bool:
+def _is_readable_file(path: str) -> bool:
     try:
         if UDIM_TOKEN in path:
             return any(Path(path).parent.glob(Path(path).name.replace(UDIM_TOKEN, "[0-9][0-9][0-9][0-9]")))
@@ -131,7 +137,7 @@ def _is_there(path: str) -> bool:
     return False
 
 
-def _objects_using(block: Any, users: dict[Any, set[Any]]) -> set[str]:
+def _using_object_names(block: Any, users: dict[Any, set[Any]]) -> set[str]:
     seen, ring, names = {block}, [block], set()
     while ring:
         for user in users.get(ring.pop(), ()):
