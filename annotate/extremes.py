@@ -61,7 +61,7 @@ class ImageView:
     def sight_radius(self) -> float:
         """Distance from the axis at unit depth, beyond which nothing is seen."""
         x, y = self.lens.half_tangents
-        return min(self.lens.radius, math.sqrt(x * x + y * y)) if self.clip_to_image else self.lens.radius
+        return min(self.lens.lens_seen_radius, math.sqrt(x * x + y * y)) if self.clip_to_image else self.lens.lens_seen_radius
 
     def pixels(self, unit: Float[np.ndarray, "2 n"]) -> Float[np.ndarray, "2 n"]:
         """Return pixels of points at unit depth, in the image or not."""

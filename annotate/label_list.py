@@ -23,7 +23,7 @@ LABEL_TYPES: tuple[type[LabelType], ...] = (SurfaceBox, BoxInCamera, VisibleMask
 
 def compute_label_fields(vehicle: LabeledVehicle) -> dict[str, object]:
     """Return the fields of a label's record, of all types."""
-    return {key: value for kind in LABEL_TYPES for key, value in kind.compute(vehicle).items()}
+    return {key: value for kind in LABEL_TYPES for key, value in kind.compute_fields(vehicle).items()}
 
 
 def invalid_label_field_sentences(record: Record) -> Iterator[str]:

@@ -51,7 +51,7 @@ class LabelType(Struct, kw_only=True):
     """A label's values of one type; any of them may be missing. `label_list.LABEL_TYPES` has all types."""
 
     @classmethod
-    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
+    def compute_fields(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return the fields of a record; none if they need rays that weren't traced."""
         return {}
 

@@ -24,7 +24,7 @@ class Category:
     record: Record  # all fields in the file
 
     @classmethod
-    def of(cls, record: Record) -> Category:
+    def from_record(cls, record: Record) -> Category:
         """Return the class in a record, which may be one without a usable name."""
         return cls(record["id"], str(record.get("name")), declared_fields(record, CategoryKeypoints).keypoints, record)
 
@@ -45,7 +45,7 @@ class Label:
     record: Record  # all fields in the file
 
     @classmethod
-    def of(cls, record: Record, names: Mapping[int, str]) -> Label:
+    def from_record(cls, record: Record, names: Mapping[int, str]) -> Label:
         """Return the label in a record; `names` are those of the classes by id."""
         fields = declared_fields(record, LabelRecord)
         return cls(
@@ -65,9 +65,9 @@ class Label:
         """Return the fields of a label type in its record; those that don't fit are missing."""
         return declared_fields(self.record, kind)
 
-    def changed(self, **fields: object) -> Label:
+    def with_fields(self, **fields: object) -> Label:
         """Return the label with other values of some fields of its record."""
-        return Label.of({**self.record, **fields}, {self.category_id: self.category})
+        return Label.from_record({**self.record, **fields}, {self.category_id: self.category})
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -82,7 +82,7 @@ class Image:
     record: Record  # all fields in the file
 
     @classmethod
-    def of(cls, record: Record, labels: Iterable[Label]) -> Image:
+    def from_record(cls, record: Record, labels: Iterable[Label]) -> Image:
         """Return the image in a record."""
         return cls(record["id"], record["file_name"], record["width"], record["height"], tuple(labels), record)
 

@@ -108,6 +108,6 @@ class Assets:
         if lacking := [name for name in self.vehicles if name not in self.categories]:
             raise ValueError(f"categories: expected one for every vehicle, got none for {lacking}")
 
-    def sky(self, hdri: str) -> SkyLight:
+    def hdri_skylight(self, hdri: str) -> SkyLight:
         """Return the light of an HDRI on open land."""
         return self.skies.get(hdri, EVEN_SKYLIGHT)

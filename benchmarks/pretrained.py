@@ -56,7 +56,7 @@ def drawn_examples(sources: Sequence[LabeledPictures], rows: Sequence[np.ndarray
 def resampled_ap50(detector: Detector, labels: Labels) -> np.ndarray:
     """Return AP50, followed by that in resamples of the photographs."""
     found = Evaluation(labels, detect_in_labeled_pictures(detector, labels), threshold=Threshold(0.5, "given"))
-    return np.append(found.summary["ap50"], found.resampled()["ap50"])
+    return np.append(found.summary["ap50"], found.resampled_metrics()["ap50"])
 
 
 def format_figures(figures: np.ndarray) -> str:

@@ -73,7 +73,7 @@ def _measure_size(rows: list[Row], plan: Plan, library: Library, folder: Path) -
         for row in rows:
             job = make_job(row, library, RENDER_PROFILES["train"], folder / "image.png")
             began = time.process_time()
-            segmenter.records(row)
+            segmenter.label_records_with_masks(row)
             labels, before = time.process_time() - began, _cpu_seconds(blender)
             parts = blender.do(job).seconds
             after = _cpu_seconds(blender)

@@ -179,7 +179,7 @@ class _FramingSearch:
     rolls: Float[np.ndarray, " n"]
     corner: Callable[[Int[np.ndarray, " r"], Float[np.ndarray, "r 2"]], Float[np.ndarray, "r 2"]]
 
-    def turned(
+    def poses_and_steps_at_pixels(
         self, rows: Int[np.ndarray, " r"], pixel: Float[np.ndarray, "r 2"], *, keep_level: bool = True
     ) -> tuple[Float[np.ndarray, "r 4 4"], Float[np.ndarray, "r 2"]]:
         """Return cameras turned to these pixels, and the pixels from each box to its place; nan if it isn't in view."""
@@ -203,7 +203,7 @@ class _FramingSearch:
         for _ in range(MAX_FRAMING_ROUNDS):
             if not len(todo):
                 break
-            pose, step = self.turned(todo, pixel)
+            pose, step = self.poses_and_steps_at_pixels(todo, pixel)
             miss = np.abs(step).max(axis=1)
             better = miss < best_miss[todo]
             rows = todo[better]
@@ -232,7 +232,7 @@ class _FramingSearch:
             for _ in range(rounds):
                 if not len(todo):
                     break
-                pose, step = self.turned(todo, pixel, keep_level=keep_level)
+                pose, step = self.poses_and_steps_at_pixels(todo, pixel, keep_level=keep_level)
                 miss = np.abs(step).max(axis=1)
                 better = miss < best_miss[todo]
                 best[todo[better]], best_miss[todo[better]] = pose[better], miss[better]

@@ -218,7 +218,7 @@ class Intrinsics:
         return any(self.distortion)
 
     @property
-    def radius(self) -> float:
+    def lens_seen_radius(self) -> float:
         """Radius at unit depth that the lens sees; see `camera.distortion.seen_radius`."""
         return seen_radius(self.distortion)
 
@@ -258,7 +258,7 @@ class Intrinsics:
         Without distortion they are monotone along each axis.
         """
         if self.is_distorted:
-            unit = distort_points(unit, self.distortion, self.radius)
+            unit = distort_points(unit, self.distortion, self.lens_seen_radius)
         pixels = np.asarray(unit * self.focal[..., None, :])
         pixels += self.center
         return pixels
@@ -266,7 +266,7 @@ class Intrinsics:
     def unit_points_from_pixels(self, pixels: np.ndarray) -> np.ndarray:
         """Return points (..., n, 2) at unit depth that project to these pixels; nan where there are none."""
         unit = (pixels - self.center) / self.focal[..., None, :]
-        return undistort_points(unit, self.distortion, self.radius) if self.is_distorted else unit
+        return undistort_points(unit, self.distortion, self.lens_seen_radius) if self.is_distorted else unit
 
     def project_points(self, points_camera: np.ndarray) -> Projected:
         """Project points (..., k, 3) of the camera's frame."""

@@ -49,7 +49,7 @@ class Scheduler:
     tls_client_key: Annotated[str | None, Parameter(name="--tls-key")] = None
 
     @property
-    def tls(self) -> dict[str, str]:
+    def tls_arguments(self) -> dict[str, str]:
         """Arguments of `distributed.Security`; empty: by Dask's configuration."""
         names = ("tls_ca_file", "tls_client_cert", "tls_client_key")
         return {name: path for name in names if (path := getattr(self, name)) is not None}

@@ -232,7 +232,7 @@ def make_task_wanted_check() -> Callable[[], bool]:
 
 
 def _connect_client(scheduler: Scheduler) -> Client:
-    security = Security(require_encryption=True, **scheduler.tls) if scheduler.tls else None
+    security = Security(require_encryption=True, **scheduler.tls_arguments) if scheduler.tls_arguments else None
     address = scheduler.address
     of_file = address.endswith(".json")
     if of_file and not Path(address).is_file():

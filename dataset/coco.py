@@ -143,7 +143,7 @@ class CocoDataset:
             self._write_and_apply_line({"categories": categories})
             self._document.pending += 1
 
-    def reserve(self, key: str, *, images: int, annotations: int) -> Reservation:
+    def reserve_ids(self, key: str, *, images: int, annotations: int) -> Reservation:
         """Reserve ids and names for a plan, whatever the order of finished images, or return the reservation it has."""
         if not key or images < 0 or annotations < 0:
             raise ValueError(f"reserve: expected a key and counts of at least 0, got {key!r}, {images}, {annotations}")
@@ -192,7 +192,7 @@ class CocoDataset:
             self.merge()
         return int(line["image"]["id"])
 
-    def check(self, image: Record, annotations: Sequence[Record]) -> None:
+    def require_appendable(self, image: Record, annotations: Sequence[Record]) -> None:
         """Raise as `append` would, without writing."""
         self._journal_line(image, annotations)
 
@@ -243,7 +243,7 @@ class CocoDataset:
             self._journal.close()
             self._lock.release()
 
-    def abandon(self) -> None:
+    def undo_open(self) -> None:
         """Close as if it had never been opened; for a run that cannot begin."""
         if len(self) > self._images:
             raise ValueError(f"abandon: expected no image since the dataset was opened, got some in {self.folder}")

@@ -23,17 +23,17 @@ class LabeledImages:
     @classmethod
     def from_coco_dict(cls, coco: Coco) -> LabeledImages:
         """Return the images of a COCO dictionary with usable records, see `dataset.record_checks.check_usable`."""
-        categories = tuple(map(Category.of, coco["categories"]))
+        categories = tuple(map(Category.from_record, coco["categories"]))
         names = {category.id: category.name for category in categories}
         of_image: dict[int, list[Label]] = {image["id"]: [] for image in coco["images"]}
         for record in coco["annotations"]:
-            of_image[record["image_id"]].append(Label.of(record, names))
-        images = tuple(Image.of(image, of_image[image["id"]]) for image in coco["images"])
+            of_image[record["image_id"]].append(Label.from_record(record, names))
+        images = tuple(Image.from_record(image, of_image[image["id"]]) for image in coco["images"])
         head = {key: value for key, value in coco.items() if key not in ("categories", "images", "annotations")}
         return cls(categories, images, head)
 
     @property
-    def names(self) -> dict[int, str]:
+    def category_names_by_id(self) -> dict[int, str]:
         """Category id -> name."""
         return {category.id: category.name for category in self.categories}
 

@@ -48,10 +48,10 @@ class _Part:
     provenance: dict[str, Provenance]
     failures: list[Failure]
 
-    def reservations(self, target: CocoDataset) -> list[tuple[Reservation, Reservation]]:
+    def reserve_in_target(self, target: CocoDataset) -> list[tuple[Reservation, Reservation]]:
         """Return each plan's run here, and in the target, which reserves one if it has none."""
         reservations = self.document.reservations.values()
-        return [(own, target.reserve(own.key, images=own.images, annotations=own.annotations)) for own in reservations]
+        return [(own, target.reserve_ids(own.key, images=own.images, annotations=own.annotations)) for own in reservations]
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +128,7 @@ def join_datasets(
         failures = _latest_failures_by_name(read, target)
         read_provenance_by_plan(folder)  # damage is found before anything is added
     except BaseException:
-        target.abandon()
+        target.undo_open()
         raise
     with target, progress_bar("joining", progress) as advance:
         for done, move in enumerate(left, start=1):
@@ -136,7 +136,7 @@ def join_datasets(
             target.append(*_moved_image_and_labels(move))
             advance(done, len(left))
         for part in read:
-            plans = [now for _, now in part.reservations(target) if now.key in part.provenance]
+            plans = [now for _, now in part.reserve_in_target(target) if now.key in part.provenance]
             made = {now.key: replace(part.provenance[now.key], first_image_id=now.image_offset + 1) for now in plans}
             add_provenance(folder, made)
         unmade = [failure for name, failure in sorted(failures.items()) if not target.finished(name)]
@@ -170,7 +170,7 @@ def _read_part(folder: Path, target: Path, allowed: Sequence[Path]) -> _Part:
 def _latest_failures_by_name(parts: Sequence[_Part], target: CocoDataset) -> dict[str, Failure]:
     latest = {failure.file_name: failure for failure in read_failures(target.folder)}
     for part in parts:
-        reservations = part.reservations(target)
+        reservations = part.reserve_in_target(target)
         for failure in part.failures:
             name = failure.file_name  # failed images have no id
             own = [(was, now) for was, now in reservations if PurePosixPath(name).name.startswith(was.prefix)]
@@ -182,7 +182,7 @@ def _latest_failures_by_name(parts: Sequence[_Part], target: CocoDataset) -> dic
 
 
 def _part_moves(part: _Part, target: CocoDataset) -> Iterator[_Move]:
-    reservations = part.reservations(target)
+    reservations = part.reserve_in_target(target)
     for index, record in enumerate(part.document.images):
         image_id, old = record["id"], record["file_name"]
         own = next((pair for pair in reservations if pair[0].owns_image(image_id, old)), None)
@@ -229,7 +229,7 @@ def _refuse_unappendable_moves(moves: Sequence[_Move], target: CocoDataset) -> N
     for move in moves:
         image, boxes = _moved_image_and_labels(move)
         try:
-            target.check(image, boxes)
+            target.require_appendable(image, boxes)
         except ValueError as error:
             problem = f"{move.old_name}: {error}"
             raise DatasetError(problem, path=move.part.folder, remedy="check both with `hulldown verify`") from error

@@ -187,14 +187,14 @@ def sound_images_by_id(coco: Coco) -> dict[int, Image]:
     of_image: dict[object, list[Label]] = {image["id"]: [] for image in coco["images"]}
     for annotation in coco["annotations"]:
         with contextlib.suppress(ValueError, TypeError, KeyError):
-            of_image[annotation["image_id"]].append(Label.of(annotation, names))
+            of_image[annotation["image_id"]].append(Label.from_record(annotation, names))
     sound = (image for image in coco["images"] if not any(invalid_field_sentences(image, ImageRecord)))
-    return {image["id"]: Image.of(image, of_image[image["id"]]) for image in sound}
+    return {image["id"]: Image.from_record(image, of_image[image["id"]]) for image in sound}
 
 
 def find_label_problems(categories: Iterable[Record], images: Iterable[Image]) -> Iterator[Finding]:
     """Find labels that contradict themselves, their image, or each other."""
-    classes = {record["id"]: Category.of(record) for record in categories}
+    classes = {record["id"]: Category.from_record(record) for record in categories}
     for image in images:
         boxes: set[tuple[object, ...]] = set()
         for label in image.labels:

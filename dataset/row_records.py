@@ -72,7 +72,7 @@ class Segmenter:
         keypoints = next((category.get("keypoints", ()) for category in categories), ())
         return cls(library.shapes, library.assets.sceneries, keypoints=keypoints)
 
-    def records(self, row: Row) -> list[Record]:
+    def label_records_with_masks(self, row: Row) -> list[Record]:
         """Return an annotation record for each labeled vehicle of a row, without ids."""
         return [
             {

@@ -64,7 +64,7 @@ class Dataset(ShownInNotebooks):
 
     def __init__(self, name: str, found: LabeledImages, opened: Callable[[int], Pictures.Image]) -> None:
         self.name = name
-        self.categories = found.names
+        self.categories = found.category_names_by_id
         self.images = found.images
         self._opened = opened
 

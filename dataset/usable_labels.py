@@ -75,7 +75,7 @@ def images_with_clipped_labels(images: Sequence[Image], *, folder: Path, clip: b
                 left, top = max(x, 0.0), max(y, 0.0)
                 box = [left, top, min(x + w, image.width) - left, min(y + h, image.height) - top]
                 if box[2] > 0 and box[3] > 0:
-                    kept.append(label.changed(bbox=box))
+                    kept.append(label.with_fields(bbox=box))
                 elif not clip:
                     wrong.append(f"{where} has no area inside its image")
         found.append(image.labeled(kept))
@@ -129,7 +129,7 @@ class LabelFloors:
                 or label.truncated_fraction > self.max_truncated_fraction
             )
             if self.below == "ignored":
-                kept.append(label.changed(iscrowd=1) if below else label)
+                kept.append(label.with_fields(iscrowd=1) if below else label)
             elif not below and not label.crowd:
                 kept.append(label)
         return kept

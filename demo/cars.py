@@ -187,7 +187,9 @@ def build_panel_van(m: BlendModel, p: Paints) -> None:
     m.add("Handles", handles, p.dark, mirror=True, bevel=0.01)
     rear = [make_bent_bar([(-2.775, y, 0.5), (-2.785, y, 1.1), (-2.76, y, 2.34)], 0.008, sides=4) for y in (-0.9, 0.0, 0.9)]
     m.add("Rear_Seams", join_shapes(rear), p.dark, bevel=0)
-    glass = extrude_along_y([(-0.02, 1.42), (0.02, 1.42), (0.06, 2.1), (0.02, 2.1)], 0.12, 0.82).pair().moved(-2.785)
+    glass = (
+        extrude_along_y([(-0.02, 1.42), (0.02, 1.42), (0.06, 2.1), (0.02, 2.1)], 0.12, 0.82).with_mirror_image().moved(-2.785)
+    )
     m.add("Rear_Windows", glass, p.glass, bevel=0.004)
     hinges = join_shapes(make_standing_box((0.06, 0.05, 0.12), (-2.77, 0.93, z)) for z in (0.8, 1.4, 2.0))
     m.add("Hinges", hinges, p.dark, mirror=True, bevel=0.008)

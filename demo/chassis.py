@@ -172,13 +172,15 @@ def add_wheels_and_axles(m: BlendModel, p: Paints, at: Sequence[float], *, y: fl
         + revolve_about_y([(0.1, -0.25), (0.2, -0.12), (0.2, 0.12), (0.1, 0.25)], sides=12).moved(x, 0, radius)
         for x in at
     )
-    springs = join_shapes(make_corner_box((x - 0.55, 0.42, radius + 0.1), (x + 0.55, 0.52, radius + 0.18)).pair() for x in at)
+    springs = join_shapes(
+        make_corner_box((x - 0.55, 0.42, radius + 0.1), (x + 0.55, 0.52, radius + 0.18)).with_mirror_image() for x in at
+    )
     m.add("Axles", axles + springs, p.dark, bevel=0)
 
 
 def add_ladder_frame(m: BlendModel, p: Paints, x0: float, x1: float, z: float, *, y: float = 0.42) -> None:
     """Add two rails with cross members, their upper side at z."""
-    rails = make_corner_box((x0, y - 0.06, z - 0.26), (x1, y + 0.06, z)).pair()
+    rails = make_corner_box((x0, y - 0.06, z - 0.26), (x1, y + 0.06, z)).with_mirror_image()
     cross = join_shapes(
         make_corner_box((x - 0.06, -y, z - 0.2), (x + 0.06, y, z - 0.06)) for x in np.linspace(x0 + 0.2, x1 - 0.2, 6)
     )

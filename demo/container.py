@@ -71,7 +71,8 @@ def build_container(m: BlendModel, p: Paints) -> None:
     )
     m.add("Floor_Beams", floor_beams, p.dark, bevel=0)
     fork_pockets = join_shapes(
-        make_corner_box((x - 0.18, -width - 0.002, 0.07), (x + 0.18, -width + 0.02, 0.16)).pair() for x in (-1.05, 1.05)
+        make_corner_box((x - 0.18, -width - 0.002, 0.07), (x + 0.18, -width + 0.02, 0.16)).with_mirror_image()
+        for x in (-1.05, 1.05)
     )
     m.add("Fork_Pockets", fork_pockets, p.rubber, bevel=0)
     leaf = make_corner_box((-half - 0.02, 0.02, 0.2), (-half + 0.03, width - 0.11, 2.44))

@@ -44,12 +44,12 @@ def write_temperate_hills(path: Path, *, rng: np.random.Generator) -> Path:
     land.add("Ground_Knoll", patch_vertices_and_quads((120, -110), 78, knoll), hillside, home="Terrain")
     land.add("Ground_Crest", patch_vertices_and_quads((40, 150), 108, crest), grass, home="Terrain")
     dirt = earth.road_material("Dirt_Road", ("#7a6446", "#94805c"), "#666330", half=2.6)
-    land.road("Road_Dirt", course, level, dirt, half=2.6)
+    land.add_road("Road_Dirt", course, level, dirt, half=2.6)
 
     def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 70 + 110 * noise(x, y, 900.0, octaves=4, rough=0.45)
 
-    land.surroundings(meadow, mountains, earth.ground_material("Far_Ground", MEADOW_SOIL, far=True), rise=(250.0, 2600.0))
+    land.add_surroundings(meadow, mountains, earth.ground_material("Far_Ground", MEADOW_SOIL, far=True), rise=(250.0, 2600.0))
     planting = Planting(land, upper_envelope(meadow, hill, knoll, crest), rng)
     _add_hill_plants_and_rocks(planting, noise, course, wooded)
     land.camera((-20.0, -150.0, 14.0), 5.0)
@@ -90,11 +90,11 @@ def _add_hill_plants_and_rocks(planting: Planting, noise: Noise, course: Course,
     def meadows(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return (0.25 + 0.75 * smoothstep(noise(x, y, 25.0, octaves=2), -0.3, 0.4)) * course.clear(x, y, 5.5)
 
-    planting.strew("Vegetation", [*broad, *spruce], 1000, woods, gap=4.5, scale=(0.7, 1.15), sink=0.25)
-    planting.strew("Vegetation", bushes, 700, sparse, gap=3.0, scale=(0.6, 1.3), sink=0.1)
-    planting.strew("Vegetation", broad, 45, open_land, gap=22.0, scale=(0.8, 1.2), sink=0.25)
-    planting.outskirts("Grove", [*spruce, *broad], 420, outer, reach=700.0, group=6)
-    planting.undergrowth(wooded, "Bush_Scattered", bushes[0], size=1.0, density=0.012, scale=(0.5, 1.1))
+    planting.strew_copies("Vegetation", [*broad, *spruce], 1000, woods, gap=4.5, scale=(0.7, 1.15), sink=0.25)
+    planting.strew_copies("Vegetation", bushes, 700, sparse, gap=3.0, scale=(0.6, 1.3), sink=0.1)
+    planting.strew_copies("Vegetation", broad, 45, open_land, gap=22.0, scale=(0.8, 1.2), sink=0.25)
+    planting.plant_outskirts("Grove", [*spruce, *broad], 420, outer, reach=700.0, group=6)
+    planting.add_undergrowth(wooded, "Bush_Scattered", bushes[0], size=1.0, density=0.012, scale=(0.5, 1.1))
     stone = earth.stone_material("Boulder_Stone", ("#69655c", "#8f897c"), "#5d6030")
-    planting.stones("Boulder", stone, (0.7, 0.85, 0.6), 150, sparse)
-    planting.grass("Grass_Tuft", ("#4d5f26", "#b3a868"), (0.32, 0.46), 2600, meadows, clumps=110)
+    planting.add_stones("Boulder", stone, (0.7, 0.85, 0.6), 150, sparse)
+    planting.add_grass("Grass_Tuft", ("#4d5f26", "#b3a868"), (0.32, 0.46), 2600, meadows, clumps=110)

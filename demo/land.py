@@ -42,7 +42,7 @@ class Land:
         self.collection(home).objects.link(thing)
         return thing
 
-    def road(self, name: str, course: Course, z: np.ndarray, material: Any, *, half: float) -> None:
+    def add_road(self, name: str, course: Course, z: np.ndarray, material: Any, *, half: float) -> None:
         """Add a strip with ruts in its shape and (across, along) in meters as UV map; its edges dip into the ground."""
         across = np.array([-half, -half + 0.6, -1.4, -0.95, -0.5, 0.5, 0.95, 1.4, half - 0.6, half])
         rise = np.array([-0.25, 0.0, 0.03, -0.03, 0.03, 0.03, -0.03, 0.03, 0.0, -0.25])
@@ -51,7 +51,7 @@ class Land:
         corners = grid_quads(len(course.xy), len(across)).ravel()
         thing.data.uv_layers.new(name="UVMap").uv.foreach_set("vector", uv[corners].astype(np.float32).ravel())
 
-    def surroundings(self, ground: Height, mountains: Height, material: Any, *, rise: tuple[float, float]) -> None:
+    def add_surroundings(self, ground: Height, mountains: Height, material: Any, *, rise: tuple[float, float]) -> None:
         """Eight sheets of ground around the square, coarser outwards, that rise to the horizon's height in meters."""
         half = self.half
 

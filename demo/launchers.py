@@ -120,7 +120,7 @@ def build_rail_launcher(m: BlendModel, p: Paints, folder: Path) -> None:
     deck_boxes = join_shapes(make_standing_box((0.9, 0.35, 0.25), (x, 1.28, 1.62)) for x in (-2.7, 0.5))
     m.add("Deck_Boxes", deck_boxes, p.body, mirror=True, bevel=0.03)
     chassis.add_lamps(m, p, x=3.0, y=1.2, z=1.36, radius=0.1, tail_x=-3.42, tail_z=1.3)
-    tow_hooks = join_shapes(make_standing_box((0.16, 0.08, 0.2), (x, 0.8, 0.7)).pair() for x in (3.35, -3.4))
+    tow_hooks = join_shapes(make_standing_box((0.16, 0.08, 0.2), (x, 0.8, 0.7)).with_mirror_image() for x in (3.35, -3.4))
     m.add("Tow_Hooks", tow_hooks, p.dark, bevel=0.01)
     add_antenna(m, p, (-3.0, 1.2, 1.6), height=1.1)
     add_antenna(m, p, (-3.0, -1.2, 1.6), height=1.1)
@@ -183,7 +183,7 @@ def build_turret_launcher(m: BlendModel, p: Paints, folder: Path) -> None:
     reflector = make_dish(0.9, 0.32).scaled(1, 1.25, 0.62).turned("y", -6).moved(-1.4, 0, 3.95)
     light = materials.plain_material("Radar_Gray", "#8b8f86", rough=0.5)
     m.add("Search_Dish", reflector, light, part="turret", bevel=0, smooth=50)
-    m.add("Smoke_Launchers", smoke_launchers(0.6, 0.82, 1.9, tubes=3).pair(), p.dark, part="turret", bevel=0)
+    m.add("Smoke_Launchers", smoke_launchers(0.6, 0.82, 1.9, tubes=3).with_mirror_image(), p.dark, part="turret", bevel=0)
     add_antenna(m, p, (-1.8, 0.6, 3.05), part="turret", height=0.8)
     hinge, rise = (-0.3, 0.0, 2.35), -16.0
     m.add_part_in_collection("gun", hinge, on="turret", name="Guns")

@@ -35,7 +35,7 @@ class Graph:
         """Return a node with inputs set to values or linked to sockets."""
         return add_node(self.tree, kind, inputs, **settings)
 
-    def noise(self, where: Any, scale: float, *, detail: float = 2.0, rough: float = 0.5, warp: float = 0.0) -> Any:
+    def noise_socket(self, where: Any, scale: float, *, detail: float = 2.0, rough: float = 0.5, warp: float = 0.0) -> Any:
         """Fractal noise, mostly within 0.25 to 0.75."""
         inputs = {"Vector": where, "Scale": scale, "Detail": detail, "Roughness": rough, "Distortion": warp}
         return self.add("TexNoise", inputs).outputs[0]
@@ -49,7 +49,7 @@ class Graph:
         """Return the upward part of the surface's normal, 1 where it's level."""
         return self.add("SeparateXYZ", {0: self.add("NewGeometry").outputs["Normal"]}).outputs[2]
 
-    def ramp(self, value: Any, low: float, high: float) -> Any:
+    def ramp_socket(self, value: Any, low: float, high: float) -> Any:
         """0 below `low` to 1 above `high`, smoothly; falling where low > high."""
         return self.add("MapRange", {0: value, 1: low, 2: high}, interpolation_type="SMOOTHSTEP").outputs[0]
 
@@ -57,7 +57,7 @@ class Graph:
         """Return one arithmetic operation on numbers."""
         return self.add("Math", {0: a, 1: b}, operation=operation).outputs[0]
 
-    def mix(self, factor: Any, a: Any, b: Any) -> Any:
+    def mixed_color_socket(self, factor: Any, a: Any, b: Any) -> Any:
         """Return a color that turns from a into b as the factor goes from 0 to 1."""
         a, b = (linear_rgba(c) if isinstance(c, str) else c for c in (a, b))
         node = self.add("Mix", {0: factor, 6: a, 7: b}, data_type="RGBA")
@@ -71,7 +71,7 @@ class Graph:
         scale = self.add("VectorMath", {0: vector, "Scale": factor}, operation="SCALE")
         return scale.outputs[0]
 
-    def bump(self, height: Any, distance: float, strength: float = 1.0) -> Any:
+    def bump_normal_socket(self, height: Any, distance: float, strength: float = 1.0) -> Any:
         """Return a normal that leans as a height field of `distance` meters would."""
         return self.add("Bump", {"Height": height, "Distance": distance, "Strength": strength}).outputs[0]
 
@@ -90,7 +90,7 @@ def plain_material(name: str, color: Color, *, rough: float = 0.6, metal: float 
     """Return one color with slight fine variation: rubber, steel, canvas, wood, lamps."""
     g = Graph(name)
     where = g.add("TexCoord").outputs["Object"]
-    value = g.noise(where, 6.0, detail=4.0)
+    value = g.noise_socket(where, 6.0, detail=4.0)
     return g.surface(
         {
             "Base Color": g.shade(color, value, mottle),
@@ -110,13 +110,13 @@ def camouflage_material(name: str, colors: Sequence[Color], *, dust: Color, unit
     """Paint in two or three colors in soft-edged patches meters wide, with wear, and dust on the lower hull."""
     g = Graph(name)
     where = _object_position_in_meters(g, unit)
-    first = g.noise(where, 0.55 / size, detail=1.5, warp=0.6)
+    first = g.noise_socket(where, 0.55 / size, detail=1.5, warp=0.6)
     color: Any = linear_rgba(colors[0])
     edges = [(0.53, 0.555), (0.585, 0.61)]
     for k, paint in enumerate(colors[1:]):
         offset = g.add("VectorMath", {0: where, 1: (37.0 * k, 11.0 * k, 5.0)}).outputs[0]
-        patch = g.ramp(first if k == 0 else g.noise(offset, 0.6 / size, detail=1.5, warp=0.6), *edges[k])
-        color = g.mix(patch, color, paint)
+        patch = g.ramp_socket(first if k == 0 else g.noise_socket(offset, 0.6 / size, detail=1.5, warp=0.6), *edges[k])
+        color = g.mixed_color_socket(patch, color, paint)
     return _worn_paint_material(g, color, where, dust)
 
 
@@ -136,12 +136,12 @@ def gloss_paint_material(color: Color, *, dust: Color) -> Any:
     """Clean car paint with a film of dust toward the ground."""
     g = Graph("Paint")
     where = _object_position_in_meters(g, 1.0)
-    worn = g.noise(where, 1.6, detail=4.0)
+    worn = g.noise_socket(where, 1.6, detail=4.0)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
-    film = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.05, 0.3), 0.5)
+    film = g.maths("MULTIPLY", g.ramp_socket(g.maths("ADD", height, g.maths("MULTIPLY", worn, 0.5)), 1.05, 0.3), 0.5)
     return g.surface(
         {
-            "Base Color": g.mix(film, g.shade(color, worn, 0.05), g.shade(dust, worn, 0.3)),
+            "Base Color": g.mixed_color_socket(film, g.shade(color, worn, 0.05), g.shade(dust, worn, 0.3)),
             "Roughness": g.maths("ADD", 0.16, g.maths("MULTIPLY", film, 0.55)),
             "Coat Weight": 0.5,
         }
@@ -152,17 +152,17 @@ def rusted_paint_material(name: str, color: Color, *, rust: Color, share: float)
     """Old paint through which rust breaks in blisters and runs down in streaks; `share` of it is rust."""
     g = Graph(name)
     where = _object_position_in_meters(g, 1.0)
-    fine, blister = g.noise(where, 14.0, detail=4.0), g.noise(where, 1.7, detail=6.0, rough=0.7)
+    fine, blister = g.noise_socket(where, 14.0, detail=4.0), g.noise_socket(where, 1.7, detail=6.0, rough=0.7)
     tall = g.add("VectorMath", {0: where, 1: (6.0, 6.0, 0.35)}, operation="MULTIPLY").outputs[0]
-    runs = g.noise(tall, 1.0, detail=3.0, rough=0.6)
+    runs = g.noise_socket(tall, 1.0, detail=3.0, rough=0.6)
     level = 0.75 - 0.5 * share
-    broken = g.ramp(blister, level - 0.04, level + 0.05)
-    stained = g.maths("MULTIPLY", g.ramp(runs, level - 0.06, level + 0.16), 0.6)
+    broken = g.ramp_socket(blister, level - 0.04, level + 0.05)
+    stained = g.maths("MULTIPLY", g.ramp_socket(runs, level - 0.06, level + 0.16), 0.6)
     paint = g.shade(g.shade(color, blister, 0.22), fine, 0.12)
-    iron = g.mix(fine, g.shade(rust, blister, 0.5), "#2c1c14")
-    color_now = g.mix(g.maths("MAXIMUM", broken, stained), paint, iron)
+    iron = g.mixed_color_socket(fine, g.shade(rust, blister, 0.5), "#2c1c14")
+    color_now = g.mixed_color_socket(g.maths("MAXIMUM", broken, stained), paint, iron)
     rough = g.maths("ADD", 0.55, g.maths("MULTIPLY", broken, 0.35))
-    return g.surface({"Base Color": color_now, "Roughness": rough, "Normal": g.bump(fine, 0.004)})
+    return g.surface({"Base Color": color_now, "Roughness": rough, "Normal": g.bump_normal_socket(fine, 0.004)})
 
 
 def _object_position_in_meters(g: Graph, unit: float) -> Any:
@@ -171,25 +171,27 @@ def _object_position_in_meters(g: Graph, unit: float) -> Any:
 
 
 def _worn_paint_material(g: Graph, color: Any, where: Any, dust: Color) -> bpy.types.Material:
-    worn = g.noise(where, 2.2, detail=5.0, rough=0.65)
-    fine = g.noise(where, 18.0, detail=3.0)
+    worn = g.noise_socket(where, 2.2, detail=5.0, rough=0.65)
+    fine = g.noise_socket(where, 18.0, detail=3.0)
     tall = g.add("VectorMath", {0: where, 1: (5.0, 5.0, 0.5)}, operation="MULTIPLY").outputs[0]
     color = g.shade(g.shade(color, worn, 0.26), fine, 0.10)
-    color = g.shade(color, g.noise(tall, 1.0, detail=3.0, rough=0.6), 0.16)
+    color = g.shade(color, g.noise_socket(tall, 1.0, detail=3.0, rough=0.6), 0.16)
     height = g.add("SeparateXYZ", {0: where}).outputs[2]
-    low = g.maths("MULTIPLY", g.ramp(height, 1.55, 0.25), g.ramp(worn, 0.15, 0.65))
-    mud = g.maths("MULTIPLY", g.ramp(g.maths("ADD", height, worn), 1.45, 0.85), g.ramp(worn, 0.38, 0.52))
+    low = g.maths("MULTIPLY", g.ramp_socket(height, 1.55, 0.25), g.ramp_socket(worn, 0.15, 0.65))
+    mud = g.maths("MULTIPLY", g.ramp_socket(g.maths("ADD", height, worn), 1.45, 0.85), g.ramp_socket(worn, 0.38, 0.52))
     up = g.normal_z_socket()
-    settled = g.maths("MULTIPLY", g.ramp(up, 0.6, 1.0), g.ramp(worn, 0.40, 0.75))
+    settled = g.maths("MULTIPLY", g.ramp_socket(up, 0.6, 1.0), g.ramp_socket(worn, 0.40, 0.75))
     film = g.maths("MULTIPLY", g.maths("MAXIMUM", low, g.maths("MULTIPLY", settled, 0.55)), 0.8)
-    color = g.mix(g.maths("MULTIPLY", mud, 0.7), g.mix(film, color, dust), g.shade(dust, fine, 0.35))
+    color = g.mixed_color_socket(
+        g.maths("MULTIPLY", mud, 0.7), g.mixed_color_socket(film, color, dust), g.shade(dust, fine, 0.35)
+    )
     rough = g.maths("ADD", 0.5, g.maths("MULTIPLY", worn, 0.3))
     return g.surface(
         {
             "Base Color": color,
             "Roughness": g.maths("ADD", rough, g.maths("MULTIPLY", film, 0.2)),
             "Specular IOR Level": 0.35,
-            "Normal": g.bump(fine, 0.002),
+            "Normal": g.bump_normal_socket(fine, 0.002),
         }
     )
 

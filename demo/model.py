@@ -68,7 +68,7 @@ class BlendModel:
         self._link_to_part(thing, part)
         return thing
 
-    def crate(self, name: str, size: Point, at: Point, material: Any, *, turn_deg: float = 0.0) -> None:
+    def add_crate(self, name: str, size: Point, at: Point, material: Any, *, turn_deg: float = 0.0) -> None:
         """Add a box as artists leave it: a unit cube with its scale and rotation not applied."""
         thing = self._make_mesh_object(name, make_standing_box((1.0, 1.0, 1.0), (0.0, 0.0, -0.5)), material, 0.02)
         x, y, z = at

@@ -27,7 +27,7 @@ class Planting:
     top: Height
     rng: np.random.Generator
 
-    def strew(
+    def strew_copies(
         self,
         home: str,
         kinds: Sequence[Any],
@@ -45,17 +45,17 @@ class Planting:
             home, kinds, self._random_spots(self.land.half, n, share, gap=gap), scale, sink, tilt=tilt, lying=lying
         )
 
-    def stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: PlantDensity) -> list[Any]:
+    def add_stones(self, name: str, material: Any, flats: Sequence[float], n: int, share: PlantDensity) -> list[Any]:
         """Add up to n stones of these shapes, and ten boulders that are larger; return their meshes."""
         kinds = [vegetation.make_boulder_mesh(f"{name}_{k}", material, flat=flat, rng=self.rng) for k, flat in enumerate(flats)]
-        self.strew("Rocks", kinds, n, share, gap=4.0, scale=(0.2, 1.35), sink=0.1, tilt=0.3)
+        self.strew_copies("Rocks", kinds, n, share, gap=4.0, scale=(0.2, 1.35), sink=0.1, tilt=0.3)
         few = self._random_spots(0.8 * self.land.half, 10, share, gap=30.0)
         for boulder in self._add_copies("Rocks", kinds, few, (1.5, 2.5), 0.4, tilt=0.2):
             finer = boulder.modifiers.new("Subdivision", "SUBSURF")
             finer.levels, finer.render_levels = 1, 2
         return kinds
 
-    def grass(
+    def add_grass(
         self, name: str, tones: tuple[Color, Color], heights: Sequence[float], n: int, share: PlantDensity, *, clumps: int
     ) -> None:
         """Add patches of grass some meters wide that lie on the ground, `clumps` in each."""
@@ -66,9 +66,11 @@ class Planting:
             )
             for k, height in enumerate(heights)
         ]
-        self.strew("Grass", patches, n, share, gap=4.0, scale=(0.75, 1.3), sink=0.02, lying=True)
+        self.strew_copies("Grass", patches, n, share, gap=4.0, scale=(0.75, 1.3), sink=0.02, lying=True)
 
-    def outskirts(self, name: str, plants: Sequence[Any], n: int, share: PlantDensity, *, reach: float, group: int) -> None:
+    def plant_outskirts(
+        self, name: str, plants: Sequence[Any], n: int, share: PlantDensity, *, reach: float, group: int
+    ) -> None:
         """Plant groups on the surroundings, `reach` meters from the middle and farther than the ground's edge."""
         spots = self._random_spots(reach, n, share, gap=12.0, inside=self.land.half + 10)
         members = bpy.data.collections.new(name)
@@ -93,7 +95,7 @@ class Planting:
             empty.scale = (size := float(self.rng.uniform(0.85, 1.2)), size, size)
             home.objects.link(empty)
 
-    def undergrowth(
+    def add_undergrowth(
         self, ground: Any, name: str, data: Any, *, size: float, density: float, scale: tuple[float, float]
     ) -> None:
         """Let geometry nodes put copies of one mesh on one ground mesh where it is level."""

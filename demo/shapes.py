@@ -43,7 +43,7 @@ class Shape:
         faces = self.faces if x * y * z > 0 else tuple(face[::-1] for face in self.faces)
         return Shape(self.vertices * np.array([x, y, z], float), faces)
 
-    def pair(self) -> Shape:
+    def with_mirror_image(self) -> Shape:
         """Return the shape and its mirror image on the other side of the vehicle."""
         return self + self.scaled(1.0, -1.0, 1.0)
 

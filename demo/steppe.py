@@ -68,12 +68,12 @@ def write_dry_steppe(path: Path, *, rng: np.random.Generator) -> Path:
     land.add("Sand_Dunes", dunes, sand, home="Terrain")
     land.add("Terrain_Mesa", patch_vertices_and_quads((-190, 200), 82, mesa), earthy, home="Terrain")
     gravel = earth.road_material("Gravel", ("#a8926c", "#bda985"), "#a98f66", half=2.4)
-    land.road("Track_Gravel", course, level, gravel, half=2.4)
+    land.add_road("Track_Gravel", course, level, gravel, half=2.4)
 
     def mountains(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return 40 + 120 * np.abs(noise(x, y, 1100.0, octaves=4))
 
-    land.surroundings(ground, mountains, earth.ground_material("Far_Ground", STEPPE_SOIL, far=True), rise=(300.0, 3000.0))
+    land.add_surroundings(ground, mountains, earth.ground_material("Far_Ground", STEPPE_SOIL, far=True), rise=(300.0, 3000.0))
 
     def dry(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         clear = course.clear(x, y, 5.0) * (dune(x, y) < ground(x, y))
@@ -104,10 +104,10 @@ def _add_steppe_plants_and_rocks(planting: Planting, dry: Height, wadi: Course, 
     def everywhere(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.full(x.shape, 0.6)
 
-    planting.strew("Vegetation", shrubs, 1500, dry, gap=2.5, scale=(0.5, 1.3), sink=0.08)
-    planting.strew("Vegetation", thorn, 90, shape_along_course, gap=7.0, scale=(0.6, 1.2), sink=0.15)
-    planting.outskirts("Shrub_Patch", shrubs, 380, everywhere, reach=750.0, group=7)
+    planting.strew_copies("Vegetation", shrubs, 1500, dry, gap=2.5, scale=(0.5, 1.3), sink=0.08)
+    planting.strew_copies("Vegetation", thorn, 90, shape_along_course, gap=7.0, scale=(0.6, 1.2), sink=0.15)
+    planting.plant_outskirts("Shrub_Patch", shrubs, 380, everywhere, reach=750.0, group=7)
     stone = earth.stone_material("Desert_Stone", ("#7a654a", "#a38c69"), "#b39a70")
-    stones = planting.stones("Rock", stone, (0.6, 0.8, 0.5), 350, dry)
-    planting.undergrowth(plain_mesh, "Rock_Scattered", stones[0], size=0.35, density=0.008, scale=(0.25, 1.2))
-    planting.grass("Grass_Dry_Tuft", ("#9c8756", "#c9b784"), (0.3, 0.4), 2200, dry, clumps=40)
+    stones = planting.add_stones("Rock", stone, (0.6, 0.8, 0.5), 350, dry)
+    planting.add_undergrowth(plain_mesh, "Rock_Scattered", stones[0], size=0.35, density=0.008, scale=(0.25, 1.2))
+    planting.add_grass("Grass_Dry_Tuft", ("#9c8756", "#c9b784"), (0.3, 0.4), 2200, dry, clumps=40)

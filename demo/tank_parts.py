@@ -69,7 +69,7 @@ def add_engine_deck(m: BlendModel, p: Paints, x0: float, x1: float, z: float, ha
 
 def add_tow_gear_and_tools(m: BlendModel, p: Paints, *, front: float, rear: float, half: float, z: float) -> None:
     """Add tow hooks, cables, and a rear stowage of tools."""
-    hooks = join_shapes(make_standing_box((0.16, 0.08, 0.2), (x, 0.85, 0.72)).pair() for x in (front, rear))
+    hooks = join_shapes(make_standing_box((0.16, 0.08, 0.2), (x, 0.85, 0.72)).with_mirror_image() for x in (front, rear))
     m.add("Tow_Hooks", hooks, p.dark, bevel=0.01)
     cable = make_bent_bar(
         [(front - 1.9, half, z), (front - 2.6, half + 0.08, z + 0.03), (0, half + 0.05, z + 0.03), (rear + 1.4, half, z)], 0.035

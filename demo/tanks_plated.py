@@ -64,7 +64,7 @@ def build_wedge_tank(m: BlendModel, p: Paints, folder: Path) -> None:
             (2.44, [(0.95, 0.38), (0.8, 1.06), (0.1, 1.3), (0.2, 0.38)]),
         ]
     )
-    m.add("Wedge", nose.pair(), p.body, part="turret", bevel=0.015)
+    m.add("Wedge", nose.with_mirror_image(), p.body, part="turret", bevel=0.015)
     basket = stack_outlines(
         [
             (1.85, outline_with_mirror_image([(-2.3, 1.0), (-2.9, 0.98)])),
@@ -82,7 +82,7 @@ def build_wedge_tank(m: BlendModel, p: Paints, folder: Path) -> None:
         (0.02, 0.3, 0.16), (0.81, -0.62, 2.52)
     )
     m.add("Sight_Glass", sight_glass, p.glass, part="turret", bevel=0)
-    m.add("Smoke_Launchers", smoke_launchers(-0.9, 1.4, 2.15).pair(), p.dark, part="turret", bevel=0)
+    m.add("Smoke_Launchers", smoke_launchers(-0.9, 1.4, 2.15).with_mirror_image(), p.dark, part="turret", bevel=0)
     add_machine_gun(m, p, (-0.25, 0.75, 2.55))
     add_antenna(m, p, (-2.0, 0.8, 2.45), part="turret")
     add_antenna(m, p, (-2.0, -0.8, 2.45), height=0.8, part="turret")
@@ -139,7 +139,7 @@ def build_slab_tank(m: BlendModel, p: Paints, folder: Path) -> None:
     m.add("Blow_Panels", blow_panels, p.body, part="turret", bevel=0.015)
     m.add("Gunner_Sight", make_standing_box((0.6, 0.5, 0.36), (0.75, -0.75, 2.3)), p.body, part="turret", bevel=0.04)
     m.add("Sight_Glass", make_standing_box((0.02, 0.34, 0.2), (1.06, -0.75, 2.38)), p.glass, part="turret", bevel=0)
-    m.add("Smoke_Launchers", smoke_launchers(0.95, 1.62, 1.98, tubes=4).pair(), p.dark, part="turret", bevel=0)
+    m.add("Smoke_Launchers", smoke_launchers(0.95, 1.62, 1.98, tubes=4).with_mirror_image(), p.dark, part="turret", bevel=0)
     add_machine_gun(m, p, (0.05, -0.62, 2.46))
     add_machine_gun(m, p, (0.0, 0.7, 2.4))
     add_antenna(m, p, (-1.9, 1.1, 2.3), part="turret")

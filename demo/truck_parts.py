@@ -27,7 +27,7 @@ def add_flat_cab(m: BlendModel, p: Paints, *, x0: float, x1: float, z0: float, z
     m.add("Cab", extrude_about_middle(outline, half), p.body, bevel=0.05)
     lean = np.degrees(np.arctan2(0.3, z1 - 0.06 - waist))
     pane_height = (z1 - 0.06 - waist) * 0.74
-    pane = make_standing_box((0.02, half * 0.84, pane_height), (0, half * 0.48, 0)).pair().turned("y", -lean)
+    pane = make_standing_box((0.02, half * 0.84, pane_height), (0, half * 0.48, 0)).with_mirror_image().turned("y", -lean)
     m.add("Windscreen", pane.moved(x1 + 0.03, 0, waist + 0.09), p.glass, bevel=0.004)
     front, rear = x1 - 0.3, x0 + 0.35
     window = extrude_along_y(

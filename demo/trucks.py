@@ -52,7 +52,7 @@ def build_canvas_truck(m: BlendModel, p: Paints, folder: Path) -> None:
     m.add("Bonnet_Louvres", bonnet_louvres, p.dark, mirror=True, bevel=0)
     cab: Outline = [(0.2, 0.95), (1.45, 0.95), (1.5, 1.9), (1.28, 2.55), (1.15, 2.62), (0.25, 2.62), (0.2, 2.55)]
     m.add("Cab", extrude_about_middle(cab, 1.08), p.body, bevel=0.05)
-    pane = make_standing_box((0.02, 0.92, 0.52), (0, 0.5, 0)).pair().turned("y", -18.7)
+    pane = make_standing_box((0.02, 0.92, 0.52), (0, 0.5, 0)).with_mirror_image().turned("y", -18.7)
     m.add("Windscreen", pane.moved(1.49, 0, 1.96), p.glass, bevel=0.004)
     window = extrude_along_y([(0.42, 1.92), (1.34, 1.92), (1.18, 2.42), (0.42, 2.42)], 1.075, 1.092)
     m.add("Side_Windows", window, p.glass, mirror=True, bevel=0.003)
@@ -60,7 +60,7 @@ def build_canvas_truck(m: BlendModel, p: Paints, folder: Path) -> None:
     m.add("Doors", doors, p.body, mirror=True, bevel=0.012)
     add_rearview_mirrors(m, p, 1.5, 1.08, 1.95)
     m.add("Bumper", make_standing_box((0.2, 2.35, 0.28), (3.78, 0, 0.72)), p.body, bevel=0.03)
-    m.add("Tow_Hooks", make_standing_box((0.2, 0.08, 0.1), (3.92, 0.6, 0.8)).pair(), p.dark, bevel=0)
+    m.add("Tow_Hooks", make_standing_box((0.2, 0.08, 0.1), (3.92, 0.6, 0.8)).with_mirror_image(), p.dark, bevel=0)
     chassis.add_lamps(m, p, x=3.68, y=0.95, z=1.28, radius=0.11, tail_x=-3.78, tail_z=1.02)
     fuel_tank = make_cylinder((-0.55, 0.95, 0.82), (0.6, 0.95, 0.82), 0.27, sides=18) + make_standing_box(
         (0.5, 0.4, 0.5), (0.0, -0.95, 0.58)
@@ -99,8 +99,8 @@ def build_cargo_truck(m: BlendModel, p: Paints, folder: Path) -> None:
             ((1.2, 0.8, 0.6), -2.6, -0.45, 2),
         ]
     ):
-        m.crate(f"Crate_{k + 1}", size, (x, y, 1.52), p.wood, turn_deg=turn)
-    m.crate("Crate_Top", (0.9, 0.6, 0.45), (0.15, -0.5, 2.23), p.canvas, turn_deg=12)
+        m.add_crate(f"Crate_{k + 1}", size, (x, y, 1.52), p.wood, turn_deg=turn)
+    m.add_crate("Crate_Top", (0.9, 0.6, 0.45), (0.15, -0.5, 2.23), p.canvas, turn_deg=12)
     rolls = join_shapes(
         make_cylinder((x, 0.15, z), (x, 1.05, z), 0.3, sides=16) for x, z in ((-1.05, 1.83), (-1.66, 1.83), (-1.36, 2.34))
     )

@@ -29,7 +29,7 @@ class Plant:
         self.slots.append(np.full(len(faces), slot))
         self._count += len(vertices)
 
-    def limb(self, points: Points, radii: np.ndarray, *, sides: int = 7) -> None:
+    def add_limb(self, points: Points, radii: np.ndarray, *, sides: int = 7) -> None:
         """Add a branch or trunk through points, in slot 0."""
         along = np.gradient(points, axis=0)
         along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -39,7 +39,7 @@ class Plant:
         ring = np.cos(angles)[:, None] * side[:, None] + np.sin(angles)[:, None] * np.cross(along, side)[:, None]
         self.add((points[:, None] + radii[:, None, None] * ring).reshape(-1, 3), grid_quads(len(points), sides + 1)[:, ::-1], 0)
 
-    def sprays(self, centers: Points, along: Points, across: Points) -> None:
+    def add_leaf_sprays(self, centers: Points, along: Points, across: Points) -> None:
         """Add leaf sprays in slot 1: bent kites at `centers`, reaching `along` and `across` both ways."""
         fold = 0.25 * np.cross(along, across) / np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         corners = np.stack(
@@ -71,7 +71,7 @@ def _add_foliage(plant: Plant, center: np.ndarray, size: np.ndarray, n: int, lea
     along *= leaf * rng.uniform(0.6, 1.1, (n, 1)) / np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, _random_directions(n, rng))
     across *= leaf * 0.55 / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-6)
-    plant.sprays(at, along, across)
+    plant.add_leaf_sprays(at, along, across)
 
 
 def make_broadleaf_mesh(name: str, materials: list[Any], *, height: float, spread: float, rng: np.random.Generator) -> Any:
@@ -82,7 +82,7 @@ def make_broadleaf_mesh(name: str, materials: list[Any], *, height: float, sprea
     t = np.linspace(-0.05, 1, 7)
     trunk = np.stack([lean[0] * height * t**2, lean[1] * height * t**2, height * 0.8 * t], axis=-1)
     trunk[1:-1, :2] += rng.normal(0, 0.012 * height, (5, 2))
-    plant.limb(trunk, height * 0.021 * (1.25 - t) ** 0.8 * np.where(t < 0, 1.9, 1.0))
+    plant.add_limb(trunk, height * 0.021 * (1.25 - t) ** 0.8 * np.where(t < 0, 1.9, 1.0))
     for k in range(9):
         angle = k * 2.4 + rng.normal(0, 0.3)
         rise = rng.uniform(0.0, 1.0)
@@ -93,7 +93,7 @@ def make_broadleaf_mesh(name: str, materials: list[Any], *, height: float, sprea
         tip = base + np.array([reach * np.cos(angle), reach * np.sin(angle), height * rng.uniform(0.10, 0.2)])
         bow = np.linspace(0, 1, 4)[:, None]
         branch = base + (tip - base) * bow + np.array([0, 0, 0.10 * height]) * bow * (1 - bow)
-        plant.limb(branch, height * 0.010 * np.linspace(1.0, 0.3, 4), sides=5)
+        plant.add_limb(branch, height * 0.010 * np.linspace(1.0, 0.3, 4), sides=5)
         size = spread * rng.uniform(0.36, 0.5) * np.array([1, 1, 0.72])
         _add_foliage(plant, tip, size, 640, 0.042 * height**0.5, rng)
     for z in (0.72, 0.86):
@@ -106,7 +106,7 @@ def make_conifer_mesh(name: str, materials: list[Any], *, height: float, spread:
     """Return a spruce: whorls of drooping fronds that get shorter to the top."""
     plant = Plant()
     t = np.linspace(-0.03, 1, 5)
-    plant.limb(np.stack([0 * t, 0 * t, height * t], axis=-1), height * 0.016 * (1.03 - t) + 0.01)
+    plant.add_limb(np.stack([0 * t, 0 * t, height * t], axis=-1), height * 0.016 * (1.03 - t) + 0.01)
     levels = int(height * 2.1)
     for k in range(levels):
         rise = k / levels
@@ -124,7 +124,7 @@ def make_conifer_mesh(name: str, materials: list[Any], *, height: float, spread:
             width = (0.26 * length + 0.16) * (1.15 - s) * rng.uniform(0.6, 1.3, (n, 1))
             for sign in (-1, 1):
                 along = (side * sign * 0.8 + out * 0.55 + [0, 0, -0.45] + rng.normal(0, 0.25, (n, 3))) * width * 0.5
-                plant.sprays(stem + along * 0.8, along, (out * 0.5 + [0, 0, 0.12]) * length / n * 1.5)
+                plant.add_leaf_sprays(stem + along * 0.8, along, (out * 0.5 + [0, 0, 0.12]) * length / n * 1.5)
     return plant.mesh(name, materials)
 
 
@@ -138,7 +138,7 @@ def make_bush_mesh(
         foot = np.array([0.15 * np.cos(angle), 0.15 * np.sin(angle), -0.1])
         reach = height * rng.uniform(0.2, 0.6)
         tip = np.array([reach * np.cos(angle), reach * np.sin(angle), height * rng.uniform(0.45, 0.78)])
-        plant.limb(np.linspace(foot, tip, 3), np.array([0.03, 0.02, 0.008]) * height, sides=4)
+        plant.add_limb(np.linspace(foot, tip, 3), np.array([0.03, 0.02, 0.008]) * height, sides=4)
         _add_foliage(plant, tip, height * rng.uniform(0.26, 0.4) * np.array([1, 1, 0.8]), 170, 0.65 * leaf * height**0.5, rng)
     return plant.mesh(name, materials)
 

@@ -51,7 +51,7 @@ class GroundFaces:
     height_error: Float[np.ndarray, " f"]
 
     @classmethod
-    def of(cls, mesh: Mesh) -> GroundFaces:
+    def from_mesh(cls, mesh: Mesh) -> GroundFaces:
         """Return the ground faces of a mesh."""
         x, y, z = (np.ascontiguousarray(column) for column in mesh.vertices.T)
         low, high = mesh.bounds[:, 2]

@@ -191,7 +191,7 @@ def settle(
         box = np.stack([-size[:2], size[:2]]) / 2 if footprint is None else checked_array(footprint, "footprint", (2, 2))
     if (box[0] >= box[1]).any():
         raise ValueError(f"footprint: expected the lowest corner first, got {box.tolist()}")
-    footing = Footing.of(footprint if isinstance(footprint, Underside) else box, rules)
+    footing = Footing.from_footprint(footprint if isinstance(footprint, Underside) else box, rules)
     which = np.zeros(len(positions), dtype=np.int64)
     return settle_vehicles(terrain, (footing,), which, xy=positions, yaw=headings, rules=rules)
 
@@ -311,7 +311,7 @@ class Footing:
     contact: Samples  # points at which gap and penetration are measured
 
     @classmethod
-    def of(cls, footprint: Float[np.ndarray, "2 2"] | Underside, rules: SettleRules) -> Footing:
+    def from_footprint(cls, footprint: Float[np.ndarray, "2 2"] | Underside, rules: SettleRules) -> Footing:
         """Return the sample points of a footprint by these rules."""
         if not isinstance(footprint, Underside):
             return cls(plate_samples(footprint, rules.n), plate_samples(footprint, rules.contact_n))

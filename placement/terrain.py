@@ -45,7 +45,7 @@ class Terrain:
             return
         self._mesh = mesh = ground
         self._bounds = checked_mesh_bounds(mesh)
-        self._ground = top = GroundFaces.of(mesh)
+        self._ground = top = GroundFaces.from_mesh(mesh)
         self._missing = not len(top.mesh_face)
         if self._missing:
             return

@@ -64,7 +64,7 @@ class Library:
         files = self.assets.files["hdris"]
         doubts = [(e.report.path, e.report.doubts) for e in (*self.models.values(), *self.sceneries.values())]
         for name, hdri in self.hdris.items():
-            doubts.append((files[name].path, (*hdri.repairs, *hdri.doubts, *hdri.misfits[:backdrop])))
+            doubts.append((files[name].path, (*hdri.repair_doubts, *hdri.doubts, *hdri.misfit_doubts[:backdrop])))
         found: dict[str, dict[Doubt, None]] = {}
         for path, lines in doubts:  # a file may have several vehicles
             found.setdefault(path, {}).update(dict.fromkeys(lines))

@@ -33,5 +33,5 @@ class RowScenes:
         """Return a row's scenery with the vehicles in its picture."""
         scenery = self._sceneries[row.scenery]
         if (key := content_key(scenery)) not in self._worlds:
-            self._worlds[key] = Scene.of(scenery, fallback_z=self._fallback_z)
+            self._worlds[key] = Scene.from_scenery(scenery, fallback_z=self._fallback_z)
         return self._worlds[key].with_vehicles([self.posed_vehicle(vehicle) for vehicle in row.vehicles])

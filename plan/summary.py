@@ -71,14 +71,14 @@ class Histogram:
         return slice(bins[0], bins[-1] + 1) if len(bins) else slice(0, 0)
 
     @property
-    def extremes(self) -> dict[str, float | None]:
+    def lowest_mean_and_highest(self) -> dict[str, float | None]:
         """Lowest, mean, and highest value; None without values."""
         values = self.values
         if not len(values):
             return {"lowest": None, "mean": None, "highest": None}
         return {"lowest": float(values.min()), "mean": float(values.mean()), "highest": float(values.max())}
 
-    def bars(self, width: int = 24) -> str:
+    def bars_text(self, width: int = 24) -> str:
         """Return the used bins as a line of blocks."""
         counts = self.bin_counts[self.used_bin_slice]
         groups = [int(part.sum()) for part in np.array_split(counts, min(width, len(counts)) or 1)]
@@ -115,7 +115,11 @@ class Summary:
             "shortcuts": list(self.shortcuts),
             "left_out": [msgspec.structs.asdict(pair) for pair in self.left_out],
             "histograms": {
-                key: {"edges": histogram.edges.tolist(), "counts": histogram.bin_counts.tolist(), **histogram.extremes}
+                key: {
+                    "edges": histogram.edges.tolist(),
+                    "counts": histogram.bin_counts.tolist(),
+                    **histogram.lowest_mean_and_highest,
+                }
                 for key, histogram in self.histograms.items()
             },
         }
@@ -124,7 +128,7 @@ class Summary:
         """Return tables for a terminal."""
         return [self._class_table(), self._histogram_table(), self._rejection_table()]
 
-    def notes(self) -> list[str]:
+    def unmet_wish_notes(self) -> list[str]:
         """Return a line for each request of the config that the plan doesn't meet."""
         notes = [f"left out: {pair.why}" for pair in self.left_out] + list(self.shortcuts)
         if self.no_room:
@@ -175,7 +179,9 @@ class Summary:
         table.add_column("histogram", no_wrap=True)
         for histogram in self.histograms.values():
             if len(histogram.values):
-                table.add_row(histogram.title, *(f"{x:.3g}" for x in histogram.extremes.values()), histogram.bars())
+                table.add_row(
+                    histogram.title, *(f"{x:.3g}" for x in histogram.lowest_mean_and_highest.values()), histogram.bars_text()
+                )
         return table
 
     def _rejection_table(self) -> Table:

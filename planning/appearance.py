@@ -72,7 +72,7 @@ def sample_light_columns(
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     overcast = np.array([weather is not None and WEATHER_KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)
     hdris = [assets.hdris[i] for i in choose_weighted_indices(weights[overcast], u[:, 0]).tolist()]
-    skies = {name: assets.sky(name) for name in set(hdris)}
+    skies = {name: assets.hdri_skylight(name) for name in set(hdris)}
     strength = round_field("strength", scale_uniform(*light.strength, u[:, 2]))
     if light.exposure == "auto":
         irradiance = np.array([skies[name].irradiance for name in hdris]).reshape(-1, 3)
@@ -103,11 +103,11 @@ def count_hdri_land_images(plan: PlanFile, assets: Assets) -> tuple[int, int]:
     rows: dict[str, list[Row]] = defaultdict(list)
     for index in chosen:
         row = plan[index]
-        if row.horizon_deg is None and assets.sky(row.hdri).shows_land:
+        if row.horizon_deg is None and assets.hdri_skylight(row.hdri).shows_land:
             rows[row.scenery].append(row)
     count = 0
     for scenery, of_scenery in rows.items():
-        world = Scene.of(assets.sceneries[scenery], fallback_z=fallback_z)
+        world = Scene.from_scenery(assets.sceneries[scenery], fallback_z=fallback_z)
         for row in of_scenery:
             camera = Cameras(row.intrinsics.with_size(RAY_COLUMNS, RAY_ROWS), row.world_from_camera)
             along = camera.rays(camera.lenses.pixel_centers)[1]

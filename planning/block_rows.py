@@ -32,7 +32,7 @@ MAX_CUT_SHARE = 0.8  # of a labeled box that the frame cuts off, unless targets 
 def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarray, "2 h"]) -> list[Row]:
     """Return a row for each image of the block's positions that have a place, in the block's order."""
     block, views, table = planned.block, planned.views, planned.table
-    config, draws, image, owner, held = block.config, block.draws, block.image, block.owner, block.positions
+    config, draws, image, owner, held = block.config, block.draws, block.image, block.position_rows, block.positions
     instances = _instance_columns(planned)
     target = np.flatnonzero(table.role == InstanceRole.TARGET)
     background = held.background[owner].tolist()
@@ -69,7 +69,7 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
 
 
 def _camera_columns(config: Config) -> dict[str, object]:
-    camera = config.calibrated
+    camera = config.calibrated_intrinsics
     size: dict[str, object] = {"width": config.render.width, "height": config.render.height}
     if camera is None:
         return size

@@ -40,7 +40,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two rendered images and a photograph, in a dataset that each example copies."""
     folder = tmp_path_factory.mktemp("sound") / "d"
     with CocoDataset.open(folder, categories=["tank"]) as dataset:
-        dataset.reserve("f" * 64, images=2, annotations=2)
+        dataset.reserve_ids("f" * 64, images=2, annotations=2)
         for i in (1, 2, 7):
             mask = {"size": [6, 8], "counts": [7, 4, 37]}
             label = {"id": i, "category": "tank", "bbox": [1, 1, 2, 4], "segmentation": mask, "area": 4}

@@ -130,7 +130,7 @@ def render_share(folder: Path, total: int, indices: Iterable[int] | None = None,
     The number of each added image goes to the pipe `tell`.
     """
     with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
-        run = dataset.reserve("p" * 64, images=total, annotations=total * 2)
+        run = dataset.reserve_ids("p" * 64, images=total, annotations=total * 2)
         (folder / "images").mkdir(exist_ok=True)
         for i in range(total) if indices is None else indices:
             name = run.file_name(f"images/{i}.png")

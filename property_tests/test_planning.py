@@ -147,8 +147,8 @@ def shown_angles_are_the_configured_ones(rows, config):
     summary, limits = summarize_plan(rows).histograms, config.camera
     of_image = {"id": 1, "image_id": 1, "category_id": 1, "file_name": "1.png"}
     shown = [row for row in rows if not row.background and row.target.label != "none"]
-    labels = [Label.of(label_records(row)[0] | of_image, {}) for row in shown]
-    images = [Image.of(row_image_fields(row) | of_image, ()) for row in shown]
+    labels = [Label.from_record(label_records(row)[0] | of_image, {}) for row in shown]
+    images = [Image.from_record(row_image_fields(row) | of_image, ()) for row in shown]
     numbers = label_attribute_values(labels, images, np.arange(len(labels)))
     for low, high, shown in (
         (*limits.elevation_deg, (summary["elevation_deg"].values, numbers["elevation"])),
@@ -197,7 +197,7 @@ def labels_are_what_is_seen(row, config):
     """
     segmenter = Segmenter(SHAPES, ASSETS.sceneries)
     covered = np.zeros((row.height, row.width), dtype=int)
-    for record in segmenter.records(row):
+    for record in segmenter.label_records_with_masks(row):
         visible, whole = (decode_mask(record[key], row.width, row.height) for key in ("segmentation", "segmentation_amodal"))
         assert not (visible & ~whole).any()
         covered += visible

@@ -62,12 +62,12 @@ class Hdri:
     notes: tuple[str, ...] = ()
 
     @property
-    def repairs(self) -> tuple[Doubt, ...]:
+    def repair_doubts(self) -> tuple[Doubt, ...]:
         """The notes as doubts."""
         return tuple(Doubt(DoubtKind.REPAIRED, note) for note in self.notes)
 
     @property
-    def misfits(self) -> tuple[Doubt, ...]:
+    def misfit_doubts(self) -> tuple[Doubt, ...]:
         """Doubts about whether it fits open land, with a remedy."""
         return tuple(Doubt(DoubtKind.NO_OPEN_LAND, f"{misfit}; {BACKDROP_REMEDY}") for misfit in self.light.misfits)
 

@@ -52,7 +52,7 @@ def sky_report(path: Path, hdri: Hdri) -> SkyReport:
     """Return the report about the HDRI in a file."""
     light = hdri.light
     ev = float(metered_exposures_ev(np.array([light.irradiance]) * (CARD_ALBEDO / np.pi))[0])
-    doubts = (*hdri.misfits, *hdri.doubts)
+    doubts = (*hdri.misfit_doubts, *hdri.doubts)
     return SkyReport(str(path), light.irradiance, round(ev, 4), light.horizon_deg, hdri.notes, doubts)
 
 
@@ -81,7 +81,7 @@ def draw_asset(
         world, bounds = (Scene(vehicles=[PosedVehicle(VehicleCaster(asset), np.eye(4)[None], {})]), asset.surface[0].bounds)
         colors = dict(zip(asset.part_names, ROLE_COLORS, strict=False))
     else:
-        world = Scene.of(asset)
+        world = Scene.from_scenery(asset)
         bounds = _bounds_worth_seeing(asset, world.obstacles.bounds)
         ground = f"ground ({len(asset.ground_names)})" if asset.ground else "no ground"
         wet = int(asset.instance_is_water.sum())

@@ -98,7 +98,7 @@ def verify_masks(dataset: Path, plan_path: AnyPath, library: Library, *, count: 
                 findings.append(missing_label_finding(names[image_id], target.category, target.vehicle))
                 continue
             try:
-                label, alone, visible = Label.of(record, {}), of_row[number] == number, of_row[0] == number
+                label, alone, visible = Label.from_record(record, {}), of_row[number] == number, of_row[0] == number
                 measured = compare_label_with_masks(names[image_id], target.vehicle, label, alone, visible)
             except ValueError as error:
                 where = f"{names[image_id]}, {target.vehicle}"

@@ -41,7 +41,7 @@ class Diagnosis:
     problems: list[str] = field(default_factory=list)
 
     @property
-    def confinement(self) -> str:
+    def confinement_summary(self) -> str:
         """How files from elsewhere are confined on this machine."""
         if unconfined_reason():
             return f"{describe_confinement()}; only hulldown's list of risky features protects this machine"
@@ -59,7 +59,7 @@ class Diagnosis:
         for name, version in self.versions.items():
             table.add_row(name, version or "not installed")
         table.add_row("Blender", self.blender or "does not start")
-        table.add_row("confinement", self.confinement)
+        table.add_row("confinement", self.confinement_summary)
         for device in self.devices:
             table.add_row(f"device {device['kind']}", escape(device["name"]))
         return table

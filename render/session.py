@@ -70,7 +70,7 @@ class Session:
         self._plan, self._plan_stamp, self._dataset, self._library = plan, outline.stamp, dataset, library
         self._segmenter = Segmenter.of_plan(plan, library)
         dataset.add_categories(plan_category_records(plan, library.shapes), keypoints=True)
-        reservation = self._reservation = dataset.reserve(
+        reservation = self._reservation = dataset.reserve_ids(
             outline.key, images=len(outline.rows), annotations=int(outline.labels.sum())
         )
         rows, firsts = part.part_rows(outline), outline.first_annotation_ids(reservation).tolist()
@@ -173,7 +173,7 @@ class Session:
         row = self._read_row(index)
         picture = self._output_path(row)
         name, first = self._pending_images[index]
-        records = self._segmenter.records(row)
+        records = self._segmenter.label_records_with_masks(row)
         self._write_failures_once()
         self._record_provenance()
         content = png_without_notes(outcome.content)

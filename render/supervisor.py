@@ -215,7 +215,7 @@ def _undo_open_and_logs(dataset: CocoDataset, *, keep_logs: bool) -> None:
     """Undo the opening of a dataset, so that the next run, perhaps of a corrected plan, finds it unchanged."""
     if not keep_logs:
         shutil.rmtree(dataset.folder / LOGS_NAME, ignore_errors=True)
-    dataset.abandon()
+    dataset.undo_open()
 
 
 @contextlib.contextmanager

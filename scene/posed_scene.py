@@ -39,7 +39,7 @@ class Scene:
     vehicles: Sequence[PosedVehicle] = ()  # each in one pose, or in several for the rays of different cameras
 
     @classmethod
-    def of(cls, scenery: Scenery, *, fallback_z: float | None = None) -> Scene:
+    def from_scenery(cls, scenery: Scenery, *, fallback_z: float | None = None) -> Scene:
         """Return a scenery without vehicles; missing ground is the plane `fallback_z` of the file's frame, if given."""
         ground: RayCaster | Plane | None = None
         if scenery.ground is not None:

@@ -57,7 +57,7 @@ class Pictures:
     video: Video | None = None  # the video at `path` whose frames they are, if there is one
 
     @classmethod
-    def of(cls, labels: Labels) -> Pictures:
+    def from_labels(cls, labels: Labels) -> Pictures:
         """Return a dataset's pictures."""
         ids = dict(zip(labels.class_names, labels.class_id.tolist(), strict=True))
         return cls(labels.path, labels.folder, labels.images, ids)
@@ -84,11 +84,11 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     """Find the pictures at the user's paths: a dataset, folders, files, and patterns such as photographs/*.jpg."""
     first = Path(paths[0])
     if len(paths) == 1 and _has_records(first):
-        return Pictures.of(read_labels(first))
+        return Pictures.from_labels(read_labels(first))
     if len(paths) == 1 and first.suffix.lower() in VIDEO_SUFFIXES:
         video = probe_video(first)
         record = {"file_name": first.name, "width": video.width, "height": video.height}
-        frames = [Image.of({"id": k + 1, "frame": k, **record}, ()) for k in range(video.frames)]
+        frames = [Image.from_record({"id": k + 1, "frame": k, **record}, ()) for k in range(video.frames)]
         return Pictures(first, first.parent, frames, {}, video)
     files = sorted({file.absolute() for path in paths for file in _list_picture_files(str(path))})
     folder = Path(os.path.commonpath([file.parent for file in files]))
@@ -96,7 +96,7 @@ def find_pictures(paths: Sequence[str | os.PathLike[str]]) -> Pictures:
     for number, file in enumerate(files, 1):
         width, height = read_picture(file, largest=0).size
         name = file.relative_to(folder).as_posix()
-        images.append(Image.of({"id": number, "file_name": name, "width": width, "height": height}, ()))
+        images.append(Image.from_record({"id": number, "file_name": name, "width": width, "height": height}, ()))
     return Pictures(first, folder, images, {})
 
 

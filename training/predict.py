@@ -219,7 +219,7 @@ def validation_aps(detector: Detector, labels: Labels) -> dict[str, float]:
 
 def detect_in_labeled_pictures(detector: Detector, labels: Labels) -> Predictions:
     """Return the detections in a dataset's pictures."""
-    pictures = Pictures.of(labels)
+    pictures = Pictures.from_labels(labels)
     ids, _ = _category_ids_and_unknown(detector.classes, pictures)
     batches = _detect_in_batches(detector, pictures, ids, range(len(labels.images)), BATCH_PICTURES)
     results = [one for batch in batches for found in batch.values() for one in found]

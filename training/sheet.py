@@ -54,7 +54,7 @@ def write_augmentation_sheet(
     chosen = even_sample(len(source), rows)
     pictures = []
     for i in track_items("augmenting", chosen.tolist(), len(chosen)):
-        sample = shrink_for_augmentation(source.sample(i, masks=source.masked), SHEET_PICTURE_SIZE)
+        sample = shrink_for_augmentation(source.read_sample(i, masks=source.has_all_masks), SHEET_PICTURE_SIZE)
         seeds = [int(np.random.SeedSequence((seed, i, k)).generate_state(1)[0]) for k in range(AUGMENTATIONS_PER_ROW)]
         changed = [augment(sample, own_seed) for own_seed in seeds]
         pictures += [_labeled_sample_picture(one, classes) for one in (sample, *changed)]

@@ -53,7 +53,7 @@ class Verb:
         assert found is not None, self.function
         return " ".join(found[1].split())
 
-    def command(self) -> Callable[..., int]:
+    def make_command(self) -> Callable[..., int]:
         """Return the function with --json and -o; it shows its result and returns the exit code."""
         function = pkgutil.resolve_name(f"hulldown.{self.function}")
         signature = inspect.signature(function, eval_str=True)
@@ -142,7 +142,7 @@ def make_command_app(words: Sequence[str], verbs: Mapping[str, Verb]) -> App:
                 room.command(App(name=group, help=VERB_GROUPS[group], sort_key=place))
             room = room[group]
         if name == wanted:
-            room.command(verb.command(), name=last)
+            room.command(verb.make_command(), name=last)
         elif wanted is None:
             room.command(App(name=last, help=verb.summary, sort_key=place))
     return app

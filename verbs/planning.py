@@ -37,7 +37,7 @@ def _plan_output(plan: Plan) -> VerbOutput:
     summary, page = plan.summary, plan.path.with_suffix(".html")
     return VerbOutput(
         result=summary.to_json(),
-        shown=[*summary.tables(), *summary.notes()],
+        shown=[*summary.tables(), *summary.unmet_wish_notes()],
         said=[
             f"wrote {plan.path} ({len(plan)} images); next: hulldown preview {plan.path}, "
             f"or hulldown report {plan.path} -o {page}"

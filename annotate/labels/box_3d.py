@@ -65,7 +65,7 @@ class BoxInCamera(LabelType):
     ] = None
 
     @classmethod
-    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
+    def compute_fields(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return position and box's corners in the camera's frame; those nearer than the near plane are None."""
         low, high = vehicle.bounds
         world_from_vehicle, world_from_camera = vehicle.world_from_vehicle, vehicle.camera.world_from_camera

@@ -35,7 +35,7 @@ class Keypoints(LabelType):
     num_keypoints: Annotated[int | None, Meta(description="number of those with v > 0")] = None
 
     @classmethod
-    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
+    def compute_fields(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return the keypoints that the dataset has; nothing if it has none."""
         if (traced := vehicle.traced) is None or not traced.keypoints:
             return {}

@@ -25,7 +25,7 @@ class VisibleMask(LabelType):
     area: Annotated[Side | None, Meta(description="its number of pixels")] = None
 
     @classmethod
-    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
+    def compute_fields(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return run lengths of the visible pixels, and their number."""
         if (traced := vehicle.traced) is None:
             return {}
@@ -57,7 +57,7 @@ class AmodalMask(LabelType):
     ] = None
 
     @classmethod
-    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
+    def compute_fields(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return run lengths of the vehicle's pixels."""
         return {} if vehicle.traced is None else {"segmentation_amodal": encode_mask(vehicle.traced.whole)}
 

@@ -29,7 +29,7 @@ class OrientedBox(LabelType):
     ] = None
 
     @classmethod
-    def compute(cls, vehicle: LabeledVehicle) -> dict[str, object]:
+    def compute_fields(cls, vehicle: LabeledVehicle) -> dict[str, object]:
         """Return the rectangle, rounded to 1e-6 pixels and 1e-9 radians; None for an empty mask."""
         if vehicle.traced is None:
             return {}

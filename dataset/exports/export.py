@@ -155,4 +155,4 @@ def _label_with_polygons(label: Label, size: tuple[int, int], within: float) -> 
     """Return a label with its mask as polygons; crowds keep run lengths, as COCO's readers expect."""
     if label.crowd or not (mask := label.read(VisibleMask).segmentation):
         return label
-    return label.changed(segmentation=outlines.mask_polygons(mask, *size, within=within))
+    return label.with_fields(segmentation=outlines.mask_polygons(mask, *size, within=within))

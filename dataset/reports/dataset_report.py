@@ -257,7 +257,7 @@ class Comparison:
             [REPORT_FEATURES[name].title, f"{far:.2f}", REPORT_FEATURES[name].keys] for name, far in self.distances().items()
         ]
 
-    def charts(self) -> dict[str, Figure]:
+    def feature_charts(self) -> dict[str, Figure]:
         """Histograms of dataset and photographs for each feature, by description."""
         return {
             f"{REPORT_FEATURES[name].title}: this dataset and the photographs": comparison_histogram_chart(

@@ -30,7 +30,7 @@ def find_plan_differences(coco: Coco, plan: Plan, assets: Callable[[], Library] 
         return
     records = label_records
     try:
-        records = records if assets is None else Segmenter.of_plan(plan, assets()).records
+        records = records if assets is None else Segmenter.of_plan(plan, assets()).label_records_with_masks
     except HulldownError as error:
         yield Finding("warning", plan.path.name, f"labels that need the scene are not compared: {error}")
     names = {category["id"]: category.get("name") for category in coco["categories"]}

@@ -91,7 +91,7 @@ class Config(Section):
         if self.camera.distortion is not None and self.camera.intrinsics is None:
             raise ValueError("camera.distortion: expected camera.intrinsics beside it: a calibration gives both")
         try:
-            self.calibrated  # noqa: B018  # a lens that folds is refused
+            self.calibrated_intrinsics  # noqa: B018  # a lens that folds is refused
         except ValueError as error:
             raise ValueError(f"camera.{error}") from None
         return self
@@ -162,7 +162,7 @@ class Config(Section):
         return self._path.parent if self._path is not None else Path()
 
     @property
-    def calibrated(self) -> Intrinsics | None:
+    def calibrated_intrinsics(self) -> Intrinsics | None:
         """The calibrated camera of all images; None if their fields of view are drawn."""
         camera, render = self.camera, self.render
         if camera.intrinsics is None:
@@ -173,7 +173,7 @@ class Config(Section):
 
     def intrinsics(self, fov_x_deg: np.ndarray) -> Intrinsics:
         """Return the calibrated camera, or cameras with these fields of view (n,)."""
-        return self.calibrated or Intrinsics(self.render.width, self.render.height, np.radians(fov_x_deg))
+        return self.calibrated_intrinsics or Intrinsics(self.render.width, self.render.height, np.radians(fov_x_deg))
 
     def vehicle_paint(self, vehicle: str) -> tuple[PaintEntry, ...]:
         """Return the paint of the vehicle or distractor with this name; empty for an unknown name."""

@@ -161,5 +161,5 @@ class Artist:
         return colors.reshape(height, width, 3)
 
     def _card_brightness(self, row: Row) -> float:
-        irradiance = np.array(self._assets.sky(row.hdri).irradiance)
+        irradiance = np.array(self._assets.hdri_skylight(row.hdri).irradiance)
         return float(gray_card_radiance(irradiance, row.strength) @ LUMINANCE_WEIGHTS) / CARD_ALBEDO * 2.0**row.exposure_ev

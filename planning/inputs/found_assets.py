@@ -120,11 +120,11 @@ def read_found_files(
 
 def _read_found_hdri(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> FoundFile:
     sky = read_hdris([folder / path], cache, limits=limits)[0]
-    if sky.misfits:
-        return FoundFile(path, "", (f"shows no open land: {sky.misfits[0]}",))
+    if sky.misfit_doubts:
+        return FoundFile(path, "", (f"shows no open land: {sky.misfit_doubts[0]}",))
     if sky.doubts:
         return FoundFile(path, "", tuple(map(str, sky.doubts)))
-    return FoundFile(path, "hdri", sky.notes, doubts=sky.repairs)
+    return FoundFile(path, "hdri", sky.notes, doubts=sky.repair_doubts)
 
 
 def _read_found_models(folder: Path, path: Path, cache: Path, limits: ReadLimits) -> list[FoundFile]:

@@ -125,7 +125,7 @@ class _BlockSearch:
         self._visibility_m = np.array([weather.visibility_m if weather else np.nan for weather in self.weathers])
         self.fleet, self.number = block.stage.fleet, block.positions.number
         n = len(self.number)
-        self.owner, self.image = block.owner, block.image
+        self.owner, self.image = block.position_rows, block.image
         self.problems: dict[int, HopelessPosition] = {}
         self.table = sample_instances(block)
         self.target = np.flatnonzero(self.table.role == InstanceRole.TARGET)  # the first instance of each position

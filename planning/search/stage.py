@@ -132,7 +132,7 @@ def make_stage(config: Config, assets: Assets) -> PlanStage:
 
 
 def _make_site(scenery: Scenery, fallback_z: float) -> Site:
-    world = Scene.of(scenery, fallback_z=fallback_z)
+    world = Scene.from_scenery(scenery, fallback_z=fallback_z)
     ground, scene = world.ground, world.obstacles
     assert ground is not None
     terrain = Terrain(ground.z) if isinstance(ground, Plane) else Terrain(ground.mesh, caster=ground)
@@ -173,5 +173,7 @@ def _make_fleet_model(shape: VehicleShape, config: Config) -> FleetModel:
         category=None,
         boxes=VehicleBoxes(shape),
         caster=VehicleCaster(shape),
-        footing=Footing.of(vehicle_underside(shape.surface[0], known=shape.underside), settle_rules(config.placement)),
+        footing=Footing.from_footprint(
+            vehicle_underside(shape.surface[0], known=shape.underside), settle_rules(config.placement)
+        ),
     )

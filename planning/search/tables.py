@@ -51,7 +51,7 @@ class Extras:
     weights: Float[np.ndarray, " m"]
     count: tuple[int, int]  # least and largest number in an image
 
-    def drawn(
+    def sample_extra_columns(
         self,
         draws: RandomStreams,
         position: Int[np.ndarray, " n"],
@@ -220,7 +220,7 @@ class Views:
     followed: Int[np.ndarray, " n"]
 
     @property
-    def accepted(self) -> Int[np.ndarray, " k"]:
+    def accepted_rows(self) -> Int[np.ndarray, " k"]:
         """Rows that no check has rejected."""
         return np.flatnonzero(self.rejection == Rejection.NONE)
 
@@ -276,7 +276,7 @@ class Block:
         return self.positions.background & self.stage.fleet.classed[self.model]
 
     @property
-    def owner(self) -> Int[np.ndarray, " m"]:
+    def position_rows(self) -> Int[np.ndarray, " m"]:
         """The row of each image's position."""
         return group_and_rank(self.positions.shots)[0]
 
@@ -288,7 +288,7 @@ class Block:
     @property
     def image(self) -> Int[np.ndarray, " m"]:
         """Index of each image."""
-        return self.positions.first_image[self.owner] + self.shot
+        return self.positions.first_image[self.position_rows] + self.shot
 
     @property
     def light_image_indices(self) -> Int[np.ndarray, " m"]:
@@ -347,7 +347,7 @@ def sample_instances(block: Block) -> InstanceTable:
     for background, kinds in block.extras.items():
         rows = np.flatnonzero(positions.background == background)
         for kind in kinds if len(rows) else ():
-            i, number, model, uniform = kind.drawn(
+            i, number, model, uniform = kind.sample_extra_columns(
                 draws,
                 positions.number[rows],
                 wanted=photographed[rows],

@@ -190,9 +190,9 @@ def views_of_camera_tries(block: Block, tries: CameraTries) -> Views:
 
     contrast = block.config.weather.min_contrast
     views.rejection[:] = distance_rejections(candidates, tries.visibility_m, limits.distance_m, min_contrast=contrast)
-    rows = views.accepted
+    rows = views.accepted_rows
     views.rejection[rows] = camera_place_rejections(block.site, tries, candidates, limits, rows)
-    rows = views.accepted
+    rows = views.accepted_rows
     cameras, targets = final_cameras(block, tries, candidates, rows), tries.targets.take(rows)
     views.world_from_camera[rows] = cameras.world_from_camera
     views.air_contrast[rows] = vehicle_contrasts_after_haze(targets, cameras, tries.visibility_m[rows])
@@ -204,12 +204,12 @@ def views_of_camera_tries(block: Block, tries: CameraTries) -> Views:
         cameras = Cameras(candidates.drawn.lenses.take(rows), views.world_from_camera[rows])
         return block.site, tries.targets.take(rows).in_own_rows(), tries.others.repeat_rows_with_indices(rows)[0], cameras
 
-    rows = views.accepted
+    rows = views.accepted_rows
     views.visible_fraction[rows] = visible_shares(*scenes(rows), rays=limits.visibility_rays)
     views.rejection[rows] = limit_rejections(
         views.visible_fraction[rows], *limits.visible_fraction, below=Rejection.HIDDEN, above=Rejection.EXPOSED
     )
-    rows = views.accepted
+    rows = views.accepted_rows
     rows = rows[views.visible_fraction[rows] * views.boxes.xywh[rows, 2:].prod(axis=1) < SURELY_VISIBLE_PX2]
     shown = visible_vehicle_mask(*scenes(rows), xywh=views.boxes.xywh[rows])
     views.rejection[rows[~shown]] = Rejection.HIDDEN

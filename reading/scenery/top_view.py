@@ -19,7 +19,7 @@ MAX_FLOOR_HEIGHT_M = 1.0  # of the floor far below, which is a level sheet
 
 def top_view_and_doubts(scenery: Scenery) -> tuple[TopView, list[Doubt]]:
     """Return the shares of what's seen from above within the bounds of the ground, or of all, and doubts about it."""
-    world = Scene.of(scenery)
+    world = Scene.from_scenery(scenery)
     boxes = world.obstacles.bounds
     around = scenery.ground.bounds[None] if scenery.ground else boxes
     low, high = around[:, 0].min(axis=0), around[:, 1].max(axis=0)

@@ -289,7 +289,11 @@ def unnamed_part_doubts(whole: PlacedPieces) -> list[Doubt]:
 
 def _has_ring_or_raised_tubes(solids: Solids, low: Float[np.ndarray, "3"], high: Float[np.ndarray, "3"]) -> bool:
     size = high - low
-    ring = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99) & (2 * solids.radius > MIN_RING_WIDTH_SHARE * size[1])
+    ring = (
+        (solids.round_about >= 0)
+        & (np.abs(solids.round_axis[:, 2]) > 0.99)
+        & (2 * solids.radius > MIN_RING_WIDTH_SHARE * size[1])
+    )
     ring &= solids.center[:, 2] > low[2] + MIN_TURRET_HEIGHT_SHARE * size[2]
     return bool(ring.any() or nose_vote_by_rising_tubes(solids, np.array([1.0, 0, 0]), size[0]))
 

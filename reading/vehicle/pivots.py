@@ -172,7 +172,7 @@ def guess_turret_pivot(turret: PlacedPieces, hull: PlacedPieces, *, trunnions: F
     ):
         if not len(solids):
             continue
-        upright = (solids.round_about >= 0) & (np.abs(solids.axle[:, 2]) > 0.99)
+        upright = (solids.round_about >= 0) & (np.abs(solids.round_axis[:, 2]) > 0.99)
         level = solids.bounds[:, 0, 2] if solids is turret.solids else np.abs(solids.bounds[:, 1, 2] - low[2]) + low[2]
         inside = ((solids.center > low) & (solids.center < high))[:, :2].all(axis=1)
         rings = np.flatnonzero(upright & (level < base) & inside & (2 * solids.radius > MIN_RING_WIDTH_SHARE * width))
@@ -230,7 +230,7 @@ def guess_gun_pivot(gun: PlacedPieces, behind: Float[np.ndarray, "3"], *, held: 
         return Pivot(rear, "the middle of its rear end", guessed=True)
     ahead = (front - rear) / length
     along = (solids.center - rear) @ ahead
-    cross = (solids.round_about == 0) & (np.abs(solids.axle[:, 1]) > 0.97) & (along < 0.5 * length)
+    cross = (solids.round_about == 0) & (np.abs(solids.round_axis[:, 1]) > 0.97) & (along < 0.5 * length)
     trunnions = np.flatnonzero(cross & (solids.size[:, 0] > 0.5 * float(np.ptp(own[:, 1]))))
     if len(trunnions):
         at = solids.center[trunnions[np.argmax(solids.size[trunnions, 0])]]

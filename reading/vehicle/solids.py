@@ -40,7 +40,7 @@ class Solids:
         return len(self.piece)
 
     @property
-    def axle(self) -> Float[np.ndarray, "n 3"]:
+    def round_axis(self) -> Float[np.ndarray, "n 3"]:
         """The axis that each solid is round about; the longest if it isn't round."""
         return self.axes[np.arange(len(self)), np.maximum(self.round_about, 0)]
 
@@ -183,7 +183,7 @@ def find_wheels(solids: Solids) -> Wheels | None:
         (solids.round_about >= 0)
         & (solids.size[np.arange(len(solids)), np.maximum(solids.round_about, 0)] < 2.5 * solids.radius)
     )
-    axle, radius, center = solids.axle[discs], solids.radius[discs], solids.center[discs]
+    axle, radius, center = solids.round_axis[discs], solids.radius[discs], solids.center[discs]
     best, best_score = None, 0.0
     left = np.ones(len(discs), bool)
     for seed in np.argsort(-radius):

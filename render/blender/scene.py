@@ -80,7 +80,7 @@ class BlenderScene:
             loaded.painted.paint(objects, vehicle.paint)
             placed.append(objects)
         for tidy, loaded in self._vehicles.items():
-            loaded.show(used.get(tidy, 0))
+            loaded.show_copies(used.get(tidy, 0))
         self._companions = self._companions or len(used) > 1
         kept = MAX_KEPT_VEHICLES if self._companions else 1  # sorted rows of one vehicle don't return to it
         for tidy in [t for t in self._vehicles if t not in used][: max(0, len(self._vehicles) - kept)]:
@@ -156,7 +156,7 @@ class _LoadedVehicle:
             self._scene.collection.children.link(twin)
         return list(self._collections[number].objects)
 
-    def show(self, copies: int) -> None:
+    def show_copies(self, copies: int) -> None:
         for number, collection in enumerate(self._collections):
             for obj, look in zip(collection.objects, self._looks, strict=True):
                 for ray, seen in zip(VISIBILITY_FLAGS, look, strict=True):

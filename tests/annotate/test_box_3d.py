@@ -55,7 +55,7 @@ def test_kittis_rotation_and_location_are_the_boxs(rows):
     for row in rows:
         label = label_records(row)[0]
         of_image = {"id": 1, "image_id": 1, "category_id": 1}
-        numbers = [float(word) for word in kitti_label_line(Label.of({**label, **of_image}, {1: "tank"})).split()[1:]]
+        numbers = [float(word) for word in kitti_label_line(Label.from_record({**label, **of_image}, {1: "tank"})).split()[1:]]
         rotation, center = np.array(label["bbox_3d"]["rotation"]), np.array(label["bbox_3d"]["center"])
         ground = center - rotation[:, 2] * label["bbox_3d"]["size"][2] / 2
         np.testing.assert_allclose(numbers[10:13], ground, atol=1e-5)
@@ -84,10 +84,10 @@ def turned(box):
 def test_an_invalid_box_is_found(rows, change, problem):
     label = copy.deepcopy(label_records(rows[0])[0])
     label |= {"id": 1, "image_id": 1, "category_id": 1}
-    image = Image.of({"id": 1, "file_name": "1.png", "width": 32, "height": 24}, ())
+    image = Image.from_record({"id": 1, "file_name": "1.png", "width": 32, "height": 24}, ())
 
     def problems():
-        found = Label.of(label, {})
+        found = Label.from_record(label, {})
         return list(invalid_label_field_sentences(label)) or list(found.read(BoxInCamera).problems(found, image, None))
 
     assert problems() == []

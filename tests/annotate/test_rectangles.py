@@ -72,7 +72,7 @@ def dataset(planned, tmp_path_factory):
             image = {"file_name": row.file_name, **row_image_fields(row)}
             (folder / row.file_name).parent.mkdir(exist_ok=True)
             Image.new("RGB", (row.width, row.height), "gray").save(folder / row.file_name)
-            dataset.append(image, segmenter.records(row))
+            dataset.append(image, segmenter.label_records_with_masks(row))
     return folder
 
 

@@ -104,7 +104,7 @@ def turned(tmp_path):
 def test_every_reader_uses_the_displayed_picture(turned):
     shown = np.rot90(np.kron(COLOR, np.ones((32, 32, 1), np.uint8)), -1)
     np.testing.assert_array_equal(np.asarray(Dataset.read(turned).picture(0, labels=False)), shown)
-    np.testing.assert_array_equal(read_classes_and_sources({"real": turned})[1][0].sample(0).picture, shown)
+    np.testing.assert_array_equal(read_classes_and_sources({"real": turned})[1][0].read_sample(0).picture, shown)
     (label,) = Dataset.read(turned).images[0].labels
     drawn = picture_with_labels(Image.fromarray(shown), [Overlay(label.bbox, 1, "tank")])
     sheet = np.asarray(Dataset.read(turned).sheet(columns=1, tile_width=64).convert("RGB"))

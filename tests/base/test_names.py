@@ -18,7 +18,7 @@ PREPOSITIONS = """
 """
 # Names that end in a preposition, and why.
 ALLOWED = {
-    "of": "a second constructor, `GroundFaces.of(mesh)`, which the type completes",
+    "of": "a second constructor, `GroundFaces.from_mesh(mesh)`, which the type completes",
     "out": "Blender's word for a node's output",
     "has_look_at": "the field `look_at` of a user's file",
     "first_face_below": "the face below each point",

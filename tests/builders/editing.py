@@ -52,7 +52,7 @@ def append(
 def render(folder: Path, indices: Iterable[int], *, key: str = PLAN, hashed: bool = False) -> Path:
     """Add these images of a plan of six, with two annotations each, to a dataset."""
     with CocoDataset.open(folder, categories=["tank", "truck"]) as dataset:
-        run = dataset.reserve(key, images=6, annotations=12)
+        run = dataset.reserve_ids(key, images=6, annotations=12)
         for i in indices:
             labels = [{"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3.5]} for k in (1, 2)]
             name, picture = run.file_name(f"images/{i + 1:08d}.png"), Image.new("RGB", (8, 6), (i, ord(key[0]), 7))

@@ -89,18 +89,18 @@ def test_the_first_of_two_categories_with_the_same_name_is_used(tmp_path):
 
 def test_two_plans_get_different_ids_and_names(tmp_path):
     with CocoDataset.open(tmp_path) as dataset:
-        first = dataset.reserve("f" * 64, images=10, annotations=20)
+        first = dataset.reserve_ids("f" * 64, images=10, annotations=20)
         dataset.append({**image(1), "id": 1}, [annotation(id=1)])
-        second = dataset.reserve("e" * 64, images=5, annotations=5)
+        second = dataset.reserve_ids("e" * 64, images=5, annotations=5)
     assert first.file_name("images/1.png") == "images/1.png"
     assert second.file_name("images/1.png") == "images/2-eeeeeeee-1.png"
     assert (second.image_offset, second.annotation_offset) == (10, 20)
     with CocoDataset.open(tmp_path) as dataset:
-        assert dataset.reserve("e" * 64, images=5, annotations=5) == second
+        assert dataset.reserve_ids("e" * 64, images=5, annotations=5) == second
         assert dataset.append(image(7), [annotation()]) == 16
     (tmp_path / "journal.jsonl").unlink()
     with CocoDataset.open(tmp_path) as dataset:
-        assert dataset.reserve("f" * 64, images=10, annotations=20) == first
+        assert dataset.reserve_ids("f" * 64, images=10, annotations=20) == first
 
 
 def test_pictures_from_elsewhere_are_never_overwritten(tmp_path):
@@ -111,7 +111,7 @@ def test_pictures_from_elsewhere_are_never_overwritten(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["images"]
     (tmp_path / "annotations.json").write_text("{}")
     with CocoDataset.open(tmp_path) as dataset:
-        assert dataset.reserve("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
+        assert dataset.reserve_ids("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
 
 
 def test_records_deleted_by_hand_stay_deleted(tmp_path):
@@ -178,7 +178,7 @@ def test_abandoning_removes_nothing_of_the_next_process(tmp_path, monkeypatch):
         following.append(CocoDataset.open(tmp_path / "d"))
 
     monkeypatch.setattr(dataset._lock, "release", and_another_opens)
-    dataset.abandon()
+    dataset.undo_open()
     following[0].append(image(1), [annotation()])
     following[0].close()
     assert (tmp_path / "d" / "journal.jsonl").exists()

@@ -268,7 +268,7 @@ def test_kittis_angles_are_zero_for_a_vehicle_ahead_that_drives_to_the_right(x, 
     box = {"center": [x, 0.0, 20.0], "size": [8.0, 3.0, 2.0], "rotation": rotation}
     label = {"bbox": [1, 2, 3, 4], "bbox_3d": box, "visible_fraction": 0.7, "truncated_fraction": 0.25}
     label |= {"id": 1, "image_id": 1, "category_id": 1}
-    kind, truncated, occluded, *fields = kitti_label_line(Label.of(label, {1: "a b"})).split()
+    kind, truncated, occluded, *fields = kitti_label_line(Label.from_record(label, {1: "a b"})).split()
     assert (kind, truncated, occluded) == ("a_b", "0.2500", "1")
     wanted = [alpha, 1, 2, 4, 6, 2, 3, 8, x, 1, 20, turn]
     np.testing.assert_allclose([float(each) for each in fields], wanted, rtol=0, atol=1e-6)

@@ -38,7 +38,7 @@ def image_of(number: int, labels: list[dict], **more) -> Image:
     of_image = {"image_id": number, "bbox": [0, 0, 1, 1]}
     records = [{"id": k, "category_id": 1, **of_image, **label} for k, label in enumerate(labels)]
     record = {"id": number, "file_name": f"{number}.png", "width": 8, "height": 6, **more}
-    return Image.of(record, [Label.of(label, {}) for label in records])
+    return Image.from_record(record, [Label.from_record(label, {}) for label in records])
 
 
 @pytest.mark.parametrize("seed", range(5))

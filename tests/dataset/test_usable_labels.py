@@ -29,7 +29,7 @@ LABELS = [
     ],
 )
 def test_labels_below_the_limits_are_ignored_or_left_out(floors, crowds, left):
-    kept = LabelFloors(**floors).kept_labels(Label.of(label, {}) for label in LABELS)
+    kept = LabelFloors(**floors).kept_labels(Label.from_record(label, {}) for label in LABELS)
     assert [label.id for label in kept] == left
     assert [label.id for label in kept if label.crowd] == crowds
     assert floors or [label.record for label in kept] == LABELS

@@ -44,7 +44,7 @@ FOG = {
 @pytest.fixture
 def dataset(tmp_path):
     with CocoDataset.open(tmp_path, categories=["tank", "truck"]) as dataset:
-        dataset.reserve("p" * 64, images=3, annotations=3)
+        dataset.reserve_ids("p" * 64, images=3, annotations=3)
         for i in range(3):
             label = recorded(VEHICLE, VEHICLE) | {"id": i + 1, "segmentation": encode_mask(MASK), "area": 60}
             append(dataset, f"images/{i}.png", Image.new("RGB", (32, 24), (i, 0, 0)), [label], id=i + 1)
@@ -164,8 +164,8 @@ def planned(tmp_path):
     folder = tmp_path / "dataset"
     with CocoDataset.open(folder, categories=["truck", "tank"]) as dataset:
         append(dataset, "images/real.png", Image.new("RGB", (32, 24), (9, 0, 0)), [])
-        dataset.reserve("p" * 64, images=3, annotations=3)
-        run = dataset.reserve(hashlib.sha256(plan.read_bytes()).hexdigest(), images=4, annotations=5)
+        dataset.reserve_ids("p" * 64, images=3, annotations=3)
+        run = dataset.reserve_ids(hashlib.sha256(plan.read_bytes()).hexdigest(), images=4, annotations=5)
         n = run.annotation_offset
         for i, each in enumerate(rows):
             name = run.file_name(each["file_name"])

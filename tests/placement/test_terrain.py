@@ -26,7 +26,7 @@ def test_points_at_the_limits_of_float64_miss_without_a_warning():
 
 def counts(mesh, xy):
     """The certified number of sheets at each point."""
-    ground = GroundFaces.of(mesh)
+    ground = GroundFaces.from_mesh(mesh)
     low, high = ground.face_boxes()
     bounds = np.stack([low[:2].min(axis=1), high[:2].max(axis=1)])
     sheets = SheetMap(mesh.vertices, ground.corners, bounds, ExactGround(ground, low, high).count)

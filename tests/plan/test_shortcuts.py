@@ -43,4 +43,4 @@ def test_a_plan_has_no_shortcuts_unless_the_config_makes_one():
     summary = summarize_plan(plan(small_config(budget=budget, assets={"vehicles": entries}), ASSETS))
     (line,) = summary.shortcuts
     assert line.startswith("paint tells classes apart")
-    assert line in summary.notes()
+    assert line in summary.unmet_wish_notes()

@@ -78,13 +78,13 @@ def test_companions_and_distractors_are_counted():
     assert histograms["elevation_deg"]["mean"] == pytest.approx(math.degrees(math.atan2(4.0, 3.0)))
     assert histograms["box_px"]["mean"] == pytest.approx(math.sqrt(200.0))
     assert histograms["exposure_ev"]["highest"] == 1.0
-    assert len(summary.notes()) == 2
+    assert len(summary.unmet_wish_notes()) == 2
 
 
 def test_one_class_without_backgrounds_is_noted():
-    assert "background_share" in summarize_plan([row(0)]).notes()[0]
-    assert summarize_plan([row(0), row(1, category="truck")]).notes() == []
-    assert summarize_plan([row(0), row(1, background=True, label="none")]).notes() == []
+    assert "background_share" in summarize_plan([row(0)]).unmet_wish_notes()[0]
+    assert summarize_plan([row(0), row(1, category="truck")]).unmet_wish_notes() == []
+    assert summarize_plan([row(0), row(1, background=True, label="none")]).unmet_wish_notes() == []
 
 
 def test_an_empty_plan():
@@ -111,5 +111,5 @@ def test_tables_show(rows, shown):
 def test_a_histogram_counts_all_values():
     histogram = Histogram("x", np.array([0.0, 1.0, 2.0]), np.array([-5.0, 0.0, 0.5, 1.0, 2.0, 9.0]))
     assert histogram.bin_counts.tolist() == [3, 3]
-    assert (histogram.extremes["lowest"], histogram.extremes["highest"]) == (-5.0, 9.0)
-    assert histogram.bars() == "██"
+    assert (histogram.lowest_mean_and_highest["lowest"], histogram.lowest_mean_and_highest["highest"]) == (-5.0, 9.0)
+    assert histogram.bars_text() == "██"

@@ -64,8 +64,8 @@ def test_a_calibration_becomes_a_config(tmp_path, text):
     config = Config.read(tmp_path / "project" / "hulldown.toml")
     assert (config.render.width, config.render.height) == (1920, 1080)
     camera = [1420.0, 0.0, 964.2, 0.0, 1418.5, 545.7, 0.0, 0.0, 1.0]  # from the corner of the first pixel
-    assert config.calibrated.matrix.ravel().tolist() == pytest.approx(camera)
-    assert config.calibrated.distortion == pytest.approx(LENS)
+    assert config.calibrated_intrinsics.matrix.ravel().tolist() == pytest.approx(camera)
+    assert config.calibrated_intrinsics.distortion == pytest.approx(LENS)
 
 
 def test_a_lens_without_distortion_has_none(tmp_path):

@@ -26,7 +26,9 @@ def rows(**light):
 def test_a_gray_card_is_mid_gray_for_each_hdri_and_strength():
     for row in rows(exposure_error_ev=0.0, strength=[0.1, 10.0]):
         level = (
-            display_levels(gray_card_radiance(np.array(lit().sky(row.hdri).irradiance), row.strength) * 2.0**row.exposure_ev)
+            display_levels(
+                gray_card_radiance(np.array(lit().hdri_skylight(row.hdri).irradiance), row.strength) * 2.0**row.exposure_ev
+            )
             @ LUMINANCE_WEIGHTS
         )
         assert level == pytest.approx(CARD_LEVEL, abs=0.01)

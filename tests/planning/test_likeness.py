@@ -123,7 +123,7 @@ def test_limits_override_photographs_and_the_summary_counts_them(tmp_path):
     like = summary.counts["like"]
     assert like["followed"] > 0
     assert like["another"] > 0
-    assert any("limits won over" in note for note in summary.notes())
+    assert any("limits won over" in note for note in summary.unmet_wish_notes())
     # No camera can produce any of them.
     none = summarize_plan(
         plan(config_of(known, images=5, distance_m=[3000, 4000], target_fraction=0.001, min_box_px=1), ASSETS)

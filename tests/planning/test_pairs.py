@@ -32,7 +32,7 @@ def test_pairs_without_a_place_are_left_out_and_classes_stay_balanced(tmp_path):
     assert Counter(row.target.category for row in rows) == {"tank": 24, "truck": 24}
     assert {row.scenery for row in rows} == {"hills", "bare"}
     assert check_plan(made, assets) == []
-    notes = summarize_plan(made, left_out=made.header.left_out).notes()
+    notes = summarize_plan(made, left_out=made.header.left_out).unmet_wish_notes()
     assert len(notes) == 3
     assert "'leo' is 9.24 m long; in 'yard'" in notes[1]
 
@@ -136,7 +136,7 @@ def test_companions_without_room_are_left_out_and_counted(tmp_path, monkeypatch)
     assert check_plan(made, assets) == []
     left_out = sum(row.left_out for row in rows if row.shot == 0)
     summary = summarize_plan(made)
-    assert summary.notes() == [f"left out: {left_out} companions and distractors without room at their position"]
+    assert summary.unmet_wish_notes() == [f"left out: {left_out} companions and distractors without room at their position"]
     assert summary.to_json()["companions_left_out"] == left_out
 
 

@@ -111,7 +111,7 @@ def test_water_hides_submerged_parts_like_an_opaque_surface():
     """One meter of a tank of 2.3 m is below the water of a ford: about half is hidden, seen from the side."""
     ford, lens = with_water(bare("ford"), sheet((-50, -50), (50, 50), 1.0)), Intrinsics(640, 480, 0.7)
     camera = Cameras(lens, camera_pose([0.0, 0.0, 1.0], 30.0, 0.0, 0.1)[None])
-    for world, low, high in ((Scene.of(ford), 0.4, 0.8), (Scene(), 0.0, 0.0)):
+    for world, low, high in ((Scene.from_scenery(ford), 0.4, 0.8), (Scene(), 0.0, 0.0)):
         seen = measure_visibility([PosedVehicle(VehicleCaster(TANK), np.eye(4)[None], {})], camera, world=world, rays=900)
         assert low <= 1.0 - seen.fraction[0] <= high
 

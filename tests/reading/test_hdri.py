@@ -161,7 +161,7 @@ def test_a_repaired_sky_is_rendered_and_has_its_own_hash(written: Path, tmp_path
     sun, again = (read_hdris([written / "sun.exr"], tmp_path / "cache")[0] for _ in range(2))
     assert sun == again
     assert sun.notes == ("2 pixels without end are as bright as its brightest finite one, 5000",)
-    assert [doubt.kind for doubt in sun.repairs] == [DoubtKind.REPAIRED]
+    assert [doubt.kind for doubt in sun.repair_doubts] == [DoubtKind.REPAIRED]
     assert sun.path != written / "sun.exr"
     assert sun.sha256 != sun.mended_sha256
     sound = read_hdris([sun.path], tmp_path / "cache")[0]

@@ -83,7 +83,7 @@ def test_a_deleted_label_is_a_warning_and_others_keep_their_masks(rendered, dele
 
 
 def label(**fields):
-    return Label.of({"id": 1, "image_id": 1, "category_id": 1, **fields}, {})
+    return Label.from_record({"id": 1, "image_id": 1, "category_id": 1, **fields}, {})
 
 
 def test_box_and_mask_are_measured():

@@ -82,7 +82,7 @@ def rendered(rows, library, folder):
 @pytest.fixture(scope="module")
 def masks(row, library):
     """Masks of the target and of its companion, without their outermost pixels, which show some background."""
-    world = Scene.of(library.assets.sceneries["field"])
+    world = Scene.from_scenery(library.assets.sceneries["field"])
     shape = VehicleCaster(library.shapes["odd"])
     return [
         ndimage.binary_erosion(

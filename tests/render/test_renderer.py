@@ -119,7 +119,7 @@ def test_pictures_show_the_planned_vehicles(dataset, plan, library):
     """The tank glows pink in a gray world, so its pixels can be counted."""
     for row in plan:
         expected = np.zeros((row.height, row.width), dtype=bool)
-        world = Scene.of(library.assets.sceneries[row.scenery])
+        world = Scene.from_scenery(library.assets.sceneries[row.scenery])
         for target in row.vehicles:
             expected |= whole_and_visible_masks(standing(library, target), row.camera, world=world)[1]
         # Antialiased edges: one pixel more or less on every side.

@@ -160,7 +160,7 @@ def test_boxes_of_one_run_follow_one_rule(tmp_path):
     with_masks = make_dataset(tmp_path / "renders", 4)
     without = make_dataset(tmp_path / "photographs", 4, masks=False)
     _, sources = read_classes_and_sources({"renders": with_masks, "photographs": without})
-    assert [source.masked for source in sources] == [True, False]
+    assert [source.has_all_masks for source in sources] == [True, False]
     assert should_follow_masks(None, sources[:1])
     rule = should_follow_masks(None, sources)
     assert not rule

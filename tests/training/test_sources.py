@@ -79,8 +79,8 @@ def test_pictures_without_boxes_are_used_and_crowds_are_left_out(tmp_path):
     edit(dataset, lambda coco: coco["annotations"][0].update(iscrowd=1))
     _, (source,) = read_classes_and_sources({"real": dataset})
     assert source.boxes_per_image(len(source)).tolist() == [0, 1, 1, 0, 1, 1, 1, 0]
-    assert source.sample(3).xywh.shape == (0, 4)
-    assert source.sample(1, masks=True).masks[0].sum() > 0
+    assert source.read_sample(3).xywh.shape == (0, 4)
+    assert source.read_sample(1, masks=True).masks[0].sum() > 0
 
 
 def test_records_and_pictures_change_the_digest_and_the_order_of_records_does_not(tmp_path):

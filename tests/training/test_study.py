@@ -52,7 +52,7 @@ def pretend(out, run, found):
     sizes = {name: len(read_classes_and_sources({name: path})[1][0]) for name, path in run.data(study, out).items()}
     sources = {name: RUN["sources"]["real"] | {"images": n, "drawn": 12} for name, n in sizes.items()}
     (folder / "run.json").write_text(json.dumps(RUN | {"sources": sources}))
-    for which in study.judged:
+    for which in study.judged_dataset_names:
         (folder / f"{which}.json").write_text(json.dumps(found[which]))
 
 

@@ -51,7 +51,7 @@ def finished_study(pictures, folder, *, skill=SKILL, **keys):
     """Return a study's folder as `run` leaves it, with detectors that need no training."""
     out = folder / "out"
     study = prepare_study(config_of(pictures, folder, **({"arms": ARMS, "fractions": [1.0, 0.5, 0.25]} | keys)), out)
-    judged = {which: read_labels(study.datasets[which].folder) for which in study.judged}
+    judged = {which: read_labels(study.datasets[which].folder) for which in study.judged_dataset_names}
     for run in planned_study_runs(study.config):
         share = skill[run.arm, run.fraction] + 2 * run.seed
         pretend(out, run, {which: looked(labels, share, seed=run.seed) for which, labels in judged.items()})
@@ -205,6 +205,6 @@ def test_worth_of_the_papers_synthetic_images():
 
 
 def test_an_interval_that_touches_0_shows_nothing():
-    assert Estimate(0.1, np.array([0.01, 0.2])).shown
-    assert not Estimate(0.1, np.array([0.0, 0.2])).shown
-    assert not Estimate(0.1, np.array([np.nan, np.nan])).shown
+    assert Estimate(0.1, np.array([0.01, 0.2])).excludes_zero
+    assert not Estimate(0.1, np.array([0.0, 0.2])).excludes_zero
+    assert not Estimate(0.1, np.array([np.nan, np.nan])).excludes_zero

@@ -104,7 +104,7 @@ class Evaluation:
         }
         return {key: float(found[key]) for key in (*COUNT_METRICS, *DERIVED_METRICS, *AP_NAMES)}
 
-    def resampled(self, label: int | None = None) -> dict[str, Float[np.ndarray, " r"]]:
+    def resampled_metrics(self, label: int | None = None) -> dict[str, Float[np.ndarray, " r"]]:
         """`metrics.DERIVED_METRICS` in every resample of positions, and `AP_NAMES` in `AP_RESAMPLES` resamples."""
         averages = mean_over_classes(self._resampled_class_aps[:, _class_slice(label)])
         found = figures_from_sums(self.resampled_metric_sums[:, _class_slice(label)].sum(axis=1))
@@ -114,7 +114,7 @@ class Evaluation:
         """Return intervals of all figures, over all classes or of one."""
         wholes = figure_denominators(self.position_metric_sums[:, _class_slice(label)].sum(axis=1))
         wholes |= dict.fromkeys(AP_NAMES, wholes["recall"])
-        return figure_intervals(self.values(label), self.resampled(label), wholes)
+        return figure_intervals(self.values(label), self.resampled_metrics(label), wholes)
 
 
 def _class_slice(label: int | None) -> slice:
@@ -146,7 +146,7 @@ def equal_count_threshold(labels: Labels, predictions: Predictions) -> float:
 def compare_detectors(first: Evaluation, second: Evaluation) -> DetectorComparison:
     """Compare two detectors on one dataset, second minus first, on the same resamples of positions."""
     before, after = first.values(), second.values()
-    again, later = first.resampled(), second.resampled()
+    again, later = first.resampled_metrics(), second.resampled_metrics()
     labels = first.position_label_counts
     positions = int((labels > 0).sum())
     difference = {key: after[key] - before[key] for key in again}

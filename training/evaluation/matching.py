@@ -133,7 +133,7 @@ def _match_at_iou(labels: Labels, predictions: Predictions, evaluation: COCOeval
     box = np.full(len(predictions.score), -1, dtype=np.int64)
     overlap = np.full(len(predictions.score), np.nan)
     detection = np.full(len(labels.class_index), -1, dtype=np.int64)
-    ignored = predictions.place >= MAX_DETECTIONS
+    ignored = predictions.rank_in_image_class >= MAX_DETECTIONS
     if evaluation is not None:
         wanted = {"iouThrs": np.array([iou]), "areaRng": ALL_AREAS, "areaRngLbl": ["all"], "maxDets": [MAX_DETECTIONS]}
         vars(evaluation.params).update(wanted)

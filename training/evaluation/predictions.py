@@ -58,7 +58,7 @@ class Predictions(BoxTable):
     corners: Float[np.ndarray, "d 4 2"] | None = None  # pixels, of oriented boxes; None if the boxes aren't oriented
 
     @property
-    def place(self) -> Int[np.ndarray, " d"]:
+    def rank_in_image_class(self) -> Int[np.ndarray, " d"]:
         """Place of each detection among those of its image and class, from 0."""
         group = self.image * len(self.class_names) + self.class_index  # ascends
         return np.arange(len(group)) - np.searchsorted(group, group)

@@ -65,7 +65,7 @@ class DrawnExamples(Dataset[Example | HulldownError]):
         key = int(self.draws.source[k]), int(self.draws.image[k])
         if key in self._kept:
             return self._kept[key]
-        sample = shrink_for_augmentation(self.sources[key[0]].sample(key[1], masks=self.masks), self.size)
+        sample = shrink_for_augmentation(self.sources[key[0]].read_sample(key[1], masks=self.masks), self.size)
         arrays = [sample.picture, *sample.masks]
         needed = sum(array.nbytes for array in arrays)
         if needed <= self._room:
@@ -80,12 +80,12 @@ def shrink_for_augmentation(sample: Sample, size: tuple[int, int]) -> Sample:
     """Return a sample at the size for augmentation: shrunk, but no side smaller than the network's."""
     height, width = sample.picture.shape[:2]
     scale = max(size[0] / width, size[1] / height)
-    return sample if scale >= 1.0 else sample.resized(round(width * scale), round(height * scale))
+    return sample if scale >= 1.0 else sample.resized_sample(round(width * scale), round(height * scale))
 
 
 def make_example(sample: Sample, size: tuple[int, int]) -> Example:
     """Return a sample at a network's size (width, height)."""
-    seen = replace(sample, masks=()).resized(*size)
+    seen = replace(sample, masks=()).resized_sample(*size)
     corners = np.concatenate((seen.xywh[:, :2], seen.xywh[:, :2] + seen.xywh[:, 2:]), axis=1)
     return Example(
         torch.from_numpy(np.ascontiguousarray(seen.picture.transpose(2, 0, 1))),

@@ -37,7 +37,7 @@ class Sample:
     class_index: Int[np.ndarray, " n"]
     masks: tuple[Bool[np.ndarray, "h w"], ...] = ()  # mask of each box; empty if they are unknown or don't count
 
-    def resized(self, width: int, height: int) -> Sample:
+    def resized_sample(self, width: int, height: int) -> Sample:
         """Return the sample with each side resized by its own factor."""
         import cv2  # not at the top: pictures are checked without the extra
 
@@ -71,11 +71,11 @@ class LabeledPictures(BoxTable):
         return len(self.file_names)
 
     @property
-    def masked(self) -> bool:
+    def has_all_masks(self) -> bool:
         """Whether every box has a mask."""
         return None not in self.segmentations
 
-    def sample(self, i: int, *, masks: bool = False) -> Sample:
+    def read_sample(self, i: int, *, masks: bool = False) -> Sample:
         """Return picture i with its labels, without masks or with those of all boxes, which must have one."""
         boxes = slice(*np.searchsorted(self.image, [i, i + 1]))
         width, height = self.sizes[i]
@@ -104,7 +104,7 @@ def read_classes_and_sources(
 
 def should_follow_masks(asked: bool | None, sources: Sequence[LabeledPictures]) -> bool:
     """Return whether turned boxes follow masks in all datasets: as `asked`, or if every box has one."""
-    lacking = [source.name for source in sources if not source.masked]
+    lacking = [source.name for source in sources if not source.has_all_masks]
     if asked and lacking:
         raise ConfigError(f"masks = true: {lacking[0]} has boxes without masks", remedy="leave masks out")
     return not lacking if asked is None else asked

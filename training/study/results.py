@@ -81,7 +81,7 @@ class Estimate:
     ends: Float[np.ndarray, "2"]
 
     @property
-    def shown(self) -> bool:
+    def excludes_zero(self) -> bool:
         """Whether the interval excludes 0."""
         return bool(self.ends[0] > 0.0 or self.ends[1] < 0.0)
 
@@ -106,7 +106,7 @@ def evaluate_run(
         # A detector without any detection there is given the highest threshold.
         chosen = Threshold(1.0 if best is None else best, "validation")
     evaluation = Evaluation(labels["test"], predictions, threshold=chosen, iou=iou)
-    values, resampled = evaluation.values(), evaluation.resampled()
+    values, resampled = evaluation.values(), evaluation.resampled_metrics()
     return Judged(
         run,
         photographs,
@@ -187,7 +187,7 @@ def equivalent_photographs(real: Sequence[Cell], cell: Cell, measure: str) -> Eq
     if len(ordered) < 2 or not seeds or not estimate_measure(ordered[-1], measure, minus=ordered[0]).ends[0] > 0.0:
         return None
     same = next((one for one in ordered if one.fraction == cell.fraction), None)
-    if cell.fraction is not None and (same is None or not estimate_measure(cell, measure, minus=same).shown):
+    if cell.fraction is not None and (same is None or not estimate_measure(cell, measure, minus=same).excludes_zero):
         return None
     of_seeds = [_seed_values_and_resamples(one, measure, seeds) for one in (*ordered, cell)]
     counts = np.array([one.photographs for one in ordered])

@@ -143,7 +143,7 @@ def compare_study_runs(study: Path | str) -> StudyReport:
     config, folders = known.config, {run.name: study / RUNS_NAME / run.name for run in finished}
     trained = {name: read_run(folder) for name, folder in folders.items()}
     drawn = {name: {key: source.drawn for key, source in run.sources.items()} for name, run in trained.items()}
-    labels = {which: read_labels(known.datasets[which].folder) for which in known.judged}
+    labels = {which: read_labels(known.datasets[which].folder) for which in known.judged_dataset_names}
     runs = [
         evaluate_run(
             run, labels, {which: folders[run.name] / f"{which}.json" for which in labels},
@@ -237,7 +237,7 @@ def difference_words(first: Cell, second: Cell, measure: str, found: Estimate) -
     if np.isnan(found.ends).any():
         return f"{second.name} minus {first.name}: {title} {found.value:+.3f}, with too few test positions for an interval."
     ends = f"{found.value:+.3f} ({found.ends[0]:+.3f} to {found.ends[1]:+.3f})"
-    if found.shown:
+    if found.excludes_zero:
         how = "higher" if found.ends[0] > 0 else "lower"
         return f"{second.name} has a {how} {title} than {first.name}: {ends}."
     return (

@@ -59,7 +59,7 @@ class Study(BaseModel):
     datasets: dict[str, StudyData]
 
     @property
-    def judged(self) -> tuple[str, ...]:
+    def judged_dataset_names(self) -> tuple[str, ...]:
         """The datasets to predict on."""
         return tuple(which for which in ("test", "valid") if which in self.datasets)
 
@@ -117,7 +117,10 @@ def planned_study_runs(config: StudyConfig) -> list[StudyRun]:
 def is_run_finished(folder: Path, study: Study, run: StudyRun) -> bool:
     """Return whether a run has all that the report needs."""
     path = folder / RUNS_NAME / run.name
-    return all((path / f"{which}.json").exists() for which in study.judged) and RunFolder(path).finished() is not None
+    return (
+        all((path / f"{which}.json").exists() for which in study.judged_dataset_names)
+        and RunFolder(path).finished() is not None
+    )
 
 
 def prepare_study(config: StudyConfig, folder: Path) -> Study:

@@ -124,7 +124,7 @@ def _train_and_predict_run(
         run.data(study, out), folder, settings=run.settings, workers=workers, device=device, progress=progress,
         say=lambda line: None,
     )  # fmt: skip
-    for which in study.judged:
+    for which in study.judged_dataset_names:
         if not (folder / f"{which}.json").exists():
             looking = partial(progress, f"looking at {which}")
             predict_detections(folder, study.datasets[which].folder, folder / f"{which}.json", device=device, progress=looking)
