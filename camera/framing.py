@@ -119,10 +119,10 @@ def frame_target(
     box = _projected_boxes(first, points)
     known = np.isfinite(box).all(axis=(1, 2))
     extent = np.where(known[:, None], np.maximum(box[:, 1] - box[:, 0], 1e-9), 1.0)
-    uniform = rng.random((n, 5))
-    share = 1.0 - (truncated[0] + uniform[:, 4] * (truncated[1] - truncated[0]))
-    cuts = _sample_frame_cuts(extent, size, share, uniform)
-    place = 0.5 + spread * (uniform[:, 2:4] - 0.5)
+    way, side, place, cut = np.split(rng.random((n, 5)), (1, 2, 4), axis=1)
+    inside_share = 1.0 - (truncated[0] + cut[:, 0] * (truncated[1] - truncated[0]))
+    cuts = _sample_frame_cuts(extent, size, inside_share, way_choice=way[:, 0], side_choice=side[:, 0])
+    place = 0.5 + spread * (place - 0.5)
 
     def corner(rows: Int[np.ndarray, " r"], extent: Float[np.ndarray, "r 2"]) -> Float[np.ndarray, "r 2"]:
         inside = cuts.inside[rows]
@@ -274,31 +274,35 @@ class _Cuts:
 def _sample_frame_cuts(
     extent: Float[np.ndarray, "n 2"],
     size: Float[np.ndarray, "2"],
-    share: Float[np.ndarray, " n"],
-    uniform: Float[np.ndarray, "n 5"],
+    inside_share: Float[np.ndarray, " n"],
+    *,
+    way_choice: Float[np.ndarray, " n"],
+    side_choice: Float[np.ndarray, " n"],
 ) -> _Cuts:
-    """Draw how the frame cuts boxes so that a share of their areas is inside, uniformly among all places that do so.
+    """Draw how the frame cuts boxes so that this share of their areas is inside, by uniform numbers for way and side.
 
-    The frame cuts a vertical side, a horizontal side, or two sides at a corner. Each way's probability is the area of
-    its places, per ds, if shares within ds count: 2 room_y width / most_y for vertical sides, the like for horizontal
-    ones, and 4 width height ln(most_x most_y / share) for corners, where the share of the width is log-uniform.
+    The frame cuts a vertical side, a horizontal side, or two sides at a corner. All places with that share are equally likely:
+    a way's weight is the area of its places whose share is within ds / 2 of it, over ds. That's 2 room_y width / most_y for
+    vertical sides, the like for horizontal ones, and 4 width height ln(most_x most_y / share) for corners, where the share
+    of the width is log-uniform.
     """
     (width, height), (room_x, room_y) = extent.T, np.abs(size - extent).T
     most_x, most_y = np.minimum(1.0, size / extent).T  # shares of the width and the height that fit into the frame
     most = most_x * most_y
-    inside = np.clip(share, 1e-6, most)
+    inside = np.clip(inside_share, 1e-6, most)
     log_range = log(most / inside)
     way_areas = [2.0 * room_y * width / most_y, 2.0 * room_x * height / most_x, 4.0 * width * height * log_range]
     way_ends = np.cumsum(np.stack(way_areas, axis=1), axis=1)
-    way = (uniform[:, :1] * way_ends[:, 2:] >= way_ends[:, :2]).sum(axis=1)  # index into `way_areas`
+    way = (way_choice[:, None] * way_ends[:, 2:] >= way_ends[:, :2]).sum(axis=1)
+    cuts_x, cuts_y, at_corner = way != 1, way != 0, way == 2
 
     # One number has which of the four corners or two sides is cut, and how deep along a corner.
-    quarter, depth = np.divmod(uniform[:, 1] * 4.0, 1.0)
+    quarter, depth = np.divmod(side_choice * 4.0, 1.0)
     corner_x = most_x * exp(-log_range * depth)
-    inside_x = np.where(way == 2, corner_x, inside / most_y)
-    inside_y = np.where(way == 2, inside / corner_x, inside / most_x)
+    inside_x = np.where(at_corner, corner_x, inside / most_y)
+    inside_y = np.where(at_corner, inside / corner_x, inside / most_x)
     return _Cuts(
-        is_cut=np.stack([way != 1, way != 0], axis=1) & (inside < most)[:, None],
+        is_cut=np.stack([cuts_x, cuts_y], axis=1) & (inside < most)[:, None],
         at_high=np.stack([quarter % 2 == 1, quarter // 2 == 1], axis=1),
         inside=np.stack([inside_x, inside_y], axis=1),
     )

@@ -22,7 +22,7 @@ class LabeledImages:
 
     @classmethod
     def from_coco_dict(cls, coco: Coco) -> LabeledImages:
-        """Return the images of a COCO dictionary with usable records, see `dataset.record_checks.check_usable`."""
+        """Return the images of a COCO dictionary with usable records, see `dataset.record_checks.read_usable_dataset`."""
         categories = tuple(map(Category.from_record, coco["categories"]))
         names = {category.id: category.name for category in categories}
         of_image: dict[int, list[Label]] = {image["id"]: [] for image in coco["images"]}

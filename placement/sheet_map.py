@@ -64,7 +64,7 @@ CountSheets = Callable[[Float[np.ndarray, " n"], Float[np.ndarray, " n"]], tuple
 
 
 class SheetMap:
-    """The number of sheets over each cell of a raster over the ground, or `UNKNOWN`."""
+    """The number of sheets over each cell of a raster over the ground, or `UNKNOWN_COUNT`."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class SheetMap:
         self._counts = self._count_sheets_by_cell(self._touched_cell_mask(xy[_unbalanced_edges(corners, xy)]), count).ravel()
 
     def count(self, x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"]) -> UInt8[np.ndarray, " n"]:
-        """Return the number of sheets at each point, or UNKNOWN; 0 outside the bounds."""
+        """Return the number of sheets at each point, or `UNKNOWN_COUNT`; 0 outside the bounds."""
         column, row = self.cells(x, 0), self.cells(y, 1)
         row *= self._columns
         row += column

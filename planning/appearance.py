@@ -23,6 +23,7 @@ from hulldown.plan.config.schema import Config
 from hulldown.plan.lines import PlanFile
 from hulldown.plan.row import Row, round_field
 from hulldown.planning.search.random_streams import Purpose, RandomStreams, choose_weighted_indices, scale_uniform
+from hulldown.planning.search.tables import MAX_ROLE_EXTRAS
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.rays import RayList
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
@@ -31,7 +32,7 @@ MAX_EXAMINED_IMAGES = 1000  # spread over the plan
 RAY_COLUMNS, RAY_ROWS = 24, 16  # rays through an image
 MAX_DOWNWARD_SINE = math.sin(math.radians(-1.0))  # a ray that points lower should meet ground
 MIN_LAND_SHARE = 0.01  # in an image with less, the land doesn't count as visible
-FIRST_COMPANION, FIRST_DISTRACTOR = 1, 65  # in a row; the target's number is 0
+FIRST_COMPANION, FIRST_DISTRACTOR = 1, 1 + MAX_ROLE_EXTRAS  # in a row; the target's number is 0
 
 
 def hdri_weights(light: LightSection, names: tuple[str, ...]) -> Float[np.ndarray, "2 h"]:

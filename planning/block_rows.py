@@ -114,7 +114,7 @@ def _extras_by_image_and_role(
 
 
 def extra_label_states(views: Views, pixels: Bool[np.ndarray, " n"], config: Config) -> list[LabelState]:
-    """Return the labels of n companions and distractors that have a class and cover `pixels`, within the limits."""
+    """Return "full" for extras within the limits, `annotate.below` for others with a class that cover `pixels`, else "none"."""
     given, camera = config.annotate, config.camera
     least_px, least_visible = given.min_box_px, given.min_visible_fraction
     most_cut = given.max_truncated_fraction
@@ -154,7 +154,7 @@ def _instance_columns(planned: Planned) -> dict[str, Sequence[object]]:
 
 def _instance_track_ids(planned: Planned) -> list[int | None]:
     block, table = planned.block, planned.table
-    number = 1 + (block.positions.number[table.row] * len(InstanceRole) + table.role) * MAX_ROLE_EXTRAS + table.number
+    number = 1 + (block.positions.number[table.row] * len(InstanceRole) + table.role) * MAX_ROLE_EXTRAS + table.rank_in_role
     named = block.given_poses(block.positions.first_image).in_sequence[table.row]
     return [track if inside else None for track, inside in zip(number.tolist(), named.tolist(), strict=True)]
 

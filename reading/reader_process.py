@@ -59,7 +59,7 @@ class Exported:
     report: FileReport  # the report about the file
     bundle: Path  # the geometry, for `assets.bundle.load_vehicle` or `load_scenery`
     tidy: Path  # a .blend with only the rendered objects; see `reading.blender.tidy`
-    picture: Path | None  # of a vehicle, see `reading.blender.render_vehicle_picture`; None for a scenery
+    picture: Path | None  # of a vehicle, see `reading.blender.vehicle_picture`; None for a scenery
     differences: Path | None  # a picture of what was lost, see `reading.blender.file_pictures`; None if nothing was
     files: tuple[str, ...]  # absolute path of every file that the asset refers to: textures, libraries
     # SHA-256 of each, from a cache; None if it can't be read

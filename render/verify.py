@@ -40,7 +40,7 @@ class Findings(list[Finding]):
     masks: MaskReport | None = None
 
     def lines(self) -> list[str]:
-        """Return the findings as lines, at most `LISTED` of each kind."""
+        """Return the findings as lines, at most `MAX_LISTED_FINDINGS` of each kind."""
         return finding_lines(self)
 
 

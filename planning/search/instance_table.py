@@ -49,7 +49,7 @@ class Instances:
     ) -> Instances:
         """Make a table of vehicles with these names, in rows 0, 1, ..."""
         model = np.array([fleet.index[name] for name in names])
-        angles = np.zeros((len(model), fleet.parts))
+        angles = np.zeros((len(model), fleet.max_parts))
         for i, (which, of_parts) in enumerate(zip(model.tolist(), articulation, strict=True)):
             shape = fleet.models[which].shape
             angles[i, : len(shape.part_names)] = shape.angles([of_parts])[0]
@@ -68,10 +68,10 @@ class Instances:
         """Return the instances in rows 0, 1, ..., so that each belongs to the camera with its index."""
         return replace(self, row=np.arange(len(self)))
 
-    def repeat_rows_with_indices(self, owner: Int[np.ndarray, " n"]) -> tuple[Instances, Int[np.ndarray, " q"]]:
-        """Return the instances of row `owner[i]` in row i, for each i, and their indices in this table."""
+    def take_rows(self, owner: Int[np.ndarray, " n"]) -> Instances:
+        """Return the instances of row `owner[i]` in row i, for each i."""
         row, index = matching_pairs(owner, self.row)
-        return replace(self.take(index), row=row), index
+        return replace(self.take(index), row=row)
 
     def indices_by_model(self) -> Iterator[tuple[FleetModel, Int[np.ndarray, " n"]]]:
         """Yield each model of the table, and the indices of its instances."""
@@ -99,7 +99,7 @@ class Instances:
         return self.angles[index, : len(model.shape.part_names)]
 
     @property
-    def centers(self) -> Float[np.ndarray, "k 3"]:
+    def centers_in_world(self) -> Float[np.ndarray, "k 3"]:
         """Centers of the boxes with parts turned, in the world; distance and elevation are measured from them."""
         return transform_points(self.world_from_vehicle, self.center[:, None])[:, 0]
 
@@ -143,7 +143,7 @@ def part_angles_from_uniform(
     fleet: Fleet, model: Int[np.ndarray, " k"], uniform: Float[np.ndarray, "k p"]
 ) -> Float[np.ndarray, "k p"]:
     """Return angles within the limits of every part i, in proportion to numbers in [0, 1), rounded as in a plan."""
-    angles = np.zeros((len(model), fleet.parts))
+    angles = np.zeros((len(model), fleet.max_parts))
     for i in np.unique(model).tolist():
         rows, shape = np.flatnonzero(model == i), fleet.models[i].shape
         (low, high), p = shape.part_limits.T, len(shape.part_names)
@@ -196,7 +196,7 @@ def fit_cameras_to_sizes(
     frame: Callable[[Cameras], Cameras],
 ) -> tuple[Float[np.ndarray, "n 4 4"], Float[np.ndarray, " n"]]:
     """Return framed cameras in these directions, at distances with the wanted box sizes; nan where there is none."""
-    centers = targets.centers
+    centers = targets.centers_in_world
     level = Cameras(lenses, camera_pose(centers, 1.0, azimuth, elevation))
     outward = -level.world_from_camera[:, :3, 2]
 

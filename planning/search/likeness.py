@@ -167,26 +167,27 @@ class Likeness:
         quarter: Int[np.ndarray, " n"],
     ) -> TargetBoxes:
         """Return the boxes that n tries follow, varied by `camera.like_spread`."""
-        sampled, is_sampled = self.sample_boxes_with_follow_mask(draws, targets.fleet, model=targets.model, image=image)
-        uniform = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
-        nearby = self._boxes_of_similar_height(draws, targets, image=image, uniform=uniform[:, 0])
+        sampled, follows_photograph = self.sample_boxes_with_follow_mask(draws, targets.fleet, model=targets.model, image=image)
+        # Which box, in whose place and size, cut by how much, from which direction.
+        other, change, cut, direction = np.split(draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6), (1, 4, 5), axis=1)
+        nearby = self._boxes_of_similar_height(draws, targets, image=image, uniform=other[:, 0])
         box = np.where(quarter < 2, sampled, nearby)
-        by_quarter = np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD)
-        low, extent = self._varied_corners_and_sizes(box, self.camera.like_spread * (2.0 * uniform[:, 1:4] - 1.0))
-        kept = self._kept_height_shares(box, uniform[:, 4])
+        low, extent = self._varied_corners_and_sizes(box, self.camera.like_spread * (2.0 * change - 1.0))
+        kept = self._kept_height_shares(box, cut[:, 0])
         horizontal_cut, vertical_cut = self._axis_cut_masks(box)
         wide = vertical_cut & ~horizontal_cut
+        by_quarter = np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD)
         return TargetBoxes(
             sampled=sampled,
             box=box,
-            following=np.where(is_sampled, by_quarter, Following.RANGES).astype(np.uint8),
+            following=np.where(follows_photograph, by_quarter, Following.RANGES).astype(np.uint8),
             corners=np.concatenate([low, low + extent], axis=1),
             cut=self.photographs.cut[box],
             wide=wide,
             pixels=np.where(wide, extent[:, 0], extent[:, 1] / kept),
             kept=kept,
             aspect=self.photographs.aspect[box] * kept,
-            choice=uniform[:, 5],
+            choice=direction[:, 0],
         )
 
     def _axis_cut_masks(self, box: Int[np.ndarray, " n"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
@@ -295,7 +296,7 @@ def choose_directions_and_distances(
     elevation = sample_elevations(n * DIRECTIONS_PER_CAMERA, (low, high), rng=rng, uniform_in=limits.elevation_sampling)
     elevation = np.repeat(elevation.reshape(n, DIRECTIONS_PER_CAMERA)[:, :1], DIRECTIONS_PER_CAMERA, axis=1)
     axes = outward_and_camera_axes(azimuth, elevation)[1]
-    local = targets.part_box_corners() - targets.centers[:, None]
+    local = targets.part_box_corners() - targets.centers_in_world[:, None]
     # Explicit sums, which have the same bits on every processor.
     x, y, depth = (
         local[:, None, :, 0] * axes[..., None, 0, axis]

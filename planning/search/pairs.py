@@ -59,7 +59,7 @@ def try_vehicle_scenery_pairs(stage: PlanStage, budget: Budget, draws: RandomStr
         if wanted[v] and not weights[v].any():
             raise next(problem for (vehicle, _), problem in sorted(problems.items()) if vehicle == v)
     for site in stage.sites:
-        for model in stage.fleet.models[stage.vehicles :]:
+        for model in stage.fleet.models[stage.vehicle_count :]:
             if problem := _too_large_error(site, model, config):
                 raise problem
     return Pairs(weights, np.array(list(of_sites.values())), tuple(left_out))

@@ -93,7 +93,7 @@ def clear_of_obstacles_mask(site: Site, instances: Instances, clearance: float) 
     clear = np.ones(len(instances), dtype=bool)
     for box in range(half.shape[1]):
         # The hull is the first box, and rejects most vehicles.
-        rows = np.flatnonzero(clear & (box < instances.fleet.boxes[instances.model]))
+        rows = np.flatnonzero(clear & (box < instances.fleet.box_counts[instances.model]))
         clear[rows] = ~site.obstacles.blocked_box_mask(half[rows, box], world_from_box[rows, box])
     return clear
 
@@ -111,7 +111,7 @@ def clear_of_vehicles_mask(instances: Instances, others: Instances, clearance: f
         half_other, world_from_other = _clearance_half_sizes_and_poses(second, 0.0)
         for a in range(half.shape[1]):
             for b in range(half.shape[1]):
-                here = (a < first.fleet.boxes[first.model]) & (b < second.fleet.boxes[second.model])
+                here = (a < first.fleet.box_counts[first.model]) & (b < second.fleet.box_counts[second.model])
                 rows = np.flatnonzero(clear[near] & here)
                 box_from_other = compose_affine(invert_rigid(world_from_box[rows, a]), world_from_other[rows, b])
                 clear[near[rows]] = ~box_pair_touch_mask(half[rows, a], half_other[rows, b], box_from_other)

@@ -195,7 +195,10 @@ class _BlockSearch:
             ahead = min(2 * ahead, MAX_BATCH_PLACES // 8)
 
     def _place_extras(self, positions: Int[np.ndarray, " p"], *, leave_out: Bool[np.ndarray, " p"]) -> Bool[np.ndarray, " p"]:
-        """Place extras by their first clear try; return which positions have room for all, or leave the others out."""
+        """Place the extras of these positions by their first clear try, and return which positions are settled.
+
+        Without room for an extra, a position isn't settled, unless `leave_out`: then the extra is left out.
+        """
         table = self.table
         extras = np.flatnonzero(np.isin(table.row, positions) & table.is_extra)
         table.state[extras] = PlaceState.PENDING  # extras that were left out at another place are tried again
@@ -242,7 +245,7 @@ class _BlockSearch:
             targets,
             self.table.take(extras),
             likeness.sample_target_boxes(self.draws, targets, image=image, attempt=attempt, quarter=np.zeros_like(row)),
-            number=table.number[extras],
+            number=table.rank_in_role[extras],
             lenses=sample_lenses(self.config.intrinsics, self.config.camera.fov_x_deg, first[:, 0]),
             rng=direction_streams(self.draws, image, attempt),
         )
@@ -250,7 +253,7 @@ class _BlockSearch:
         return poses
 
     def _settle_extras(
-        self, which: Int[np.ndarray, " q"], number: Int[np.ndarray, " q"], photographed: PhotographedPoses
+        self, which: Int[np.ndarray, " q"], attempt: Int[np.ndarray, " q"], photographed: PhotographedPoses
     ) -> Settled:
         """Settle tries of extras around targets, from the photograph's places to random ones as tries go on."""
         table, limits, tries = self.table, self.config.placement, []
@@ -259,14 +262,14 @@ class _BlockSearch:
             role, row = table.role[extras], table.row[extras]
             uniform = self.draws.uniform(
                 np.where(role == InstanceRole.COMPANION, Purpose.COMPANION, Purpose.DISTRACTOR),
-                self.number[row] * MAX_ROLE_EXTRAS + table.number[extras],
-                # The number counts all places of the target, so that every place has new random numbers.
-                self.tries[row] * MAX_EXTRA_TRIES + number[batch],
+                self.number[row] * MAX_ROLE_EXTRAS + table.rank_in_role[extras],
+                # All places of the target count, so that every place has new random numbers.
+                self.tries[row] * MAX_EXTRA_TRIES + attempt[batch],
                 count=3,
             )
             yaw = 2.0 * math.pi * uniform[:, 2] - math.pi
             pose = np.column_stack([extra_offsets(role, limits, uniform[:, :2]), yaw])
-            anywhere = np.minimum(number[batch] / COMPANION_FOLLOWING_TRIES, 1.0)[:, None]
+            anywhere = np.minimum(attempt[batch] / COMPANION_FOLLOWING_TRIES, 1.0)[:, None]
             shown = take(photographed, extras)
             pose = np.where(shown.is_shown[:, None], shown.xy_yaw + anywhere * (pose - shown.xy_yaw), pose)
             xy, yaw = pose[:, :2] + table.world_from_vehicle[self.target[row], :2, 3], pose[:, 2]
@@ -298,7 +301,7 @@ class _BlockSearch:
                 rows, owner = now[batch], self.owner[now[batch]]
                 tries = CameraTries(
                     self.table.take(self.target[owner]),
-                    extras.repeat_rows_with_indices(owner)[0],
+                    extras.take_rows(owner),
                     self.block.given_poses(self.image[rows]),
                     self.image[rows],
                     # The number counts all places of the position, so that every place has new cameras.
@@ -324,7 +327,8 @@ class _BlockSearch:
         image, instance = shown[pair], extras[of]
         seen, standing = [], self.table.take(present)
         for batch in index_batches(len(image), MAX_BATCH_CAMERAS):
-            others, which = standing.repeat_rows_with_indices(self.owner[image[batch]])
+            row, which = matching_pairs(self.owner[image[batch]], standing.row)
+            others = replace(standing.take(which), row=row)
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views = take(self.views, image[batch])
             views, pixels = other_views_and_pixel_mask(

@@ -77,10 +77,10 @@ class Fleet:
         self.center = np.array([model.shape.surface[0].bounds.mean(axis=0) for model in self.models])
         self.footings = tuple(model.footing for model in self.models)
         self.contacts = stack_samples([footing.contact for footing in self.footings])
-        self.parts = max(len(model.shape.part_names) for model in self.models)
+        self.max_parts = max(len(model.shape.part_names) for model in self.models)
         parts = [list(zip(model.caster.parts, model.part_hull_vertices, strict=True)) for model in self.models]
-        self.boxes = np.array([len(of_model) for of_model in parts])
-        padded = [[*of_model, *[of_model[0]] * (self.boxes.max() - len(of_model))] for of_model in parts]
+        self.box_counts = np.array([len(of_model) for of_model in parts])
+        padded = [[*of_model, *[of_model[0]] * (self.box_counts.max() - len(of_model))] for of_model in parts]
         self.box_part = np.array([[part.index for part, _ in of_model] for of_model in padded])
         low, high = (
             np.array([[bound(hull, axis=0) for _, hull in of_model] for of_model in padded]) for bound in _BOUND_FUNCTIONS
@@ -115,7 +115,7 @@ class PlanStage:
     config: Config
     sites: tuple[Site, ...]
     fleet: Fleet  # the models: vehicles, then distractors
-    vehicles: int
+    vehicle_count: int
 
 
 def make_stage(config: Config, assets: Assets) -> PlanStage:

@@ -29,7 +29,7 @@ from hulldown.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
 MAX_ROLE_EXTRAS = 64  # in an image; streams of random numbers are numbered by it
-_NUMBERS_PER_EXTRA = 1 + MAX_ROLE_EXTRAS  # random numbers of each extra: its model, its articulation
+MAX_EXTRA_TURNS = 64  # parts of an extra that turn; further ones stay at their lower limits
 WEATHER_NAMES = tuple(WEATHER_KINDS)
 CLEAR_WEATHER = len(WEATHER_NAMES)
 
@@ -59,15 +59,15 @@ class Extras:
         wanted: Int[np.ndarray, " n"],
         is_wanted: Bool[np.ndarray, " n"],
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"], Int[np.ndarray, " q"], Float[np.ndarray, "q 64"]]:
-        """Draw extras: rows, numbers, models, uniform numbers for angles; as many as `wanted` where `is_kept_by_name`."""
+        """Draw extras: rows, numbers, models, uniform numbers for angles; as many as `wanted` where `is_wanted`."""
         low, high = self.count
         choice = Purpose.COMPANY if self.role == InstanceRole.COMPANION else Purpose.DISTRACTORS
         size = draws.uniform(choice, position, 0, count=1)[:, 0]
-        number = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
-        number = np.where(is_wanted, np.clip(wanted, low, high), number)
-        uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=_NUMBERS_PER_EXTRA)
+        count = low + np.minimum((size * (high - low + 1)).astype(np.int64), high - low)
+        count = np.where(is_wanted, np.clip(wanted, low, high), count)
+        uniform = draws.uniform(choice, position[:, None], 1 + np.arange(high), count=1 + MAX_EXTRA_TURNS)
         model = self.models[choose_weighted_indices(self.weights, uniform[..., 0])]
-        row, rank = np.nonzero(np.arange(high) < number[:, None])
+        row, rank = np.nonzero(np.arange(high) < count[:, None])
         return row, rank, model[row, rank], uniform[row, rank, 1:]
 
 
@@ -76,7 +76,7 @@ def scenery_extras_by_background(
 ) -> dict[bool, list[Extras]]:
     """Return a scenery's companions, drawn by `of_vehicles`, and distractors, by whether they're for backgrounds."""
     limits, (least, most) = stage.config.placement, stage.config.placement.vehicles_per_image
-    companions = Extras(InstanceRole.COMPANION, np.arange(stage.vehicles), of_vehicles, (least - 1, most - 1))
+    companions = Extras(InstanceRole.COMPANION, np.arange(stage.vehicle_count), of_vehicles, (least - 1, most - 1))
     extras: dict[bool, list[Extras]] = {False: [companions], True: []}
     for background, kinds in extras.items():
         models, weights = distractor_models_and_weights(site, stage, unlabeled=background)
@@ -92,7 +92,7 @@ def distractor_models_and_weights(
     weights = []
     for entry in stage.config.assets.distractors:
         weights.append(entry.weight if entry.allows_scenery(site.name) and not (unlabeled and entry.category) else 0.0)
-    return stage.vehicles + np.arange(len(weights)), np.array(weights, dtype=np.float64)
+    return stage.vehicle_count + np.arange(len(weights)), np.array(weights, dtype=np.float64)
 
 
 def choose_target_models(
@@ -165,7 +165,9 @@ class CameraTries:
     given: Given  # what the user's poses give
     image: Int[np.ndarray, " n"]  # index of each try's image
     attempt: Int[np.ndarray, " n"]  # number of the try among those of its image
-    quarter: Int[np.ndarray, " n"]  # 0 to 3: how many quarters of an image's tries are used up; see `likeness`
+    quarter: Int[
+        np.ndarray, " n"
+    ]  # 0 to 3: quarters of an image's tries that are used up, by tries or by places without a camera
     visibility_m: Float[np.ndarray, " n"]  # nan in clear air
 
 
@@ -314,8 +316,8 @@ class PlaceState(IntEnum):
 class InstanceTable(Instances):
     """The k instances of a block's positions, by position, role, and number; their rows are the positions'."""
 
-    role: Int[np.ndarray, " k"]  # role, number: role of each instance, and its number among those of this role
-    number: Int[np.ndarray, " k"]
+    role: Int[np.ndarray, " k"]  # role, rank_in_role: role of each instance, and its number among those of this role
+    rank_in_role: Int[np.ndarray, " k"]
     settled: Settled  # resting poses, which share the array `world_from_vehicle`
     tries: Int[np.ndarray, " k"]  # places tried so far; an instance with a place has the last one
     state: UInt8[np.ndarray, " k"]  # a `PlaceState`
@@ -335,11 +337,11 @@ def sample_instances(block: Block) -> InstanceTable:
     """Draw targets, companions, and distractors of a block's positions; none has a place yet."""
     positions, fleet, draws = block.positions, block.stage.fleet, block.draws
     n = len(positions.number)
-    turns = draws.uniform(Purpose.ARTICULATION, positions.number, 0, count=fleet.parts)
+    turns = draws.uniform(Purpose.ARTICULATION, positions.number, 0, count=fleet.max_parts)
     zero, likeness = np.zeros(n, dtype=np.int64), block.likeness
-    photographed, is_photographed = (zero, np.zeros(n, dtype=bool))  # number of companions in the photograph, if one counts
+    photographed, follows_photograph = zero, np.zeros(n, dtype=bool)  # companions in the photograph, and whether it counts
     if likeness is not None:
-        sampled, is_photographed = likeness.sample_boxes_with_follow_mask(
+        sampled, follows_photograph = likeness.sample_boxes_with_follow_mask(
             draws, fleet, model=block.model, image=positions.first_image
         )
         photographed = likeness.companion_counts(sampled)
@@ -351,10 +353,10 @@ def sample_instances(block: Block) -> InstanceTable:
                 draws,
                 positions.number[rows],
                 wanted=photographed[rows],
-                is_wanted=is_photographed[rows] & (kind.role == InstanceRole.COMPANION),
+                is_wanted=follows_photograph[rows] & (kind.role == InstanceRole.COMPANION),
             )
-            turned = np.zeros((len(i), fleet.parts))
-            turned[:, :MAX_ROLE_EXTRAS] = uniform[:, : fleet.parts]
+            turned = np.zeros((len(i), fleet.max_parts))
+            turned[:, :MAX_EXTRA_TURNS] = uniform[:, : fleet.max_parts]
             columns.append((rows[i], np.full(len(i), kind.role), number, model, turned))
     row, role, number, model, turns = (np.concatenate(column) for column in zip(*columns, strict=True))
     order = np.lexsort((number, role, row))

@@ -105,7 +105,7 @@ PlacedCameras: TypeAlias = tuple[Float[np.ndarray, "k 4 4"], Float[np.ndarray, "
 
 def place_given_cameras(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> PlacedCameras:
     """Place cameras where users give them, level and toward the targets' centers."""
-    centers = tries.targets.take(rows).centers
+    centers = tries.targets.take(rows).centers_in_world
     away, azimuth, elevation = shell_coordinates(tries.given.camera[rows] - centers)
     distance = np.maximum(away, MIN_CAMERA_DISTANCE_M)
     return camera_pose(centers, distance, azimuth, elevation), distance
@@ -118,7 +118,7 @@ def place_cameras_by_equation(
     targets = tries.targets.take(rows)
     smallest = targets.fleet.size.min(axis=1)[targets.model]
     distance = drawn.lenses.take(rows).target_distance(smallest, drawn.fraction[rows]) * drawn.factor[rows]
-    return camera_pose(targets.centers, distance, drawn.azimuth[rows], drawn.elevation[rows]), distance
+    return camera_pose(targets.centers_in_world, distance, drawn.azimuth[rows], drawn.elevation[rows]), distance
 
 
 def place_cameras_by_size(block: Block, tries: CameraTries, drawn: CameraDraws, rows: Int[np.ndarray, " k"]) -> PlacedCameras:
@@ -202,7 +202,7 @@ def views_of_camera_tries(block: Block, tries: CameraTries) -> Views:
     def scenes(rows: Int[np.ndarray, " k"]) -> tuple[Site, Instances, Instances, Cameras]:
         """Return the site, and targets, others, and cameras of these rows."""
         cameras = Cameras(candidates.drawn.lenses.take(rows), views.world_from_camera[rows])
-        return block.site, tries.targets.take(rows).in_own_rows(), tries.others.repeat_rows_with_indices(rows)[0], cameras
+        return block.site, tries.targets.take(rows).in_own_rows(), tries.others.take_rows(rows), cameras
 
     rows = views.accepted_rows
     views.visible_fraction[rows] = visible_shares(*scenes(rows), rays=limits.visibility_rays)
@@ -231,7 +231,7 @@ def camera_place_rejections(
     site: Site, tries: CameraTries, candidates: CameraCandidates, limits: CameraSection, rows: Int[np.ndarray, " k"]
 ) -> UInt8[np.ndarray, " k"]:
     """Reject cameras of these rows that are too close to something."""
-    beside = tries.targets.take(rows).in_own_rows(), tries.others.repeat_rows_with_indices(rows)[0]
+    beside = tries.targets.take(rows).in_own_rows(), tries.others.take_rows(rows)
     return site.camera_room.clearance_rejections(
         candidates.world_from_camera[rows, :3, 3],
         ground_clearance=limits.ground_clearance,
@@ -294,7 +294,7 @@ def other_views_and_pixel_mask(
         air_contrast=vehicle_contrasts_after_haze(subjects, cameras, visibility_m),
     )
     named, pixels = np.flatnonzero(subjects.fleet.classed[subjects.model]), np.zeros(len(subjects), dtype=bool)
-    beside, own = others.repeat_rows_with_indices(named)[0], subjects.take(named).in_own_rows()
+    beside, own = others.take_rows(named), subjects.take(named).in_own_rows()
     shown = visible_vehicle_mask(site, own, beside, cameras.take(named), xywh=seen.boxes.xywh[named])
     pixels[named] = shown
     return seen, pixels
@@ -304,7 +304,7 @@ def vehicle_contrasts_after_haze(
     instances: Instances, cameras: Cameras, visibility_m: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     """Return the share of each vehicle's contrast after haze, between the camera and the center of its box."""
-    away = instances.centers - cameras.position
+    away = instances.centers_in_world - cameras.position
     return air_contrast(visibility_m, np.sqrt((away * away).sum(axis=1)))
 
 
@@ -326,10 +326,7 @@ def visible_vehicle_mask(
 ) -> Bool[np.ndarray, " n"]:
     """Return which cameras' subjects, with these boxes, cover the center of a pixel, so that masks aren't empty."""
     framed = np.flatnonzero(~np.isnan(xywh[:, 0]))
-    shown, world = (
-        np.zeros(len(cameras), dtype=bool),
-        site.world.with_vehicles(others.repeat_rows_with_indices(framed)[0].posed_vehicles()),
-    )
+    shown, world = (np.zeros(len(cameras), dtype=bool), site.world.with_vehicles(others.take_rows(framed).posed_vehicles()))
     subject, box = subjects.take(framed).in_own_rows().posed_vehicles(), round_field("bbox", xywh[framed])
     shown[framed] = visible_subject_mask(subject, cameras.take(framed), xywh=box, world=world)
     return shown

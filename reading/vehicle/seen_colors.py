@@ -91,7 +91,7 @@ def color_doubts(
 
 
 def save_picture_on_gray(picture: Float[np.ndarray, "h w 4"], path: Path) -> None:
-    """Write a picture by `reading.blender.render_vehicle_picture` on `BACKGROUND_LEVEL` as PNG."""
+    """Write a picture by `reading.blender.vehicle_picture` on `BACKGROUND_LEVEL` as PNG."""
     light, alpha = picture[..., :3], picture[..., 3:].clip(0.0, 1.0)
     color = srgb_from_linear((light / np.maximum(alpha, 1e-6)).clip(0.0, 1.0))
     pixels = 255.0 * alpha * color + BACKGROUND_LEVEL * (1.0 - alpha)

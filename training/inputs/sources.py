@@ -116,7 +116,7 @@ class CheckedPictures:
 
     sha256: str  # SHA-256 of records and pictures
     digests: tuple[bytes, ...]
-    # perceptual hash of each picture, see `dataset.verification.find_picture_problems`
+    # perceptual hash of each picture, see `dataset.verification.check_pictures`
     hashes: tuple[Bool[np.ndarray, "256"] | None, ...]
 
 

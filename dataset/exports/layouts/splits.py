@@ -47,7 +47,7 @@ class Splits:
     folder: Path
     head: Record  # its COCO dictionary without classes, images, and annotations
     categories: Sequence[Category]  # its classes in the order of their ids
-    items: Mapping[str, Sequence[ExportedImage]]  # the images of each of `SPLITS`, in the order of the dataset
+    items: Mapping[str, Sequence[ExportedImage]]  # the images of each of `SPLIT_NAMES`, in the order of the dataset
     progress: Callable[[int, int], None] = lambda done, total: None  # called with (done, all) after each image
 
     def __iter__(self) -> Iterator[tuple[str, Iterator[ExportedImage]]]:

@@ -41,7 +41,7 @@ class Lookup:
     extension: Extension
     smooth: bool
     alpha_used: bool  # whether the image node's alpha is used too
-    # opacity at every texel value of `GRADES`; None: the texels' own values
+    # opacity at every texel value of `TEXEL_GRADES`; None: the texels' own values
     curve: np.ndarray | None = field(default=None, compare=False)
 
     @property
