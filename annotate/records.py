@@ -100,7 +100,7 @@ class Image:
         except ValueError:
             return None
 
-    def labeled(self, labels: Iterable[Label]) -> Image:
+    def with_labels(self, labels: Iterable[Label]) -> Image:
         """Return the image with other labels."""
         return replace(self, labels=tuple(labels))
 

@@ -235,7 +235,7 @@ def raw_json_values(content: bytes) -> dict[str, msgspec.Raw]:
     return _decode_json(content, dict[str, msgspec.Raw])
 
 
-def json_records(content: bytes | msgspec.Raw, key: str) -> Iterator[dict[str, Any]]:
+def parse_json_records(content: bytes | msgspec.Raw, key: str) -> Iterator[dict[str, Any]]:
     """Yield the objects of a JSON list one at a time; ValueError, which names its `key`, if it's something else."""
     try:
         parts = _decode_json(content, list[msgspec.Raw])

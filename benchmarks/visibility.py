@@ -14,7 +14,7 @@ from hulldown.annotate.visibility import Visibility, measure_visibility
 from hulldown.benchmarks.scenes import HD, sheet, vehicles
 from hulldown.benchmarks.tables import table
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import frame_target
+from hulldown.camera.framing import turn_cameras_to_targets
 from hulldown.camera.shell import camera_pose, sample_azimuths, sample_elevations
 from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
 from hulldown.geometry.transforms import rigid_matrix, rotation_z, transform_points
@@ -57,7 +57,7 @@ class Woods:
         )
         at_rest = np.concatenate([part.hull for part in self.caster.parts])
         hull = transform_points(self.world_from_vehicle, at_rest)
-        self.world_from_camera = frame_target(Cameras(HD, poses), hull, rng=rng).world_from_camera
+        self.world_from_camera = turn_cameras_to_targets(Cameras(HD, poses), hull, rng=rng).world_from_camera
         above = self.world_from_camera[:, 2, 3] - _height(*self.world_from_camera[:, :2, 3].T)
         self.world_from_camera[above < 0.5, 2, 3] += 0.5 - above[above < 0.5]
 

@@ -88,7 +88,7 @@ def _unit_vector(x: ArrayLike, y: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(x / length), np.asarray(y / length)
 
 
-def frame_target(
+def turn_cameras_to_targets(
     cameras: Cameras,
     points_world: ArrayLike,
     *,

@@ -176,7 +176,7 @@ def _latest_failures_by_name(parts: Sequence[_Part], target: CocoDataset) -> dic
             own = [(was, now) for was, now in reservations if PurePosixPath(name).name.startswith(was.prefix)]
             if own:
                 was, now = max(own, key=lambda pair: len(pair[0].prefix))
-                name = now.file_name(was.planned(name))
+                name = now.dataset_file_name(was.planned(name))
             latest[name] = replace(failure, file_name=name)
     return latest
 
@@ -191,7 +191,7 @@ def _part_moves(part: _Part, target: CocoDataset) -> Iterator[_Move]:
         else:
             was, now = own
             new_id = image_id - was.image_offset + now.image_offset
-            yield _Move(part, index, old, now.file_name(was.planned(old)), new_id, own)
+            yield _Move(part, index, old, now.dataset_file_name(was.planned(old)), new_id, own)
 
 
 def _refuse_conflicting_images(moves: Sequence[_Move], target: CocoDataset) -> None:

@@ -25,13 +25,13 @@ IMAGE_KEYS = tuple(key for key, field in row_fields(Row).items() if field.record
 LABEL_KEYS = tuple(key for key, field in row_fields(PlannedVehicle).items() if field.recorded)
 
 
-def row_image_fields(row: Row) -> Record:
+def recorded_image_fields(row: Row) -> Record:
     """Return the dataset record of a row's image, without id and file name."""
     record = orjson.loads(encode_line(row))
     return {key: record[key] for key in IMAGE_KEYS if key in record}
 
 
-def label_records(row: Row) -> list[Record]:
+def planned_label_records(row: Row) -> list[Record]:
     """Return the dataset records of a row's labeled vehicles, without ids and without fields that need the scene."""
     return [_label_record(row, vehicle) for vehicle in row.labeled]
 

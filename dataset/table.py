@@ -26,7 +26,7 @@ from hulldown.dataset.attributes import (
 )
 from hulldown.dataset.images import LabeledImages
 from hulldown.dataset.record_checks import read_usable_dataset
-from hulldown.dataset.row_records import label_records, row_image_fields
+from hulldown.dataset.row_records import planned_label_records, recorded_image_fields
 from hulldown.pictures.notebooks import ShownInNotebooks
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.plan.plan_file import Plan
@@ -95,8 +95,8 @@ class Dataset(ShownInNotebooks):
         images: list[Record] = []
         labels: list[Record] = []
         for row in plan:
-            images.append({"id": row.image_id, "file_name": row.file_name, **row_image_fields(row)})
-            for k, label in enumerate(label_records(row)):
+            images.append({"id": row.image_id, "file_name": row.file_name, **recorded_image_fields(row)})
+            for k, label in enumerate(planned_label_records(row)):
                 of_image = {"id": k, "image_id": row.image_id, "category_id": ids[label["category"]]}
                 labels.append({**label, **of_image})
         categories: list[Record] = [{"id": number, "name": name} for name, number in ids.items()]

@@ -78,7 +78,7 @@ def images_with_clipped_labels(images: Sequence[Image], *, folder: Path, clip: b
                     kept.append(label.with_fields(bbox=box))
                 elif not clip:
                     wrong.append(f"{where} has no area inside its image")
-        found.append(image.labeled(kept))
+        found.append(image.with_labels(kept))
     corrected = "write width and height, not right and bottom, or clip them with `hulldown export --clip`"
     remedy = corrected if further else "correct or delete them"
     refuse_listed_problems(wrong, "box", folder, remedy=remedy)

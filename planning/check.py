@@ -27,7 +27,7 @@ from hulldown.planning.search.instance_table import Instances
 from hulldown.planning.search.placing import skylit_vehicle_mask
 from hulldown.planning.search.stage import PlanStage, Site
 from hulldown.planning.search.tables import nan_views
-from hulldown.planning.search.views import other_views_and_pixel_mask
+from hulldown.planning.search.views import views_of_extras_and_shown_mask
 from hulldown.reading.confinement.watch import DEFAULT_LIMITS, ReadLimits
 
 NUMBER_TOLERANCE = 1e-6  # for meters, degrees, pixels, and shares by other processors
@@ -174,7 +174,7 @@ def _label_columns(row: Row, site: Site, vehicles: Instances, stage: PlanStage) 
     cameras = Cameras(row.intrinsics, np.tile(row.world_from_camera, (k, 1, 1)))
     visibility = np.full(k, row.weather.visibility_m if row.weather else np.nan)
     others = dataclasses.replace(vehicles.take(other), row=subject)
-    views, pixels = other_views_and_pixel_mask(
+    views, pixels = views_of_extras_and_shown_mask(
         site, vehicles, others, views=nan_views(k), cameras=cameras, visibility_m=visibility, rays=config.camera.visibility_rays
     )
     labels = extra_label_states(views, pixels, config)

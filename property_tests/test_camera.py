@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import frame_target, pan_center_to_pixel
+from hulldown.camera.framing import pan_center_to_pixel, turn_cameras_to_targets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.camera.size import solve_distance
@@ -131,7 +131,7 @@ def test_framed_cameras_cut_as_requested(
         elevation = float(np.clip(math.acos(lens.sin_half_fov_x) - below, 0, 1.5))
     points = rng.uniform(-1, 1, (12, 3)) * [3.5, 1.7, 1.2]
     poses = camera_pose([0, 0, 0], 3.5 * lengths / min(1.0, *lens.half_tangents), rng.uniform(0, 6, 200), elevation)
-    framed = frame_target(Cameras(lens, poses), points[None], rng=rng, truncated=(least, most))
+    framed = turn_cameras_to_targets(Cameras(lens, poses), points[None], rng=rng, truncated=(least, most))
     pixels, size = framed.project(points).pixels, [lens.width, lens.height]
     low, high = pixels.min(axis=1), pixels.max(axis=1)
     kept = np.clip(np.minimum(high, size) - np.maximum(low, 0), 0, None)

@@ -133,7 +133,7 @@ def render_share(folder: Path, total: int, indices: Iterable[int] | None = None,
         run = dataset.reserve_ids("p" * 64, images=total, annotations=total * 2)
         (folder / "images").mkdir(exist_ok=True)
         for i in range(total) if indices is None else indices:
-            name = run.file_name(f"images/{i}.png")
+            name = run.dataset_file_name(f"images/{i}.png")
             if dataset.finished(name):
                 continue
             (folder / name).write_bytes(b"%d" % i)

@@ -15,7 +15,7 @@ from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.dataset.attributes import label_attribute_values
-from hulldown.dataset.row_records import Segmenter, label_records, row_image_fields
+from hulldown.dataset.row_records import Segmenter, planned_label_records, recorded_image_fields
 from hulldown.geometry.transforms import transform_points
 from hulldown.placement.terrain import Terrain
 from hulldown.plan.config.asset_sections import OWN_COLOR
@@ -147,8 +147,8 @@ def shown_angles_are_the_configured_ones(rows, config):
     summary, limits = summarize_plan(rows).histograms, config.camera
     of_image = {"id": 1, "image_id": 1, "category_id": 1, "file_name": "1.png"}
     shown = [row for row in rows if not row.background and row.target.label != "none"]
-    labels = [Label.from_record(label_records(row)[0] | of_image, {}) for row in shown]
-    images = [Image.from_record(row_image_fields(row) | of_image, ()) for row in shown]
+    labels = [Label.from_record(planned_label_records(row)[0] | of_image, {}) for row in shown]
+    images = [Image.from_record(recorded_image_fields(row) | of_image, ()) for row in shown]
     numbers = label_attribute_values(labels, images, np.arange(len(labels)))
     for low, high, shown in (
         (*limits.elevation_deg, (summary["elevation_deg"].values, numbers["elevation"])),
@@ -210,7 +210,7 @@ def labels_are_what_is_seen(row, config):
             assert label != "none" or config.annotate.below == "left_out"
     assert not (row.background and row.labeled)
     # COCO's term for labels that count neither as missed nor as false positives.
-    crowds = [record["iscrowd"] for record in label_records(row)]
+    crowds = [record["iscrowd"] for record in planned_label_records(row)]
     assert crowds == [{"full": 0, "ignored": 1}[vehicle.label] for vehicle in row.labeled]
 
 

@@ -22,7 +22,7 @@ from hulldown.dataset.provenance import (
     read_provenance_by_plan,
     write_failures,
 )
-from hulldown.dataset.row_records import Segmenter, plan_category_records, row_image_fields
+from hulldown.dataset.row_records import Segmenter, plan_category_records, recorded_image_fields
 from hulldown.dataset.store.placed_pictures import explain_picture_write_errors, move_picture_to_dataset, require_path_inside
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
@@ -76,7 +76,7 @@ class Session:
         rows, firsts = part.part_rows(outline), outline.first_annotation_ids(reservation).tolist()
         self._pending_images: dict[int, tuple[str, int]] = {}  # index -> name in the dataset, and id of the first label
         for _, index, labels, planned in rows:
-            if not dataset.finished(name := reservation.file_name(planned)):
+            if not dataset.finished(name := reservation.dataset_file_name(planned)):
                 self._pending_images[index] = name, firsts[index]
                 of_labels = range(firsts[index], firsts[index] + labels)
                 dataset.refuse_taken_ids(name, reservation.image_offset + index + 1, of_labels)
@@ -183,7 +183,7 @@ class Session:
         image_id = self._reservation.image_offset + index + 1
         about = {"id": image_id, "file_name": name, "device": outcome.made_by["devices"]}
         self._dataset.append(
-            {**about, PICTURE_HASH_KEY: hashlib.sha256(content).hexdigest(), **row_image_fields(row)},
+            {**about, PICTURE_HASH_KEY: hashlib.sha256(content).hexdigest(), **recorded_image_fields(row)},
             [{"id": first + i, **record} for i, record in enumerate(records)],
         )
         self.rendered += 1

@@ -51,7 +51,7 @@ class Ground:
 
     def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
         """Return the first face along each ray."""
-        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
+        hits, reach = Hits.all_missed(len(rays)), max_distance_per_ray(rays, max_distance)
         for ray, start, along in rays.asked_ray_blocks(reach > -np.inf):
             met = self.caster.cast(start, along, max_distance=reach[ray])
             hits.distance[ray], hits.face[ray] = met.distance, met.face

@@ -59,7 +59,7 @@ class InstancedScene:
 
     def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
         """Return the first face along each ray; faces are those of the instance's own mesh."""
-        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
+        hits, reach = Hits.all_missed(len(rays)), max_distance_per_ray(rays, max_distance)
         for ray, instance in rays.ray_instance_pairs(self._tree, self.bounds, reach):
             distance, face = np.full(len(ray), np.inf), np.full(len(ray), -1, dtype=np.int32)
             for caster, rows, inside, inward, scale in self._rays_by_mesh(rays, ray, instance):

@@ -58,7 +58,7 @@ class Scene:
 
     def first_hits(self, rays: RaySet, *, max_distance: ArrayLike = np.inf, threads: int = 1) -> Hits:
         """Return each ray's first surface, with `threads` threads; on ties ground, then obstacles, then vehicles."""
-        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
+        hits, reach = Hits.all_missed(len(rays)), max_distance_per_ray(rays, max_distance)
 
         def trace(piece: Callable[[], RayPiece]) -> None:
             ray, batch, lead = piece()
@@ -99,7 +99,7 @@ class Scene:
         return hits.normal
 
     def _batch_hits(self, rays: RayBatch, reach: Float[np.ndarray, " n"]) -> Hits:
-        hits = Hits.missed(len(rays))
+        hits = Hits.all_missed(len(rays))
         for number, target in self._numbered_targets():
             found = target.first_hits(rays, max_distance=reach)
             closer = np.flatnonzero(found.distance < hits.distance)

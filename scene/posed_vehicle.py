@@ -105,7 +105,7 @@ class PosedVehicle:
 
     def first_hits(self, rays: RayBatch, *, max_distance: ArrayLike = np.inf) -> Hits:
         """Return the first face of the shape's mesh along each ray, which meets the poses of its camera."""
-        hits, reach = Hits.missed(len(rays)), max_distance_per_ray(rays, max_distance)
+        hits, reach = Hits.all_missed(len(rays)), max_distance_per_ray(rays, max_distance)
         for part, (at, pose, origins, directions) in self._part_ray_blocks(rays, reach > -np.inf):
             met = part.caster.cast(origins, directions, max_distance=np.minimum(reach[at], hits.distance[at]))
             # Farthest first, so that of several poses the nearest is written last.

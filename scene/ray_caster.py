@@ -41,7 +41,7 @@ class RayHits:
     face: Int[np.ndarray, " n"]  # index of the face; -1 on a miss
 
     @classmethod
-    def missed(cls, n: int) -> RayHits:
+    def all_missed(cls, n: int) -> RayHits:
         """Return the hits of n rays that met nothing."""
         return cls(np.full(n, np.inf), np.full(n, -1, dtype=np.int32))
 
@@ -84,7 +84,7 @@ class RayCaster:
     def cast(self, origins: ArrayLike, directions: ArrayLike, *, max_distance: ArrayLike = np.inf) -> RayHits:
         """Return the first face along each ray in the mesh's frame, within `max_distance` in meters."""
         start, unit, limit = checked_rays(origins, directions, max_distance)
-        hits = RayHits.missed(len(start))
+        hits = RayHits.all_missed(len(start))
         for i, entry, along, reach, skipped in self._ray_blocks(start, unit, limit):
             met = self._embree_scene.run(entry, along, dists=reach.copy(), output=True)
             within = (met["primID"] >= 0) & (reach >= 0)

@@ -47,7 +47,7 @@ class Hits:
     normal: Float[np.ndarray, "n 3"]
 
     @classmethod
-    def missed(cls, n: int) -> Hits:
+    def all_missed(cls, n: int) -> Hits:
         """Return the hits of n rays that hit nothing."""
         instance, part, face = np.full((3, n), -1)
         return cls(np.full(n, np.inf), np.zeros(n, np.uint8), instance, part, face, np.full((n, 3), np.nan))

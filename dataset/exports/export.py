@@ -128,7 +128,7 @@ def export_dataset(
         kept = floors.kept_labels(image.labels)
         if polygons is not False:
             kept = [_label_with_polygons(label, image.size, within) for label in kept]
-        items[split_of[image.id]].append(ExportedImage(image.labeled(kept), name, picture, digest))
+        items[split_of[image.id]].append(ExportedImage(image.with_labels(kept), name, picture, digest))
     categories = document.classes  # numbered as in training
     counts = {split: len(of_split) for split, of_split in items.items()}
     splits = Splits(folder, document.head, categories, items)

@@ -25,8 +25,8 @@ from hulldown.base.outside import (
     MAX_DATA_BYTES,
     convert_value,
     describe_path,
-    json_records,
     parse_json,
+    parse_json_records,
     raw_json_values,
     read_file,
 )
@@ -290,7 +290,7 @@ def _with_slashed_file_name(image: Record) -> Record:
 
 
 def _parse_records(content: msgspec.Raw, key: str, kind: str, path: Path) -> Iterator[Record]:
-    for record in json_records(content, key):
+    for record in parse_json_records(content, key):
         if type(number := record.get("id")) is not int:
             raise _unusable_error(path, f"{kind} id {number!r} is not a whole number")
         yield record

@@ -24,7 +24,7 @@ class Reservation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     images: _Count
     annotations: _Count
 
-    def file_name(self, planned: str) -> str:
+    def dataset_file_name(self, planned: str) -> str:
         """Return the dataset's name of an image that is `planned` in the plan."""
         path = PurePosixPath(planned)
         return str(path.with_name(self.prefix + path.name))

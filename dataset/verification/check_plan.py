@@ -11,7 +11,7 @@ from hulldown.annotate.coco_types import Coco, Record
 from hulldown.annotate.masks import decode_mask
 from hulldown.base.errors import HulldownError
 from hulldown.dataset.record_checks import Finding
-from hulldown.dataset.row_records import Segmenter, label_records, row_image_fields
+from hulldown.dataset.row_records import Segmenter, planned_label_records, recorded_image_fields
 from hulldown.dataset.store.reservations import find_reservation, plan_file_key
 from hulldown.plan.library import Library
 from hulldown.plan.plan_file import Plan
@@ -28,7 +28,7 @@ def find_plan_differences(coco: Coco, plan: Plan, assets: Callable[[], Library] 
     if reservation is None:
         yield Finding("error", plan.path.name, "nothing here was rendered from this file, as it is now")
         return
-    records = label_records
+    records = planned_label_records
     try:
         records = records if assets is None else Segmenter.of_plan(plan, assets()).label_records_with_masks
     except HulldownError as error:
@@ -38,12 +38,12 @@ def find_plan_differences(coco: Coco, plan: Plan, assets: Callable[[], Library] 
     boxes = {box["id"]: box for box in coco["annotations"] if reservation.has_annotation_id(box["id"])}
     first, missing, example = reservation.annotation_offset + 1, 0, ""
     for i, row in enumerate(plan, start=reservation.image_offset + 1):
-        image, name = images.get(i), reservation.file_name(row.file_name)
+        image, name = images.get(i), reservation.dataset_file_name(row.file_name)
         if image is None:
             missing, example = missing + 1, example or name
             first += len(row.labeled)
             continue
-        yield from _differing_field_findings(name, image, {"file_name": name, **row_image_fields(row)})
+        yield from _differing_field_findings(name, image, {"file_name": name, **recorded_image_fields(row)})
         for number, label in enumerate(records(row), start=first):
             yield from _label_findings(name, boxes.pop(number, None), {"image_id": i, **label}, names)
         first += len(row.labeled)

@@ -45,7 +45,7 @@ from hulldown.planning.search.tables import (
     sample_instances,
     sample_weathers,
 )
-from hulldown.planning.search.views import other_views_and_pixel_mask, sample_lenses, views_of_camera_tries
+from hulldown.planning.search.views import sample_lenses, views_of_camera_tries, views_of_extras_and_shown_mask
 from hulldown.weather.kinds import Weather
 
 # Candidates settled together, and cameras aimed together: they bound a worker's memory.
@@ -331,7 +331,7 @@ class _BlockSearch:
             others = replace(standing.take(which), row=row)
             not_itself = np.flatnonzero(present[which] != instance[batch][others.row])
             views = take(self.views, image[batch])
-            views, pixels = other_views_and_pixel_mask(
+            views, pixels = views_of_extras_and_shown_mask(
                 self.block.site,
                 self.table.take(instance[batch]).in_own_rows(),
                 others.take(not_itself),

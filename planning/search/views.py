@@ -16,7 +16,7 @@ from hulldown.annotate.silhouettes import visible_subject_mask
 from hulldown.annotate.visibility import measure_visibility
 from hulldown.base.columns import put_rows, take
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import frame_target, pan_center_to_pixel
+from hulldown.camera.framing import pan_center_to_pixel, turn_cameras_to_targets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, outward_and_camera_axes, sample_azimuths, sample_elevations, shell_coordinates
 from hulldown.geometry.transforms import rigid_matrix
@@ -164,7 +164,7 @@ def frame_or_aim_cameras(
 ) -> Cameras:
     """Turn the cameras of some tries so that their targets are in frame, or to the points that users give."""
     limits, given = block.config.camera, take(tries.given, rows)
-    framed = frame_target(
+    framed = turn_cameras_to_targets(
         cameras,
         tries.targets.take(rows).part_box_corners(),
         roll=roll,
@@ -276,7 +276,7 @@ def wanted_size_mask(size: Float[np.ndarray, " k"], wanted: Float[np.ndarray, " 
     return np.abs(size - wanted) <= SIZE_TOLERANCE_SHARE * wanted
 
 
-def other_views_and_pixel_mask(
+def views_of_extras_and_shown_mask(
     site: Site,
     subjects: Instances,
     others: Instances,

@@ -10,7 +10,7 @@ from hulldown.annotate.label_list import invalid_label_field_sentences
 from hulldown.annotate.labels.box_3d import Box3D, BoxInCamera
 from hulldown.annotate.records import Image, Label
 from hulldown.dataset.exports.layouts.kitti import kitti_label_line
-from hulldown.dataset.row_records import label_records
+from hulldown.dataset.row_records import planned_label_records
 from hulldown.geometry.transforms import transform_points
 from hulldown.tests.builders.planning_assets import plan, small_assets, small_config
 from hulldown.tests.builders.shapes import vertices_at
@@ -34,7 +34,7 @@ def points_of(assets, vehicle, row):
 
 def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, rows):
     for row in rows:
-        for vehicle, record in zip(row.labeled, label_records(row), strict=True):
+        for vehicle, record in zip(row.labeled, planned_label_records(row), strict=True):
             box = Box3D(**record["bbox_3d"])
             inside = (points_of(assets, vehicle, row) - box.center) @ np.array(box.rotation)
             np.testing.assert_allclose(inside.min(axis=0), -np.array(box.size) / 2, rtol=0, atol=1e-7)
@@ -43,7 +43,7 @@ def test_the_box_contains_every_vertex_and_touches_some_on_each_side(assets, row
 
 def test_distance_and_azimuth_are_those_of_the_center(rows):
     for row in rows:
-        label = label_records(row)[0]
+        label = planned_label_records(row)[0]
         assert label["distance"] == pytest.approx(np.linalg.norm(label["bbox_3d"]["center"]), abs=1e-8)
         middle = transform_points(row.world_from_camera, np.array([label["bbox_3d"]["center"]]))[0]
         eye = transform_points(np.linalg.inv(row.target.world_from_vehicle), row.world_from_camera[None, :3, 3])[0]
@@ -53,7 +53,7 @@ def test_distance_and_azimuth_are_those_of_the_center(rows):
 
 def test_kittis_rotation_and_location_are_the_boxs(rows):
     for row in rows:
-        label = label_records(row)[0]
+        label = planned_label_records(row)[0]
         of_image = {"id": 1, "image_id": 1, "category_id": 1}
         numbers = [float(word) for word in kitti_label_line(Label.from_record({**label, **of_image}, {1: "tank"})).split()[1:]]
         rotation, center = np.array(label["bbox_3d"]["rotation"]), np.array(label["bbox_3d"]["center"])
@@ -82,7 +82,7 @@ def turned(box):
     ],
 )
 def test_an_invalid_box_is_found(rows, change, problem):
-    label = copy.deepcopy(label_records(rows[0])[0])
+    label = copy.deepcopy(planned_label_records(rows[0])[0])
     label |= {"id": 1, "image_id": 1, "category_id": 1}
     image = Image.from_record({"id": 1, "file_name": "1.png", "width": 32, "height": 24}, ())
 

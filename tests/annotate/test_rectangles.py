@@ -13,7 +13,7 @@ from hulldown.base.errors import DatasetError
 from hulldown.dataset.coco import CocoDataset
 from hulldown.dataset.exports.export import export_dataset
 from hulldown.dataset.record_checks import read_usable_dataset
-from hulldown.dataset.row_records import Segmenter, row_image_fields
+from hulldown.dataset.row_records import Segmenter, recorded_image_fields
 from hulldown.geometry.transforms import transform_points
 from hulldown.render.verify import verify_dataset
 from hulldown.tests.builders.detections import dataset as dataset_of
@@ -69,7 +69,7 @@ def dataset(planned, tmp_path_factory):
     segmenter = Segmenter(assets.vehicles, assets.sceneries)
     with CocoDataset.open(folder, categories=["main battle tank", "truck"]) as dataset:
         for row in rows:
-            image = {"file_name": row.file_name, **row_image_fields(row)}
+            image = {"file_name": row.file_name, **recorded_image_fields(row)}
             (folder / row.file_name).parent.mkdir(exist_ok=True)
             Image.new("RGB", (row.width, row.height), "gray").save(folder / row.file_name)
             dataset.append(image, segmenter.label_records_with_masks(row))

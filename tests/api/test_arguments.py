@@ -9,7 +9,7 @@ from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.annotate.visibility import measure_visibility
 from hulldown.base.arrays import checked_array, checked_whole_number
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import frame_target
+from hulldown.camera.framing import turn_cameras_to_targets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, sample_elevations
 from hulldown.camera.size import solve_distance
@@ -65,7 +65,7 @@ def solved(poses=AWAY, center=(0, 0, 0), pixels=10.0):
 
 
 def framed(poses=AWAY, points=POINTS[None], **options):
-    return frame_target(Cameras(VGA, poses), points, rng=rng(), **options)
+    return turn_cameras_to_targets(Cameras(VGA, poses), points, rng=rng(), **options)
 
 
 def clear(**options):

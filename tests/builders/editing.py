@@ -55,7 +55,7 @@ def render(folder: Path, indices: Iterable[int], *, key: str = PLAN, hashed: boo
         run = dataset.reserve_ids(key, images=6, annotations=12)
         for i in indices:
             labels = [{"id": run.annotation_offset + 2 * i + k, "category": "tank", "bbox": [0, 0, k, 3.5]} for k in (1, 2)]
-            name, picture = run.file_name(f"images/{i + 1:08d}.png"), Image.new("RGB", (8, 6), (i, ord(key[0]), 7))
+            name, picture = run.dataset_file_name(f"images/{i + 1:08d}.png"), Image.new("RGB", (8, 6), (i, ord(key[0]), 7))
             append(dataset, name, picture, labels, hashed=hashed, id=run.image_offset + i + 1, shot=i)
     return folder
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.framing import frame_target
+from hulldown.camera.framing import turn_cameras_to_targets
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose, outward_and_camera_axes, shell_coordinates
 from hulldown.camera.size import solve_distance
@@ -134,7 +134,7 @@ def test_cuts_of_each_side_and_corner_are_as_frequent_and_as_deep_as_their_area(
     lens = Intrinsics(2000, 1000, math.radians(0.2))
     corners = np.array([[0, y, z] for y in (-1.5, 1.5) for z in (-2.5, 2.5)])
     pose = np.tile(camera_pose([0, 0, 0], 20 / (2 * math.tan(math.radians(0.1))), 0.0, 0.0), (20_000, 1, 1))
-    framed = frame_target(Cameras(lens, pose), corners[None], rng=rng, truncated=(0.6, 0.6))
+    framed = turn_cameras_to_targets(Cameras(lens, pose), corners[None], rng=rng, truncated=(0.6, 0.6))
     found = framed.project(corners).pixels.min(axis=1)
     beyond, expected = ((at + extent > size + 0.1).astype(int) - (at < -0.1) for at in (found, place))
     for sides in itertools.product((-1, 0, 1), repeat=2):
@@ -149,7 +149,7 @@ def test_a_target_is_cut_as_far_as_a_distorted_lens_sees_it() -> None:
     folds = Intrinsics.calibrated(1920, 1080, (1420.0, 1420.0, 960.0, 540.0), (-0.2, 0.0, 0.0, 0.0, 0.0))
     corners = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
     poses = camera_pose([0, 0, 0], np.full(200, 14.0), np.linspace(0, 6, 200), 1.0)
-    framed = frame_target(Cameras(folds, poses), corners[None], rng=np.random.default_rng(0), truncated=(0.8, 0.8))
+    framed = turn_cameras_to_targets(Cameras(folds, poses), corners[None], rng=np.random.default_rng(0), truncated=(0.8, 0.8))
     pixels = framed.project(corners).pixels
     low, high = pixels.min(axis=1), pixels.max(axis=1)
     cut = 1 - (np.clip(np.minimum(high, folds.size) - np.maximum(low, 0), 0, None) / (high - low)).prod(axis=1)
@@ -160,7 +160,7 @@ def test_a_target_is_cut_as_far_as_a_distorted_lens_sees_it() -> None:
 def test_cameras_inside_the_targets_box_are_unchanged() -> None:
     inside = camera_pose([0, 0, 0], np.ones(1), 0.3, 0.1)
     corners = np.array([[x, y, z] for x in (-3.5, 3.5) for y in (-1.7, 1.7) for z in (-1.2, 1.2)])
-    framed = frame_target(Cameras(VGA, inside), corners[None], rng=np.random.default_rng(0))
+    framed = turn_cameras_to_targets(Cameras(VGA, inside), corners[None], rng=np.random.default_rng(0))
     np.testing.assert_array_equal(framed.world_from_camera, inside)
 
 

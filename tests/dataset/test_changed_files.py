@@ -69,7 +69,7 @@ def test_images_that_were_deleted_and_made_again_or_are_from_elsewhere_are_no_ch
     assert errors(tmp_path) == []
     with CocoDataset.open(tmp_path) as dataset:
         run = dataset.reserve_ids(PLAN, images=6, annotations=12)
-        image = {"file_name": run.file_name("images/00000003.png"), "width": 8, "height": 6, "id": run.image_offset + 3}
+        image = {"file_name": run.dataset_file_name("images/00000003.png"), "width": 8, "height": 6, "id": run.image_offset + 3}
         dataset.append(image, [{"category": "truck", "bbox": [0, 0, 1, 3]}])
     assert errors(tmp_path) == []
 

@@ -92,8 +92,8 @@ def test_two_plans_get_different_ids_and_names(tmp_path):
         first = dataset.reserve_ids("f" * 64, images=10, annotations=20)
         dataset.append({**image(1), "id": 1}, [annotation(id=1)])
         second = dataset.reserve_ids("e" * 64, images=5, annotations=5)
-    assert first.file_name("images/1.png") == "images/1.png"
-    assert second.file_name("images/1.png") == "images/2-eeeeeeee-1.png"
+    assert first.dataset_file_name("images/1.png") == "images/1.png"
+    assert second.dataset_file_name("images/1.png") == "images/2-eeeeeeee-1.png"
     assert (second.image_offset, second.annotation_offset) == (10, 20)
     with CocoDataset.open(tmp_path) as dataset:
         assert dataset.reserve_ids("e" * 64, images=5, annotations=5) == second
@@ -111,7 +111,10 @@ def test_pictures_from_elsewhere_are_never_overwritten(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["images"]
     (tmp_path / "annotations.json").write_text("{}")
     with CocoDataset.open(tmp_path) as dataset:
-        assert dataset.reserve_ids("a" * 64, images=1, annotations=1).file_name("images/00000001.png") != "images/00000001.png"
+        assert (
+            dataset.reserve_ids("a" * 64, images=1, annotations=1).dataset_file_name("images/00000001.png")
+            != "images/00000001.png"
+        )
 
 
 def test_records_deleted_by_hand_stay_deleted(tmp_path):

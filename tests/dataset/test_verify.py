@@ -168,7 +168,7 @@ def planned(tmp_path):
         run = dataset.reserve_ids(hashlib.sha256(plan.read_bytes()).hexdigest(), images=4, annotations=5)
         n = run.annotation_offset
         for i, each in enumerate(rows):
-            name = run.file_name(each["file_name"])
+            name = run.dataset_file_name(each["file_name"])
             boxes = []
             for vehicle in (each["planned"][0], *each["planned"][3:]):
                 n += 1

@@ -39,7 +39,7 @@ def assert_shows_plan(folder, plan, library):
     rows = {row.file_name: row for n, row in enumerate(plan, start=reservation.image_offset + 1) if n in names}
     assert rows
     for name, row in rows.items():
-        assert_shows_row(pixels(folder / reservation.file_name(name)), row, library)
+        assert_shows_row(pixels(folder / reservation.dataset_file_name(name)), row, library)
 
 
 def assert_shows_row(picture, row, library):

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 
 from hulldown import cli
 from hulldown.camera.shell import camera_pose
-from hulldown.dataset.row_records import label_records
+from hulldown.dataset.row_records import planned_label_records
 from hulldown.plan.config.schema import Config
 from hulldown.planning.check import check_plan
 from hulldown.planning.write import write_plan
@@ -57,5 +57,5 @@ def test_the_azimuth_straight_down_is_the_limit_from_nearby(plan, azimuth):
         pose = camera_pose(middle, 100.0, azimuth, elevation)
         pose[:3, 3] = np.round(pose[:3, 3], 9)  # rounded as in plans, which decides the direction
         seen = replace(row, world_from_camera=pose, planned=[target], background=False)
-        away.append(label_records(seen)[0]["azimuth_seen"])
+        away.append(planned_label_records(seen)[0]["azimuth_seen"])
     assert away == pytest.approx([azimuth, azimuth], abs=1e-5)
