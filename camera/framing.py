@@ -281,10 +281,11 @@ def _sample_frame_cuts(
 ) -> _Cuts:
     """Draw how the frame cuts boxes so that this share of their areas is inside, by uniform numbers for way and side.
 
-    The frame cuts a vertical side, a horizontal side, or two sides at a corner. All places with that share are equally likely:
-    a way's weight is the area of its places whose share is within ds / 2 of it, over ds. That's 2 room_y width / most_y for
-    vertical sides, the like for horizontal ones, and 4 width height ln(most_x most_y / share) for corners, where the share
-    of the width is log-uniform.
+    The frame cuts a vertical side, a horizontal side, or two sides at a corner (ways 0, 1, 2). Let s be the share inside. All
+    places of the box with that s are equally likely, so a way's weight is the area of its places with shares between s and
+    s + ds, over ds. A cut vertical side moves by width ds / most_y, at 2 sides and along room_y: 2 room_y width / most_y; the
+    like for horizontal ones. At each of 4 corners, width height times the integral of ds dx / x over the shares x of the width,
+    from s / most_y to most_x: 4 width height ln(most_x most_y / s), with x log-uniform. A box that needn't be cut isn't.
     """
     (width, height), (room_x, room_y) = extent.T, np.abs(size - extent).T
     most_x, most_y = np.minimum(1.0, size / extent).T  # shares of the width and the height that fit into the frame

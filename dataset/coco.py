@@ -1,8 +1,8 @@
 """A COCO dataset that several runs append to, safe against crashes at any moment.
 
-``annotations.json`` holds the merged records, ``journal.jsonl`` one line for each image since the beginning. A line
-``{"merged": true}`` means that everything above it is in ``annotations.json``, which then overrides the journal: a
-record that a user deletes there stays deleted.
+``annotations.json`` holds the merged records, ``journal.jsonl`` a line for each image since the beginning, and for each class,
+run, and merge. A line ``{"merged": true}`` means that everything above it is in ``annotations.json``, which then overrides the
+journal: a record that a user deletes there stays deleted.
 """
 
 from __future__ import annotations
@@ -169,7 +169,7 @@ class CocoDataset:
         ----------
         image
             ``file_name`` (relative to the folder, new in the dataset), ``width``, ``height``, and any other
-            fields. An ``id`` is used as given, for ids reserved by `reserve`; without one it gets the next. With
+            fields. An ``id`` is used as given, for ids reserved by `reserve_ids`; without one it gets the next. With
             ``picture_sha256``, the hash of its file, `render.verify` finds another picture.
         annotations
             Each with ``category`` (a name), ``bbox`` (xywh pixels), and any other fields. ``id`` as

@@ -99,7 +99,7 @@ Seed = Annotated[int, _field_kind_meta("a whole number", ge=-(2**63), le=2**63 -
 Share = Annotated[float, _field_kind_meta("a number from 0 to 1", "1e-9", _decimal_rounder(9), ge=0, le=1)]
 AtLeastZero = Annotated[float, _field_kind_meta("a number >= 0", "1e-9", _decimal_rounder(9), ge=0, le=1e9)]
 Slope = Annotated[float, _field_kind_meta("a number from 0 to 90", "1e-9 degrees", _decimal_rounder(9), ge=0, le=90)]
-HeadingRadians = Annotated[
+YawDegrees = Annotated[
     float, _field_kind_meta("a number from -360 to 360", "1e-9 degrees", _decimal_rounder(9), ge=-360, le=360)
 ]
 FieldOfView = Annotated[
@@ -196,7 +196,7 @@ class Row(Struct, frozen=True, eq=False, kw_only=True, gc=False, omit_defaults=T
     width: Annotated[Size, _field_meaning_meta("of the picture, in pixels")]
     height: Annotated[Size, _field_meaning_meta("of the picture, in pixels")]
     hdri: Annotated[Name, _field_meaning_meta("the HDRI's name")]
-    hdri_yaw_deg: Annotated[HeadingRadians, _field_meaning_meta("its turn, counterclockwise seen from above")]
+    hdri_yaw_deg: Annotated[YawDegrees, _field_meaning_meta("its turn, counterclockwise seen from above")]
     strength: Annotated[AtLeastZero, _field_meaning_meta("factor on its brightness")]
     horizon_deg: Annotated[
         Horizon, _field_meaning_meta("elevation whose color continues below it; null: the whole HDRI is visible")

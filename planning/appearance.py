@@ -68,7 +68,7 @@ def sample_light_columns(
     draws: RandomStreams,
     image: Int[np.ndarray, " n"],
 ) -> dict[str, Sequence[object]]:
-    """Draw light and exposure of images; all but the choice of HDRI is independent of rotation and weather."""
+    """Draw light and exposure of images; the random numbers are independent of rotation and weather."""
     u = draws.uniform(Purpose.LIGHT, image, 0, count=3)
     errors = draws.uniform(Purpose.EXPOSURE, image, 0, count=2)
     overcast = np.array([weather is not None and WEATHER_KINDS[weather.kind].overcast for weather in weathers], dtype=np.int64)

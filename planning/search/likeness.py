@@ -166,14 +166,14 @@ class Likeness:
         attempt: Int[np.ndarray, " n"],
         quarter: Int[np.ndarray, " n"],
     ) -> TargetBoxes:
-        """Return the boxes that n tries follow, varied by `camera.like_spread`."""
+        """Return the boxes that n tries may follow, varied by `camera.like_spread`; `quarter` as in the module's docstring."""
         sampled, follows_photograph = self.sample_boxes_with_follow_mask(draws, targets.fleet, model=targets.model, image=image)
-        # Which box, in whose place and size, cut by how much, from which direction.
-        other, change, cut, direction = np.split(draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6), (1, 4, 5), axis=1)
-        nearby = self._boxes_of_similar_height(draws, targets, image=image, uniform=other[:, 0])
+        uniform = draws.uniform(Purpose.LIKE, image, 1 + attempt, count=6)
+        box_choice, variation, corner_cut, direction_choice = np.split(uniform, (1, 4, 5), axis=1)
+        nearby = self._boxes_of_similar_height(draws, targets, image=image, uniform=box_choice[:, 0])
         box = np.where(quarter < 2, sampled, nearby)
-        low, extent = self._varied_corners_and_sizes(box, self.camera.like_spread * (2.0 * change - 1.0))
-        kept = self._kept_height_shares(box, cut[:, 0])
+        low, extent = self._varied_corners_and_sizes(box, self.camera.like_spread * (2.0 * variation - 1.0))
+        kept = self._kept_height_shares(box, corner_cut[:, 0])
         horizontal_cut, vertical_cut = self._axis_cut_masks(box)
         wide = vertical_cut & ~horizontal_cut
         by_quarter = np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD)
@@ -184,10 +184,10 @@ class Likeness:
             corners=np.concatenate([low, low + extent], axis=1),
             cut=self.photographs.cut[box],
             wide=wide,
-            pixels=np.where(wide, extent[:, 0], extent[:, 1] / kept),
+            pixels=np.where(wide, extent[:, 0], extent[:, 1] / kept),  # of the target, which a corner's cut doesn't shorten
             kept=kept,
             aspect=self.photographs.aspect[box] * kept,
-            choice=direction[:, 0],
+            choice=direction_choice[:, 0],
         )
 
     def _axis_cut_masks(self, box: Int[np.ndarray, " n"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:

@@ -46,7 +46,7 @@ def settle_instances(
     upright: Bool[np.ndarray, " n"] | None = None,
     z: Float[np.ndarray, " n"] | None = None,
 ) -> Settled:
-    """Settle n vehicles (meters, radians), upright where `z` isn't nan; reject those beyond the limits."""
+    """Settle n vehicles (meters, radians), some upright at heights `z`; reject those beyond the limits."""
     fleet, rules = instances.fleet, settle_rules(limits)
     settled = settle_vehicles(site.terrain, fleet.footings, instances.model, xy=xy, yaw=yaw, rules=rules)
     if upright is not None and z is not None:

@@ -52,7 +52,7 @@ from hulldown.weather.kinds import Weather
 MAX_BATCH_PLACES = 8192
 MAX_BATCH_CAMERAS = 2048
 COMPANION_FOLLOWING_TRIES = 20  # over these, a companion's place moves from that in the photograph to any
-MAX_EXTRA_TRIES = 50  # for one companion or distractor; then the target is moved elsewhere
+MAX_EXTRA_TRIES = 50  # for one companion or distractor; then the target is moved elsewhere, or the extra is left out
 # Places of a position without a camera before it's given up.
 MAX_PLACES_WITHOUT_CAMERA = 40
 # Places of a position without room for all extras before some of them are left out.

@@ -29,7 +29,7 @@ from hulldown.weather.extinction import rain_visibility_m, surface_wetness
 from hulldown.weather.kinds import WEATHER_KINDS, Weather
 
 MAX_ROLE_EXTRAS = 64  # in an image; streams of random numbers are numbered by it
-MAX_EXTRA_TURNS = 64  # parts of an extra that turn; further ones stay at their lower limits
+MAX_EXTRA_TURNS = 64  # parts of an extra, the hull included, that turn; further ones stay at their lower limits
 WEATHER_NAMES = tuple(WEATHER_KINDS)
 CLEAR_WEATHER = len(WEATHER_NAMES)
 
@@ -150,8 +150,8 @@ def sample_weathers(weather: WeatherSection, *, draws: RandomStreams, image: Int
 class CameraRule(IntEnum):
     """What determines a camera's place in a try."""
 
-    GIVEN = 0  # the user; the camera is then turned to frame the target
-    EQUATION = 1  # the paper's distance; the camera is then turned to frame the target
+    GIVEN = 0  # the user; the camera is then turned to frame the target, or to a given point
+    EQUATION = 1  # the paper's distance; the camera is then turned to frame the target, or to a given point
     SIZE = 2  # a size of the target's box, with the target in frame
     PHOTOGRAPH = 3  # a photograph's box, which the target's box reproduces
 
