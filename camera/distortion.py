@@ -32,7 +32,7 @@ Coefficients = tuple[float, float, float, float, float]
 
 
 def distort_points(points: np.ndarray, distortion: Coefficients, radius: float = math.inf) -> np.ndarray:
-    """Distort points (..., 2) of the plane at unit depth; nan beyond the visible radius, see `seen_radius`."""
+    """Distort points (..., 2) of the plane at unit depth; nan beyond the visible radius, see `max_seen_radius`."""
     x, y = points[..., 0], points[..., 1]
     k1, k2, p1, p2, k3 = distortion
     square = x * x + y * y
@@ -96,7 +96,7 @@ def undistort_points(points: np.ndarray, distortion: Coefficients, radius: float
 
 
 @lru_cache(maxsize=256)
-def seen_radius(distortion: Coefficients) -> float:
+def max_seen_radius(distortion: Coefficients) -> float:
     """Return the radius at unit depth up to which a lens sees, just before it folds; infinite if it never does."""
     k1, k2, p1, p2, k3 = distortion
     if not any(distortion):
@@ -121,11 +121,11 @@ def image_bounds_at_unit_depth(
     pixels = (unit_square_side_points(IMAGE_SIDE_SAMPLES) * [width, height] - [cx, cy]) / [fx, fy]
     if not any(distortion):
         return tuple(pixels.min(axis=(0, 1)).tolist()), tuple(pixels.max(axis=(0, 1)).tolist())
-    unit = undistort_points(pixels, distortion, seen_radius(distortion))
+    unit = undistort_points(pixels, distortion, max_seen_radius(distortion))
     if not np.isfinite(unit).all():
         raise ValueError(
             f"distortion: expected a lens that doesn't fold inside the image, got {distortion!r}, which folds at "
-            f"{seen_radius(distortion) / SEEN_FOLD_SHARE:.3g} times the focal length"
+            f"{max_seen_radius(distortion) / SEEN_FOLD_SHARE:.3g} times the focal length"
         )
     # Between two places a side bulges by no more than an eighth of the second difference.
     bulge = np.abs(np.diff(unit, n=2, axis=1)).max(axis=(0, 1))

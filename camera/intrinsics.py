@@ -20,7 +20,7 @@ from hulldown.camera.distortion import (
     NO_DISTORTION,
     distort_points,
     image_bounds_at_unit_depth,
-    seen_radius,
+    max_seen_radius,
     undistort_points,
     unit_square_side_points,
 )
@@ -219,8 +219,8 @@ class Intrinsics:
 
     @property
     def lens_seen_radius(self) -> float:
-        """Radius at unit depth that the lens sees; see `camera.distortion.seen_radius`."""
-        return seen_radius(self.distortion)
+        """Radius at unit depth that the lens sees; see `camera.distortion.max_seen_radius`."""
+        return max_seen_radius(self.distortion)
 
     @property
     def window(self) -> tuple[np.ndarray, np.ndarray]:

@@ -250,7 +250,7 @@ class _Line(Struct):
     categories: list[dict[str, object]] = []
 
 
-def find_journal_changes(coco: Coco, journal: Path) -> Iterator[Finding]:
+def find_records_unlike_journal(coco: Coco, journal: Path) -> Iterator[Finding]:
     """Find records that differ from their journal line; images without a line come from elsewhere."""
     lines: dict[str, _Line] = {}
     classes: dict[object, Record] = {}

@@ -37,7 +37,7 @@ def block_rows(planned: Planned, assets: Assets, *, hdri_weights: Float[np.ndarr
     target = np.flatnonzero(table.role == InstanceRole.TARGET)
     background = held.background[owner].tolist()
     roles, labels = ["target"] * len(image), ["none" if is_empty else "full" for is_empty in background]
-    targets = _vehicles_in_images(instances, target[owner], views, roles=roles, labels=labels)
+    targets = _planned_vehicles(instances, target[owner], views, roles=roles, labels=labels)
     extras = _extras_by_image_and_role(planned, instances)
     kinds = [rejection.key for rejection in Rejection]
     columns = {
@@ -87,7 +87,7 @@ def _followed_photographs(block: Block, views: Views) -> list[FollowedPhotograph
     return followed
 
 
-def _vehicles_in_images(
+def _planned_vehicles(
     instances: Mapping[str, Sequence[object]],
     instance: Int[np.ndarray, " n"],
     views: Views,
@@ -107,7 +107,7 @@ def _extras_by_image_and_role(
     seen, views = planned.extra_views, planned.extra_views.views
     roles, extras = planned.table.role[seen.instance].tolist(), defaultdict(list)
     labels = extra_label_states(views, seen.pixels, planned.block.config)
-    vehicles = _vehicles_in_images(instances, seen.instance, views, roles=[_EXTRA_ROLES[role] for role in roles], labels=labels)
+    vehicles = _planned_vehicles(instances, seen.instance, views, roles=[_EXTRA_ROLES[role] for role in roles], labels=labels)
     for image, role, vehicle in zip(seen.image.tolist(), roles, vehicles, strict=True):
         extras[image, role].append(vehicle)
     return extras

@@ -14,10 +14,10 @@ from hulldown.base.terminal import progress_bar
 from hulldown.dataset.record_checks import (
     Finding,
     find_camera_problems,
-    find_journal_changes,
     find_label_problems,
     find_name_problems,
     find_record_problems,
+    find_records_unlike_journal,
     find_reservation_problems,
     finding_lines,
     read_folder,
@@ -107,7 +107,7 @@ def verify_dataset(
     findings += find_label_problems(coco["categories"], sound.values())
     findings += [Finding("error", "boxes", "; ".join(of)) for of in misread_boxes(sound.values())]
     findings += find_reservation_problems(coco)
-    findings += find_journal_changes(coco, folder / JOURNAL_NAME)
+    findings += find_records_unlike_journal(coco, folder / JOURNAL_NAME)
     if plan is not None:
         findings += find_plan_differences(coco, read_plan(plan), None if fast else library)
     findings += _find_repeated_keys(folder)

@@ -58,7 +58,7 @@ class OrientedBox(LabelType):
 
 def visible_rectangle_corners(label: Label, image: Image) -> Float[np.ndarray, "4 2"]:
     """Return corners in pixels of a label's `obb`; without one, of its mask's rectangle; without a mask, of its box."""
-    if (given := label_rectangle(label)) is not None:
+    if (given := stored_rectangle(label)) is not None:
         return rectangle_corners(given)
     if mask := label.read(VisibleMask).segmentation:
         try:
@@ -72,7 +72,7 @@ def visible_rectangle_corners(label: Label, image: Image) -> Float[np.ndarray, "
     return rectangle_corners([x + w / 2, y + h / 2, w, h, 0.0])
 
 
-def label_rectangle(label: Label) -> Rectangle | None:
+def stored_rectangle(label: Label) -> Rectangle | None:
     """Return a label's `obb` if it has one with an area."""
     given = label.read(OrientedBox).obb
     return given if given is not None and min(given[2:4]) > 0 else None

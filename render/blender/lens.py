@@ -10,7 +10,7 @@ from typing import Any
 
 import _cycles
 
-from hulldown.camera.distortion import seen_radius
+from hulldown.camera.distortion import max_seen_radius
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.render.blender.cycles import Unusable
 
@@ -59,7 +59,7 @@ def set_distorting_lens(camera: Any, intrinsics: Intrinsics, near: float) -> Non
     assert intrinsics.pinhole is not None
     values = dict(zip(("fx", "fy", "cx", "cy"), intrinsics.pinhole, strict=True))
     values |= dict(zip(("k1", "k2", "p1", "p2", "k3"), intrinsics.distortion, strict=True))
-    limit = min(seen_radius(intrinsics.distortion) ** 2, 1e6)
+    limit = min(max_seen_radius(intrinsics.distortion) ** 2, 1e6)
     values |= {"width": intrinsics.width, "height": intrinsics.height, "limit": limit, "near": near}
     code = _compile_shader(SHADER_SOURCE.format(**{name: f"{value:.9e}" for name, value in values.items()}))
     if camera.type != "CUSTOM" or camera.custom_bytecode != code:

@@ -9,7 +9,7 @@ import pytest
 from hulldown.annotate.boxes import VehicleBoxes, surface_box
 from hulldown.base.errors import ConfigError
 from hulldown.camera.cameras import Cameras
-from hulldown.camera.distortion import distort_points, seen_radius, undistort_points
+from hulldown.camera.distortion import distort_points, max_seen_radius, undistort_points
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.camera.shell import camera_pose
 from hulldown.geometry.transforms import axis_rotation, rigid_matrix
@@ -31,13 +31,13 @@ def points_within(radius, n=5000):
 @every_lens
 def test_points_equal_opencvs_and_round_trip(name):
     lens = LENSES[name]
-    points = points_within(seen_radius(lens))
+    points = points_within(max_seen_radius(lens))
     image = distort_points(points, lens)
     placed, _ = cv2.projectPoints(np.c_[points, np.ones(len(points))], *np.zeros((2, 3)), np.eye(3), np.array(lens))
     np.testing.assert_allclose(image, placed[:, 0], atol=1e-12)
-    back = undistort_points(image, lens, seen_radius(lens))
+    back = undistort_points(image, lens, max_seen_radius(lens))
     np.testing.assert_allclose(back, points, atol=1e-12)
-    alone = [undistort_points(each[None], lens, seen_radius(lens))[0] for each in image[:100]]
+    alone = [undistort_points(each[None], lens, max_seen_radius(lens))[0] for each in image[:100]]
     np.testing.assert_array_equal(alone, back[:100])
 
 
@@ -60,7 +60,7 @@ def test_a_camera_projects_and_casts_rays_like_opencv(name):
 def test_nothing_is_visible_beyond_the_fold():
     # 1 - 3 * 0.2 r^2 = 0
     fold = 1 / math.sqrt(3 * 0.2)
-    assert seen_radius(LENSES["folding"]) == pytest.approx(0.999 * fold, rel=1e-12)
+    assert max_seen_radius(LENSES["folding"]) == pytest.approx(0.999 * fold, rel=1e-12)
     camera = Cameras(Intrinsics.calibrated(1920, 1080, PINHOLE, LENSES["folding"]), np.eye(4))
     pixels, depth = camera.project([[1.2, 0.0, 1.0], [1.3, 0.0, 1.0], [0.0, 3.0, 1.0]])
     assert np.isnan(pixels[:, 0]).tolist() == [False, True, True]

@@ -5,7 +5,7 @@ import numpy as np
 import shapely
 
 from hulldown.camera.cameras import NEAR_M
-from hulldown.camera.distortion import seen_radius
+from hulldown.camera.distortion import max_seen_radius
 from hulldown.camera.intrinsics import Intrinsics
 from hulldown.tests.oracles.clipping import clipped
 
@@ -23,7 +23,7 @@ WIDEST = 6.0  # at unit depth: farther from the axis than any corner of an image
 
 def dense_extent(triangles: np.ndarray, intrinsics: Intrinsics, *, frame: bool) -> np.ndarray | None:
     """Lowest u and v, highest u and v, of triangles (f, 3, 3) in the camera's frame; None if nothing is visible."""
-    radius = seen_radius(intrinsics.distortion)
+    radius = max_seen_radius(intrinsics.distortion)
     radius = min(radius, WIDEST) if frame else radius
     found = []
     for triangle in triangles:

@@ -93,13 +93,13 @@ def _socket_lookups(socket: Any, stack: Stack) -> set[Lookup]:
     output, stack = found
     node, kind = output.node, output.node.bl_idname.removeprefix("ShaderNode")
     if kind == "TexImage":
-        return {_node_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)}
+        return {_image_node_lookup(node, "alpha" if output.name == "Alpha" else "gray", stack)}
     if kind == "SeparateColor" and node.mode == "RGB":
         below = socket_source_and_stack(node.inputs[0], stack)
         if below is None or not below[0].is_output:
             return set()
         if below[0].node.bl_idname == "ShaderNodeTexImage" and below[0].name == "Color":
-            return {_node_lookup(below[0].node, output.name.lower(), below[1])}
+            return {_image_node_lookup(below[0].node, output.name.lower(), below[1])}
     if kind == "LightPath" and output.name.startswith("Is "):
         return set()
     odd = kind == "Mix" and (node.data_type, node.blend_type) not in (("RGBA", "MIX"), ("RGBA", "MULTIPLY"))
@@ -108,7 +108,7 @@ def _socket_lookups(socket: Any, stack: Stack) -> set[Lookup]:
     return {one for below in node.inputs if below.enabled for one in _socket_lookups(below, stack)}
 
 
-def _node_lookup(node: Any, channel: str, stack: Stack) -> Lookup:
+def _image_node_lookup(node: Any, channel: str, stack: Stack) -> Lookup:
     image, own = node.image, node.texture_mapping
     if image is not None and image.source not in ("FILE", "GENERATED"):
         raise NotUnderstoodError(f"an image that is a {image.source.lower()}")
