@@ -68,22 +68,11 @@ class TargetBoxes:
     aspect: Float[np.ndarray, " n"]  # width over height of the box without that cut
     choice: Float[np.ndarray, " n"]  # uniform numbers in [0, 1) that choose directions
 
-    @property
-    def horizontal_cut_mask(self) -> Bool[np.ndarray, " n"]:
-        """Whether the frame cuts the box off on its left or right."""
-        return self.cut[:, 0] | self.cut[:, 2]
-
-    @property
-    def vertical_cut_mask(self) -> Bool[np.ndarray, " n"]:
-        """Whether the frame cuts the box off at its top or bottom."""
-        return self.cut[:, 1] | self.cut[:, 3]
-
     def least_kept_shares(self, most_truncated: float) -> Float[np.ndarray, "n 2"]:
         """Return least shares of targets' widths and heights in the frame, by the largest `truncated_fraction`."""
         share = np.minimum((1.0 - TRUNCATION_MARGIN * most_truncated) / self.kept, 1.0)
-        return np.stack(
-            [np.where(self.horizontal_cut_mask, share, 0.0), np.where(self.horizontal_cut_mask, 0.0, share)], axis=1
-        )
+        horizontal_cut, _ = axis_cut_masks(self.cut)
+        return np.stack([np.where(horizontal_cut, share, 0.0), np.where(horizontal_cut, 0.0, share)], axis=1)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -173,8 +162,9 @@ class Likeness:
         nearby = self._boxes_of_similar_height(draws, targets, image=image, uniform=box_choice[:, 0])
         box = np.where(quarter < 2, sampled, nearby)
         low, extent = self._varied_corners_and_sizes(box, self.camera.like_spread * (2.0 * variation - 1.0))
-        kept = self._kept_height_shares(box, corner_cut[:, 0])
-        horizontal_cut, vertical_cut = self._axis_cut_masks(box)
+        cut = self.photographs.cut[box]
+        horizontal_cut, vertical_cut = axis_cut_masks(cut)
+        kept = self._kept_height_shares(horizontal_cut & vertical_cut, corner_cut[:, 0])
         wide = vertical_cut & ~horizontal_cut
         by_quarter = np.where(quarter < 3, Following.PHOTOGRAPH, Following.INSTEAD)
         return TargetBoxes(
@@ -182,18 +172,13 @@ class Likeness:
             box=box,
             following=np.where(follows_photograph, by_quarter, Following.RANGES).astype(np.uint8),
             corners=np.concatenate([low, low + extent], axis=1),
-            cut=self.photographs.cut[box],
+            cut=cut,
             wide=wide,
             pixels=np.where(wide, extent[:, 0], extent[:, 1] / kept),  # of the target, which a corner's cut doesn't shorten
             kept=kept,
             aspect=self.photographs.aspect[box] * kept,
             choice=direction_choice[:, 0],
         )
-
-    def _axis_cut_masks(self, box: Int[np.ndarray, " n"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-        """Return whether photographs cut boxes off on their left or right, and at their top or bottom."""
-        left, top, right, bottom = self.photographs.cut[box].T
-        return left | right, top | bottom
 
     def _varied_corners_and_sizes(
         self, box: Int[np.ndarray, " n"], change: Float[np.ndarray, "n 3"]
@@ -208,11 +193,19 @@ class Likeness:
         cut_low, cut_high = np.split(photographs.cut[box], 2, axis=1)
         return np.where(cut_low, 0.0, np.where(cut_high, size - extent, low)), extent
 
-    def _kept_height_shares(self, box: Int[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+    def _kept_height_shares(
+        self, over_corner: Bool[np.ndarray, " n"], uniform: Float[np.ndarray, " n"]
+    ) -> Float[np.ndarray, " n"]:
         """Draw the share of the height that is left of boxes over a corner of the photograph; 1 for others."""
         most_truncated = TRUNCATION_MARGIN * self.camera.truncated_fraction[1]
         largest_cut = min(MAX_CORNER_CUT_SHARE, 1.0 - math.sqrt(1.0 - most_truncated))
-        return np.where(np.logical_and(*self._axis_cut_masks(box)), 1.0 - largest_cut * uniform, 1.0)
+        return np.where(over_corner, 1.0 - largest_cut * uniform, 1.0)
+
+
+def axis_cut_masks(cut: Bool[np.ndarray, "n 4"]) -> tuple[Bool[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """Return whether frames cut boxes off on their left or right, and at their top or bottom; `cut`: as in `TargetBoxes`."""
+    left, top, right, bottom = cut.T
+    return left | right, top | bottom
 
 
 def usable_mask_and_refusals(
@@ -309,7 +302,7 @@ def choose_directions_and_distances(
     distance = measured * lenses.focal[..., 1:] / boxes.pixels[:, None]
     scale = 1.0 / np.maximum(distance[..., None] + depth, 0.1 * distance[..., None])
     misfit = log(np.ptp(x * scale, axis=2) / np.ptp(y * scale, axis=2)) - log(boxes.aspect)[:, None]
-    across, down = boxes.horizontal_cut_mask[:, None], boxes.vertical_cut_mask[:, None]
+    across, down = (mask[:, None] for mask in axis_cut_masks(boxes.cut))
     # Where the frame cuts off the width, a target is longer than its box, and taller where it cuts off the height: as
     # much as `truncated_fraction` allows.
     longer = np.maximum(log(boxes.kept / (1.0 - TRUNCATION_MARGIN * limits.truncated_fraction[1])), 0.0)[:, None]
