@@ -20,6 +20,7 @@ from hulldown.pictures.own_files import save_picture
 from hulldown.pictures.sheets import contact_sheet
 from hulldown.reading.hdri import Hdri
 from hulldown.reading.pieces.asset_report import FileReport, SkyReport
+from hulldown.reading.scenery.top_view import water_hit_mask
 from hulldown.reading.vehicle.seen_colors import BACKGROUND_LEVEL
 from hulldown.scene.posed_scene import Scene
 from hulldown.scene.posed_vehicle import PosedVehicle, VehicleCaster
@@ -100,8 +101,7 @@ def draw_asset(
         hits, light = view.hits_and_brightness(world)
         number = hits.part
         if isinstance(asset, Scenery):
-            water = np.append(asset.instance_is_water, False)[hits.instance]
-            number = (hits.kind == SurfaceKind.OBSTACLE) * (1 + water)
+            number = (hits.kind == SurfaceKind.OBSTACLE).astype(int) + water_hit_mask(asset, hits)
         shaded = np.array(list(colors.values()))[number] * light[:, None]
         image = np.where(hits.hit[:, None], shaded, BACKGROUND_LEVEL)
         tile = Image.fromarray(image.reshape(size, size, 3).astype(np.uint8))

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
+from jaxtyping import Bool
 
 from hulldown.assets.scenery import Scenery
 from hulldown.reading.pieces.asset_report import TopView
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.scenery.shape import MIN_PIT_DEPTH_M
 from hulldown.scene.posed_scene import Scene
-from hulldown.scene.rays import RayList, SurfaceKind
+from hulldown.scene.rays import Hits, RayList, SurfaceKind
 
 VIEW_SIDE_RAYS = 128
 MAX_FLOOR_HEIGHT_M = 1.0  # of the floor far below, which is a level sheet
@@ -28,10 +27,10 @@ def top_view_and_doubts(scenery: Scenery) -> tuple[TopView, list[Doubt]]:
     top = max(float(high[2]), float(boxes[:, 1, 2].max(initial=-np.inf))) + 1.0
     rays = RayList(np.column_stack([xy, np.full(len(xy), top)]), np.broadcast_to([0.0, 0.0, -1.0], (len(xy), 3)))
     hits = world.first_hits(rays)
-    water = (hits.kind == SurfaceKind.OBSTACLE) & np.append(scenery.instance_is_water, False)[hits.instance]
+    water = water_hit_mask(scenery, hits)
     kinds = hits.kind == SurfaceKind.GROUND, (hits.kind == SurfaceKind.OBSTACLE) & ~water, water, ~hits.hit
     ground, obstacle, wet, nothing = (round(float(np.mean(kind)), 4) for kind in kinds)
-    heights = np.sort(top - replace(world, obstacles=Scene().obstacles).first_hits(rays).distance)
+    heights = np.sort(top - Scene(world.ground).first_hits(rays).distance)
     heights = heights[np.isfinite(heights)]
     doubts = []
     if len(heights) > 1:
@@ -42,3 +41,8 @@ def top_view_and_doubts(scenery: Scenery) -> tuple[TopView, list[Doubt]]:
             text = "if nothing should stand there, make it an object of its own in Blender and name it in drop"
             doubts = [Doubt(DoubtKind.GROUND, f"{share}; {text}")]
     return TopView(ground, obstacle, wet, nothing), doubts
+
+
+def water_hit_mask(scenery: Scenery, hits: Hits) -> Bool[np.ndarray, " n"]:
+    """Return which rays into a scenery hit water."""
+    return (hits.kind == SurfaceKind.OBSTACLE) & np.append(scenery.instance_is_water, False)[hits.instance]
