@@ -44,7 +44,8 @@ VEHICLE_TEXTURES = {
 }
 
 
-DISTRACTORS: dict[str, tuple[Callable[..., None], Callable[[], Any]]] = {  # what builds it, and the material of its body
+# What builds each, and the material of its body.
+DISTRACTOR_BUILDERS: dict[str, tuple[Callable[..., None], Callable[[], Any]]] = {
     "civilian_car": (cars.build_civilian_car, lambda: materials.gloss_paint_material("#7d1f1c", dust=DUST_COLORS["earth"])),
     "panel_van": (cars.build_panel_van, lambda: materials.gloss_paint_material("#d9dad6", dust=DUST_COLORS["earth"])),
     "container": (
@@ -60,7 +61,7 @@ DISTRACTORS: dict[str, tuple[Callable[..., None], Callable[[], Any]]] = {  # wha
     },
 }
 # Where one differs from `_paints_with_body`: a part's name there, and the material in its place.
-OTHER_BUILDERS = {
+OTHER_MATERIALS = {
     **{
         name: {"canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03)}
         for name in ("civilian_car", *CIVILIAN_NAMES)
@@ -72,9 +73,9 @@ OTHER_BUILDERS = {
 
 def build_distractor_file(name: str, folder: Path) -> Path:
     """Model one thing that is no target and save it as folder/<name>.blend."""
-    build, body = DISTRACTORS[name]
+    build, body = DISTRACTOR_BUILDERS[name]
     model = BlendModel(name)
-    build(model, replace(_paints_with_body(body()), **{part: make() for part, make in OTHER_BUILDERS.get(name, {}).items()}))
+    build(model, replace(_paints_with_body(body()), **{part: make() for part, make in OTHER_MATERIALS.get(name, {}).items()}))
     return _save_model(model, name, folder)
 
 

@@ -6,6 +6,7 @@ import json
 from collections.abc import Iterable
 
 MAX_SENTENCE_NAMES = 12
+MAX_LISTED_NAMES = 6  # of a vehicle's objects, in a sentence
 
 
 def quote_names(names: Iterable[str], *, most: int = MAX_SENTENCE_NAMES) -> str:

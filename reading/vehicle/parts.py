@@ -23,7 +23,7 @@ from hulldown.reading.pieces.naming import (
 )
 from hulldown.reading.pieces.options import DEFAULT_OPTIONS, Options
 from hulldown.reading.pieces.roles import Link, Piece
-from hulldown.reading.pieces.wording import quote_names
+from hulldown.reading.pieces.wording import MAX_LISTED_NAMES, quote_names
 from hulldown.reading.vehicle.nose import gun_barrel_index, nose_vote_by_rising_tubes, snap_to_right_angle
 from hulldown.reading.vehicle.part_names import (
     GUN_PART,
@@ -48,7 +48,6 @@ MAX_GUN_WIDTH_SHARE = 0.45  # of the vehicle's width, for a gun with all that ha
 MIN_TURRET_HEIGHT_SHARE = 0.3  # of the vehicle's height: no turret reaches below
 KNOWN_WORDS = (*VEHICLE_PART_WORDS, *FRONT_WORDS, *REAR_WORDS, *BODY_WORDS)
 MIN_BARREL_SHARE = 0.7  # of a piece's length: the piece is the barrel, and not a body with a barrel
-MAX_LISTED_NAMES = 6  # in a sentence
 MAX_PREFIXED_TURRETS = 2  # with more objects named turret, the author has named all that belongs to it
 
 

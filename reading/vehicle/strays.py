@@ -12,7 +12,7 @@ from hulldown.geometry.meshes import Mesh
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import PERSON_WORDS, STAGE_WORDS, first_matching_pattern, name_words
 from hulldown.reading.pieces.roles import MAX_SUNK_SHARE, MIN_STAGE_AREA_RATIO, Piece
-from hulldown.reading.pieces.wording import names_as_config_value, quote_names
+from hulldown.reading.pieces.wording import MAX_LISTED_NAMES, names_as_config_value, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, Wheels
 from hulldown.reading.vehicle.things import exclusive_piece_patterns, triangle_areas
 
@@ -26,7 +26,6 @@ MIN_HULL_SURFACE_SHARE = 0.35  # of the surface; such a piece is no stray
 MAX_DROPPED_SURFACE_SHARE = 0.05  # of the surface that a doubt proposes to drop, but for sheets
 MIN_BULK_RATIO = 1.3  # to the rest's extent, in two directions
 MAX_FLAT_THICKNESS_SHARE = 1e-4  # of its longest side, for a sheet without thickness
-MAX_LISTED_NAMES = 6  # in a sentence
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from hulldown.reading.pieces.asset_report import Thing, xyz_tuple
 from hulldown.reading.pieces.doubt import Doubt, DoubtKind
 from hulldown.reading.pieces.naming import VEHICLE_WORDS, first_matching_pattern, name_words
 from hulldown.reading.pieces.roles import Piece, is_kept_by_name
-from hulldown.reading.pieces.wording import MAX_SENTENCE_NAMES, names_as_config_value, quote_names
+from hulldown.reading.pieces.wording import MAX_LISTED_NAMES, MAX_SENTENCE_NAMES, names_as_config_value, quote_names
 from hulldown.reading.vehicle.solids import PlacedPieces, touching_cluster_labels
 
 MAX_PIECE_GAP_SHARE = 0.02  # of the longest piece: closer pieces are one thing
@@ -33,7 +33,6 @@ MAX_COARSE_TRIANGLE_SHARE = 0.5  # of the triangles that a hull for collisions o
 MIN_CONVEX_AREA_SHARE = 0.95  # of its convex hull's area, for such a mesh
 MAX_SAMPLES, MAX_TARGETS = 400, 4000
 MAX_PIECES = 2000  # more are one thing
-MAX_LISTED_NAMES = 6  # in a sentence
 
 
 def find_things_and_doubts(
