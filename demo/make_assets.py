@@ -28,6 +28,8 @@ def build_demo_assets(
         code, output = _build_files_in_child(
             folder.resolve(), seed, left, lambda: progress and progress(len(files) - len(left), len(files))
         )
+        if code == 0:
+            break  # all are built, even if a line of Blender's swallowed one that names a file
         attempts -= 1
         if not left or (code < 0 and attempts):
             continue  # an error is explained by its output; only a crash is worth another attempt
