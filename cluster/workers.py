@@ -6,7 +6,9 @@ lost. This module checks each worker before it gets tasks, and excludes and name
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import json
 import logging
 import time
 from collections import Counter, deque
@@ -17,6 +19,7 @@ from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
 
 from distributed import Client, Future, KilledWorker, Security, as_completed, get_worker
+from distributed.comm import connect
 from distributed.worker import thread_state
 
 from hulldown.base.child import Stopped
@@ -232,15 +235,23 @@ def make_task_wanted_check() -> Callable[[], bool]:
 
 
 def _connect_client(scheduler: Scheduler) -> Client:
-    security = Security(require_encryption=True, **scheduler.tls_arguments) if scheduler.tls_arguments else None
-    address = scheduler.address
+    security = Security(require_encryption=True, **scheduler.tls_arguments) if scheduler.tls_arguments else Security()
+    address, path = scheduler.address, Path(scheduler.address)
     of_file = address.endswith(".json")
-    if of_file and not Path(address).is_file():
+    if of_file and not path.is_file():
         remedy = f"start one with `dask scheduler --scheduler-file {address}`"
         raise HulldownError("there is no such file of a scheduler", path=address, remedy=remedy)
-    where = {"scheduler_file": address} if of_file else {"address": address}
     try:
-        return Client(**where, security=security, timeout=MAX_SCHEDULER_ABSENCE_S, set_as_default=False)
-    except (OSError, ValueError, TypeError) as error:
+        found = str(json.loads(path.read_bytes())["address"]) if of_file else address
+        asyncio.run(_wait_for_answer(found, security))
+        return Client(found, security=security, timeout=MAX_SCHEDULER_ABSENCE_S, set_as_default=False)
+    except (OSError, ValueError, TypeError, KeyError) as error:
         remedy = "start one with `hulldown cluster`, or see docs/cluster.md"
-        raise HulldownError(f"no Dask scheduler answers there ({error})", path=address, remedy=remedy) from None
+        what = f"no Dask scheduler answers there ({str(error) or 'silence'})"
+        raise HulldownError(what, path=address, remedy=remedy) from None
+
+
+async def _wait_for_answer(address: str, security: Security) -> None:
+    """Raise an error unless a scheduler answers at this address; a `Client` would wait for other servers forever."""
+    answer = connect(address, **security.get_connection_args("client"))
+    await (await asyncio.wait_for(answer, MAX_SCHEDULER_ABSENCE_S)).close()

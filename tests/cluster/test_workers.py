@@ -1,5 +1,6 @@
 """Distribution, refusal, retries, and cancellation of tasks on Dask workers, without Blender."""
 
+import socket
 import time
 from functools import partial
 
@@ -130,6 +131,14 @@ def test_tls_works_and_requires_a_certificate(tmp_path):
         with connected(nodes, **files) as workers:
             found = workers.run([""], calling(cluster_tasks.address_unless), lost=None)
             assert [results[0].startswith("tls://") for _, results in found] == [True]
+
+
+def test_a_server_that_is_no_scheduler_is_a_one_line_error(monkeypatch):
+    monkeypatch.setattr("hulldown.cluster.workers.MAX_SCHEDULER_ABSENCE_S", 1.0)
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        with pytest.raises(HulldownError, match=rf"^{address}: no Dask scheduler answers there"):
+            Cluster(Scheduler(address), "render", lambda: "", say=lambda line: None)
 
 
 def test_a_lost_scheduler_is_a_one_line_error(tmp_path):
