@@ -24,7 +24,8 @@ PLAIN_COLORS = ["own", "own", "own", "#5b6146", "#94835e", "#4d5154"]
 CAMOUFLAGE_MATERIALS = {"mbt_slab": "Desert_Blocks", "sam_turret": "Forest_Blocks"}  # where the material has another name
 CAR_COLORS = ["#d9dad6", "#8d9194", "#2b2d30", "#16191c", "#7d1f1c", "#23406e", "#3b4a3a", "#b9ad92"]
 # More cars, trucks, and a bus, for `make photographs`.
-CIVILIAN_NAMES = ("hatchback", "sedan", "suv", "offroader", "minivan", "pickup", "box_truck", "tipper", "bus")
+CAR_NAMES = ("classic", "roadster", "hatchback", "sedan", "suv", "offroader", "minivan", "pickup")
+CIVILIAN_NAMES = (*CAR_NAMES, "box_truck", "tipper", "bus")
 # Vehicles that are no targets: distractor -> the keys that the config gives it. The file is distractors/<name>.blend.
 DISTRACTORS: dict[str, dict[str, object]] = {
     "civilian_car": {"weight": 1.5, "paint": [{"materials": ["Paint"], "colors": CAR_COLORS}]},

@@ -142,8 +142,9 @@ def gloss_paint_material(color: Color, *, dust: Color) -> Any:
     return g.surface(
         {
             "Base Color": g.mixed_color_socket(film, g.shade(color, worn, 0.05), g.shade(dust, worn, 0.3)),
-            "Roughness": g.maths("ADD", 0.16, g.maths("MULTIPLY", film, 0.55)),
-            "Coat Weight": 0.5,
+            "Roughness": g.maths("ADD", 0.08, g.maths("MULTIPLY", film, 0.4)),
+            "Metallic": 0.3,
+            "Coat Weight": 1.0,
         }
     )
 

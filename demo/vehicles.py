@@ -63,7 +63,10 @@ DISTRACTOR_BUILDERS: dict[str, tuple[Callable[..., None], Callable[[], Any]]] = 
 # Where one differs from `_paints_with_body`: a part's name there, and the material in its place.
 OTHER_MATERIALS = {
     **{
-        name: {"canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03)}
+        name: {
+            "canvas": lambda: materials.plain_material("Plates", "#e6e4d8", rough=0.4, mottle=0.03),
+            "steel": lambda: materials.plain_material("Chrome", "#c9cbce", rough=0.08, metal=1.0, mottle=0.02),
+        }
         for name in ("civilian_car", *CIVILIAN_NAMES)
     },
     "panel_van": {"canvas": lambda: materials.plain_material("Plates", "#e2c33a", rough=0.4, mottle=0.03)},
