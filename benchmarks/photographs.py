@@ -102,7 +102,7 @@ SETS = {
         hdris=["hdris/sky_*.exr", "hdris/sunrise.exr"],
         values={
             "budget.images_per_class": 72,
-            "budget.background_share": 0.25,
+            "budget.background_share": 0.4,
             "budget.background_distractors": 1.0,
             "placement.vehicles_per_image": [1, 3],
             "placement.distractors_per_image": [0, 2],
