@@ -27,7 +27,6 @@ from hulldown.training.inputs.sources import LabeledPictures, read_classes_and_s
 from hulldown.training.predict import detect_in_labeled_pictures
 from hulldown.training.subset import nested_subset_ids
 
-PHOTOGRAPHS = "photographs"
 COLUMNS = ("photographs", "alone", "with renders", "difference", "alone, rivals", "with renders, rivals", "difference")
 
 
@@ -40,10 +39,8 @@ def nested_rows(source: LabeledPictures, count: int, seed: int) -> np.ndarray:
 
 
 def drawn_examples(sources: Sequence[LabeledPictures], rows: Sequence[np.ndarray], budget: int, seed: int) -> DrawnExamples:
-    """Return draws from rows of each source: photographs are half, or all if there are no renders."""
+    """Return draws from rows of each source, each picture equally likely."""
     share = np.array([len(one) for one in rows]) / sum(map(len, rows))
-    if sources[0].name == PHOTOGRAPHS and len(sources) > 1:
-        share = np.append(0.5, share[1:] / share[1:].sum() / 2.0)
     random = np.random.default_rng(seed)
     source = random.choice(len(sources), budget, p=share)
     image = np.array([random.choice(rows[k]) for k in source])
@@ -78,7 +75,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--draws", type=int, default=1600)
     given = parser.parse_args()
-    folders = {PHOTOGRAPHS: given.photographs, **{f"renders {k}": one for k, one in enumerate(given.synthetic)}}
+    folders = {"photographs": given.photographs, **{f"renders {k}": one for k, one in enumerate(given.synthetic)}}
     classes, (photographs, *renders) = read_classes_and_sources(folders)
     labels, truck = read_labels(given.test), COCO_NAMES.index(VEHICLE_LIKE_CLASS)
     rows = [COCO_NAMES.index(name) if name in COCO_NAMES else truck for name in classes]
