@@ -120,7 +120,7 @@ SETS = {
         hdris=["hdris/sky_*.exr"],
         values={
             "budget.images_per_class": 96,
-            "budget.background_share": 0.0,
+            "budget.background_share": 0.2,
             "placement.vehicles_per_image": [3, 9],
             "placement.companion_distance": [3.0, 30.0],
             "placement.vehicle_clearance": 0.6,
