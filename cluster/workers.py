@@ -13,7 +13,7 @@ import logging
 import time
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterable
-from concurrent.futures import CancelledError
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, Self, TypeVar
@@ -243,7 +243,8 @@ def _connect_client(scheduler: Scheduler) -> Client:
         raise HulldownError("there is no such file of a scheduler", path=address, remedy=remedy)
     try:
         found = str(json.loads(path.read_bytes())["address"]) if of_file else address
-        asyncio.run(_wait_for_answer(found, security))
+        with ThreadPoolExecutor(1) as thread:  # a notebook's thread has a loop of its own
+            thread.submit(asyncio.run, _wait_for_answer(found, security)).result()
         return Client(found, security=security, timeout=MAX_SCHEDULER_ABSENCE_S, set_as_default=False)
     except (OSError, ValueError, TypeError, KeyError) as error:
         remedy = "start one with `hulldown cluster`, or see docs/cluster.md"

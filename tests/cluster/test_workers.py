@@ -1,5 +1,6 @@
 """Distribution, refusal, retries, and cancellation of tasks on Dask workers, without Blender."""
 
+import asyncio
 import socket
 import time
 from functools import partial
@@ -137,8 +138,12 @@ def test_a_server_that_is_no_scheduler_is_a_one_line_error(monkeypatch):
     monkeypatch.setattr("hulldown.cluster.workers.MAX_SCHEDULER_ABSENCE_S", 1.0)
     with socket.create_server(("127.0.0.1", 0)) as silent:
         address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
-        with pytest.raises(HulldownError, match=rf"^{address}: no Dask scheduler answers there"):
+
+        async def connect_in_notebook():
             Cluster(Scheduler(address), "render", lambda: "", say=lambda line: None)
+
+        with pytest.raises(HulldownError, match=rf"^{address}: no Dask scheduler answers there"):
+            asyncio.run(connect_in_notebook())
 
 
 def test_a_lost_scheduler_is_a_one_line_error(tmp_path):
