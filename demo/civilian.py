@@ -98,10 +98,11 @@ def build_civilian_vehicle(m: BlendModel, p: Paints, name: str) -> None:
     top = stack_outlines([(roof - 0.1, [(x, y * 1.03) for x, y in high]), (roof, high), (height, shrunk)])
     m.add("Roof", top, p.body, bevel=0.02, smooth=60)
     feet, heads = (np.linspace(*ends, s.pillars) for ends in (s.glass, s.roof))
-    ahead = np.array([0.0] * (s.pillars - 1) + [0.1])  # of the glass's rear edge, for the widest pillar
+    feet[-1], heads[-1] = feet[-1] + 0.1, heads[-1] + 0.1  # the last is the widest, and ends with the glass
+    widths = [0.1] * (s.pillars - 1) + [0.22]
     pillars = join_shapes(
-        window_pillar((a, waist, s.waist - 0.02), (b, crown, roof - 0.04), 0.1 + 1.2 * k)
-        for a, b, k in zip(feet + ahead, heads + ahead, ahead, strict=True)
+        window_pillar((a, waist, s.waist - 0.02), (b, crown, roof - 0.04), w)
+        for a, b, w in zip(feet, heads, widths, strict=True)
     )
     m.add("Pillars", pillars, p.body, mirror=True, bevel=0.008)
     door_feet = feet[:-1] if s.pillars < 9 else feet[[0, 1, 4, 5]]
