@@ -7,47 +7,35 @@ photographs, with 95 % intervals over photographs and seeds. A run of 1,600 draw
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from hulldown.benchmarks.tables import table
 from hulldown.benchmarks.yolox import COCO_NAMES, INPUT_SIZE_PX, Yolox, YoloxDetector, train_yolox
-from hulldown.dataset.record_checks import read_usable_dataset
 from hulldown.training.detectors.detector import Detector
 from hulldown.training.detectors.rivals import ContestedDetector
 from hulldown.training.detectors.transformers_detector import VEHICLE_LIKE_CLASS
 from hulldown.training.evaluation.evaluate import Evaluation, Threshold
 from hulldown.training.evaluation.labels import Labels, read_labels
-from hulldown.training.inputs.data import DrawnExamples, Draws
+from hulldown.training.inputs.data import DrawnExamples, make_draws
 from hulldown.training.inputs.settings import settings_with_augmentation
-from hulldown.training.inputs.sources import LabeledPictures, read_classes_and_sources
+from hulldown.training.inputs.sources import read_classes_and_sources
 from hulldown.training.predict import detect_in_labeled_pictures
-from hulldown.training.subset import nested_subset_ids
+from hulldown.training.subset import subset_name, write_subsets
 
 COLUMNS = ("photographs", "alone", "with renders", "difference", "alone, rivals", "with renders, rivals", "difference")
 
 
-def nested_rows(source: LabeledPictures, count: int, seed: int) -> np.ndarray:
-    """Return rows of `count` photographs, nested over counts."""
-    images = read_usable_dataset(source.folder).images
-    chosen = set(nested_subset_ids(images, [count / len(images)], seed=seed)[0])
-    names = {image.file_name for image in images if image.id in chosen}
-    return np.flatnonzero([name in names for name in source.file_names])
-
-
-def drawn_examples(sources: Sequence[LabeledPictures], rows: Sequence[np.ndarray], budget: int, seed: int) -> DrawnExamples:
-    """Return draws from rows of each source, each picture equally likely."""
-    share = np.array([len(one) for one in rows]) / sum(map(len, rows))
-    random = np.random.default_rng(seed)
-    source = random.choice(len(sources), budget, p=share)
-    image = np.array([random.choice(rows[k]) for k in source])
+def draw_examples(folders: Mapping[str, Path], classes: Sequence[str], budget: int, seed: int) -> DrawnExamples:
+    """Return draws from datasets, each picture equally likely."""
+    _, sources = read_classes_and_sources(folders, classes=classes)
+    draws = make_draws(list(map(len, sources)), budget, seed=seed)
     augmentation = settings_with_augmentation({"augmentation": "mild"})["augmentation"]
-    return DrawnExamples(
-        sources, Draws(source, image, random.integers(1 << 32, size=budget)), INPUT_SIZE_PX, augmentation, masks=False
-    )
+    return DrawnExamples(sources, draws, INPUT_SIZE_PX, augmentation, masks=False)
 
 
 def resampled_ap50(detector: Detector, labels: Labels) -> np.ndarray:
@@ -71,34 +59,38 @@ def main() -> None:
     parser.add_argument("--photographs", type=Path, required=True, help="a dataset to train on")
     parser.add_argument("--synthetic", type=Path, nargs="+", required=True, help="datasets of renders")
     parser.add_argument("--test", type=Path, required=True, help="a dataset of other photographs")
-    parser.add_argument("--counts", type=int, nargs="*", default=[0, 6, 30, 120], help="of photographs to train on")
+    parser.add_argument("--counts", type=int, nargs="*", default=[0, 6, 12, 30, 120], help="of photographs to train on")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--draws", type=int, default=1600)
     given = parser.parse_args()
-    folders = {"photographs": given.photographs, **{f"renders {k}": one for k, one in enumerate(given.synthetic)}}
-    classes, (photographs, *renders) = read_classes_and_sources(folders)
+    classes, (photographs,) = read_classes_and_sources({"photographs": given.photographs})
+    renders = {f"renders {k}": one for k, one in enumerate(given.synthetic)}
     labels, truck = read_labels(given.test), COCO_NAMES.index(VEHICLE_LIKE_CLASS)
     rows = [COCO_NAMES.index(name) if name in COCO_NAMES else truck for name in classes]
     untrained = YoloxDetector(Yolox(given.weights, range(len(COCO_NAMES))), COCO_NAMES)
+    shares = {count: count / len(photographs) for count in given.counts if count}
 
     def figures(network: Yolox) -> np.ndarray:
         detector = YoloxDetector(network, classes)
         return np.stack([resampled_ap50(one, labels) for one in (detector, ContestedDetector(detector, untrained))])
 
-    def trained(count: int, sources: Sequence[LabeledPictures]) -> np.ndarray:
-        def each_seed() -> Iterator[np.ndarray]:
-            for seed in given.seeds:
-                of_each = [nested_rows(one, count, seed) if one is photographs else np.arange(len(one)) for one in sources]
-                yield figures(train_yolox(given.weights, drawn_examples(sources, of_each, given.draws, seed), rows))
-
-        return np.stack(list(each_seed()), axis=1)
+    def trained(count: int, synthetic: Mapping[str, Path], subsets: Path) -> np.ndarray:
+        found = []
+        for seed in given.seeds:
+            few = {"photographs": subsets / str(seed) / subset_name(shares[count])} if count else {}
+            examples = draw_examples({**few, **synthetic}, classes, given.draws, seed)
+            found.append(figures(train_yolox(given.weights, examples, rows)))
+        return np.stack(found, axis=1)
 
     lines = []
-    for count in given.counts:
-        alone = trained(count, [photographs]) if count else figures(Yolox(given.weights, rows))[:, None]
-        both = trained(count, [photographs, *renders] if count else renders)
-        columns = chain.from_iterable((a, b, b - a) for a, b in zip(alone, both, strict=True))
-        lines.append([str(count), *map(format_figures, columns)])
+    with TemporaryDirectory() as scratch:
+        for seed in given.seeds if shares else ():
+            write_subsets(given.photographs, Path(scratch, str(seed)), fractions=list(shares.values()), seed=seed)
+        for count in given.counts:
+            alone = trained(count, {}, Path(scratch)) if count else figures(Yolox(given.weights, rows))[:, None]
+            both = trained(count, renders, Path(scratch))
+            columns = chain.from_iterable((a, b, b - a) for a, b in zip(alone, both, strict=True))
+            lines.append([str(count), *map(format_figures, columns)])
     print(table(COLUMNS, lines))
 
 
