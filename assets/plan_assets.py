@@ -14,8 +14,8 @@ from msgspec import Struct
 from hulldown.assets.scenery import Scenery
 from hulldown.assets.skylight import EVEN_SKYLIGHT, SkyLight
 from hulldown.assets.vehicle import VehicleShape
+from hulldown.base.uniform import GOLDEN_RATIO
 
-GOLDEN_RATIO = (5**0.5 - 1) / 2  # multiples of it, modulo 1, are spread evenly
 SUM_PARTS_PER_M = 2**32  # each term of the sum is rounded to such a part
 MAX_TERM_M = 2.0**30
 SHAPE_TOLERANCE_M = 1e-5  # a coordinate that changes by 0.02 mm changes the weighted sum by more

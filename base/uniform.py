@@ -1,8 +1,10 @@
-"""A protocol for sources of uniform random numbers."""
+"""A protocol for sources of uniform random numbers, and a step whose multiples are spread evenly."""
 
 from __future__ import annotations
 
 from typing import Any, Protocol, runtime_checkable
+
+GOLDEN_RATIO = (5.0**0.5 - 1.0) / 2.0  # multiples of it, modulo 1, are spread evenly
 
 
 @runtime_checkable

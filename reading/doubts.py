@@ -85,7 +85,8 @@ def scenery_doubts(
     used = [(piece, role) for piece, role in zip(pieces, roles, strict=True) if role.use not in ("dropped", "removed")]
     return (
         *_scenery_role_doubts(used, options, wet, parked),
-        *_scenery_shape_doubts(used),
+        *_ground_shape_doubts(used),
+        *_doubts_about_surroundings(used),
         *_scenery_size_doubts(report, options),
         *_object_height_doubts(used, report, options),
         *_missing_file_doubts(report.missing),
@@ -121,13 +122,12 @@ def _scenery_role_doubts(
             yield Doubt(DoubtKind.NOT_GROUND, f"{piece.name!r} isn't used as ground, {role.why}")
 
 
-def _scenery_shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
+def _ground_shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
     grounds = [piece for piece, role in used if role.use == "ground"]
     if grounds and 0 < (main := max(grounds, key=lambda p: p.area)).level < MIN_LEVEL_SHARE:
         steep = f"{main.name!r} is ground, and {100 * (1 - main.level):.0f} % of it is steep"
         text = "if buildings are part of it, vehicles are placed on their roofs; make them objects of their own"
         yield Doubt(DoubtKind.STEEP_GROUND, f"{steep}: {text} in Blender")
-    solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
     named = [piece for piece, role in used if role.use == "obstacle" and role.by is not By.SHAPE]
     low = np.min([piece.bounds[0] for piece in grounds], axis=0, initial=np.inf)
     high = np.max([piece.bounds[1] for piece in grounds], axis=0, initial=-np.inf)
@@ -143,6 +143,12 @@ def _scenery_shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
         if (share := (right - left) * (back - front) / main.area) < MAX_CROWDED_SHARE:
             text = f"everything but {main.name!r} is in {100 * share:.1g} % of its area, and most positions are elsewhere"
             yield Doubt(DoubtKind.GROUND, f"{text}; to leave it out, set not_ground = {names_as_config_value([main.name])}")
+
+
+def _doubts_about_surroundings(used: UsedPieces) -> Iterator[Doubt]:
+    """Yield doubts about pieces above, below, and around everything else."""
+    grounds = [piece for piece, role in used if role.use == "ground"]
+    solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
     lowest = min((piece.bounds[0, 2] for piece in solid), default=-np.inf)
     if grounds and (depth := float(lowest - max(piece.bounds[1, 2] for piece in grounds))) > MIN_PIT_DEPTH_M:
         text = f"the ground, {quote_names(piece.name for piece in grounds)}, is {depth:.0f} m below everything else"

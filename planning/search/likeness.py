@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 
 from hulldown.base.errors import ConfigError
 from hulldown.base.portable import exp, hypot, log, sin_cos
+from hulldown.base.uniform import GOLDEN_RATIO
 from hulldown.camera.cameras import Cameras
 from hulldown.camera.framing import pan_center_to_pixel, turn_cameras_to_boxes
 from hulldown.camera.intrinsics import Intrinsics
@@ -39,7 +40,6 @@ MAX_RANK = np.nextafter(1.0, 0.0)
 QUARTER_PLACES = 10  # places without a camera that count as a quarter of an image's tries
 MIN_STEEP_RADIANS = math.radians(15.0)  # elevation from which level ground tells a companion's distance better than its box
 MIN_RAY_FALL_SHARE = 0.05  # of the length of a ray that's followed to the ground
-GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 DIRECTIONS_PER_CAMERA = 24
 MIN_ASPECT_TOLERANCE = 0.03  # relative: no vehicle has exactly the sampled aspect ratio
 MAX_DISTANCE_RATIO = 2.0  # estimated distances are wrong by at most this factor
