@@ -1,75 +1,15 @@
 """Up and forward axes, parts, and pivots of vehicles made of plain arrays, in any frame."""
 
-import json
-
 import numpy as np
 import pytest
-import trimesh
-from numpy.typing import ArrayLike
 
 from hulldown.base.errors import AssetError
 from hulldown.geometry.meshes import Mesh, merge_meshes_with_sources
-from hulldown.geometry.transforms import axis_rotation, rigid_matrix, rotation_z, transform_points
-from hulldown.reading.build import BuiltVehicle, build_vehicle
+from hulldown.geometry.transforms import axis_rotation, rigid_matrix, transform_points
 from hulldown.reading.pieces.doubt import DoubtKind
-from hulldown.reading.pieces.options import Options
-from hulldown.reading.pieces.roles import Evaluated, Link, Piece
 from hulldown.reading.vehicle.solids import MAX_SOLIDS
-from hulldown.reading.vehicle.stance import UP_AXES, meters_from_file, turn_pieces_upright, z_up_rotation
-from hulldown.tests.builders.shapes import CORNERS, FACES, sheet
-
-
-def box(size: ArrayLike, at: ArrayLike) -> Mesh:
-    return Mesh((CORNERS - 0.5) * size + at, FACES)
-
-
-def tube(start: ArrayLike, end: ArrayLike, radius: float, *, sides: int = 16) -> Mesh:
-    """A closed prism."""
-    mesh = trimesh.creation.cylinder(radius, sections=sides, segment=(start, end))
-    return Mesh(mesh.vertices, mesh.faces)
-
-
-TANK = {
-    "Hull": box((6, 2.4, 1), (0, 0, 1)),
-    **{f"W{i}{side}": tube((x, 1.4 * side, 0.4), (x, 1.1 * side, 0.4), 0.4)
-       for i, x in enumerate((-2.2, -1.0, 0.2, 1.6)) for side in (-1, 1)},
-    "Turret": box((2.6, 2, 0.7), (-0.2, 0, 1.95)),
-    "Turret_Ring": tube((0.1, 0, 1.45), (0.1, 0, 1.7), 0.9),
-    "Gun": tube((1.0, 0, 1.9), (5.5, 0, 1.9), 0.07),
-}  # fmt: skip
-TRUCK = {k: TANK[k] for k in TANK if k[0] == "W"} | {"Hull": TANK["Hull"], "Cab": box((1.5, 2, 1.2), (2, 0, 2))}
-CAR = {k: mesh for k, mesh in TRUCK.items() if k[:2] not in ("W1", "W2")}
-MIRRORS = {f"P{s}": box((0.1, 0.3, 0.3), (1.2, 1.55 * s, 1.9)) for s in (-1, 1)}
-MIRRORED = {k: mesh for k, mesh in CAR.items() if k != "Cab"} | MIRRORS
-
-
-def read(
-    parts: dict[str, Mesh],
-    pose: np.ndarray | None = None,
-    *,
-    stated: str = "z",
-    hidden: tuple[str, ...] = (),
-    **options: object,
-) -> BuiltVehicle:
-    """The vehicle of a file with these parts, with all origins at zero."""
-    found, given = Evaluated(), Options(**options)
-    for i, (name, mesh) in enumerate(parts.items()):
-        placed = mesh.with_vertices(transform_points(np.eye(4) if pose is None else pose, mesh.vertices))
-        found.meshes.append(placed)
-        bounds = placed.with_vertices(transform_points(meters_from_file(1.0, stated), placed.vertices)).bounds
-        link = Link(name, (), "MESH", np.eye(4))
-        found.pieces.append(Piece(name, (link,), i, np.eye(4), bounds, len(mesh.faces), hidden=name in hidden))
-    upright = turn_pieces_upright(found, unit=1.0, stated_up=stated, up=given.up)
-    return build_vehicle("v", upright, given)
-
-
-def kinds(built) -> list[DoubtKind]:
-    """The kinds of its doubts."""
-    return [doubt.kind for doubt in built.doubts]
-
-
-def turned(yaw_deg: float) -> np.ndarray:
-    return rigid_matrix(rotation_z(np.radians(yaw_deg)), np.zeros(3))
+from hulldown.reading.vehicle.stance import UP_AXES, z_up_rotation
+from hulldown.tests.builders.loose_parts import CAR, MIRRORED, TANK, TRUCK, box, kinds, read, tube, turned
 
 
 @pytest.mark.parametrize("axis", UP_AXES)
@@ -239,88 +179,6 @@ def test_objects_on_a_turret_without_children_turn_with_it() -> None:
     built = read(parts)
     assert built.piece_part[list(parts).index("Hatch")] == 1
     assert any(d.kind == DoubtKind.PARTS and "'Hatch'" in d.text for d in built.doubts)
-
-
-def card(y: float, low: float) -> Mesh:
-    """An upright sheet along a vehicle."""
-    level = sheet((-5, low), (5, 5), y)
-    return level.with_vertices(level.vertices[:, [0, 2, 1]])
-
-
-@pytest.mark.parametrize(
-    ("name", "mesh", "hidden", "what"),
-    [
-        ("Thing", box((0.5, 0.5, 1), (0, 0, 2)), True, "hidden from the viewport, but rendered"),
-        ("Keel", box((0.5, 0.5, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
-        ('"Keel"\n', box((0.5, 0.5, 1), (0, 0, 0.2)), False, "reaching below the wheels"),
-        ("Cube", box((0.8, 0.8, 0.8), (0, 0, 2.5)), False, "a new mesh of Blender's"),
-        ("Block", box((0.4, 0.4, 1), (0, 1.9, 0.5)), False, "not touching the rest"),
-        ("Card", card(0, 0), False, "sticks out of the rest"),
-    ],
-)  # fmt: skip
-def test_pieces_that_may_not_belong_are_doubted_with_a_drop_pattern(name: str, mesh: Mesh, hidden: bool, what: str) -> None:
-    built = read(TANK | {name: mesh}, hidden=(name,) * hidden)
-    (doubt,) = [d.text for d in built.doubts if d.kind == DoubtKind.STRAY]
-    assert doubt.startswith(f"{name!r}: ")
-    assert what in doubt
-    assert f"set drop = {json.dumps([name])} if" in doubt
-
-
-BALL_ON_A_ROD = {"Rod": box((0.2, 0.2, 0.9), (-3.05, 0, 0.3)), "Ball": box((0.8, 0.4, 0.4), (-3.6, 0, 0.3))}
-
-
-@pytest.mark.parametrize(
-    "others",
-    [{"Crate": box((2, 2, 2), (0, 0, 0.9))}, BALL_ON_A_ROD],
-    ids=["much of the surface", "the ball would touch nothing"],
-)
-def test_no_doubt_proposes_to_drop_much_or_in_vain(others: dict[str, Mesh]) -> None:
-    (doubt,) = [d.text for d in read(TANK | others).doubts if d.kind == DoubtKind.STRAY]
-    assert doubt.startswith(f"{next(iter(others))!r}: ")
-    assert "look at it, and name it in drop" in doubt
-
-
-STUDIO = Mesh(
-    np.array([[x, y, z] for y in (-12.0, 12.0) for x, z in ((12.0, 0.0), (-9.0, 0.0), (-11.0, 2.0), (-11.0, 9.0))]),
-    np.array([[k, k + 1, k + 4] for k in range(3)] + [[k + 1, k + 5, k + 4] for k in range(3)]),
-)
-
-
-@pytest.mark.parametrize(
-    ("name", "mesh", "hidden", "reasons"),
-    [
-        ("Cube", box((2, 2, 2), (0, 0, 1.0)), True, ()),
-        ("Cube", box((2, 2, 2), (0, 0, -0.2)), False, ("reaches below the wheels",)),
-        ("Blueprint", card(1, -1), True, ()),
-        ("Sheet_2", card(1, -1), False, ("reaches below the wheels",)),
-        ("Cyc", STUDIO, False, ()),
-        ("Plinth", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
-        ("Object_9", box((9, 4, 0.4), (0, 0, -0.2)), False, ()),
-        ("Lamp_Card", box((2, 2, 0.01), (0, 0, 5)), False, ("far from the rest",)),
-        ("Human_Reference", box((0.4, 0.4, 1.8), (0, 3.5, 0.9)), False, ()),
-    ],
-)
-@pytest.mark.parametrize("yaw", [0.0, 33.0])
-def test_pieces_with_two_signs_of_not_belonging_are_left_out(
-    name: str, mesh: Mesh, hidden: bool, reasons: tuple, yaw: float
-) -> None:
-    parts, pose, unseen = TANK | {name: mesh}, turned(yaw), (name,) * hidden
-    built = read(parts, pose, hidden=unseen)
-    alone = read(TANK)
-    assert [r.use for r in built.roles] == [*(r.use for r in alone.roles), "dropped"]
-    assert np.allclose(built.shape.size_xyz, alone.shape.size_xyz, atol=1e-6)
-    keeps = [d.text for d in built.doubts if d.text.startswith(f"{name!r}: ")]
-    assert len(keeps) == len(reasons)
-    assert all(what in keeps[0] and f'set keep = ["{name}"]' in keeps[0] for what in reasons)
-    uses = {r.use for r in read(parts, pose, hidden=unseen, keep=(name,)).roles}
-    assert uses == {r.use for r in alone.roles}
-
-
-def test_a_wide_hull_under_a_turret_is_not_a_backdrop() -> None:
-    hull = box((8, 5, 1), (0, 0, 1))
-    open_below = hull.take_mesh_faces(np.flatnonzero(hull.triangles[:, :, 2].max(axis=1) > 1.0))
-    built = read({"Hull": open_below, "Dome": box((1, 1, 0.6), (0, 0, 1.8)), "Hatch": box((0.3, 0.3, 0.1), (0, 0, 2.1))})
-    assert all(r.use != "dropped" for r in built.roles)
 
 
 def test_launch_tubes_point_ahead_and_turn_at_the_top_of_their_plates() -> None:
