@@ -63,8 +63,8 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2])
     parser.add_argument("--draws", type=int, default=1600)
     given = parser.parse_args()
-    classes, (photographs,) = read_classes_and_sources({"photographs": given.photographs})
     renders = {f"renders {k}": one for k, one in enumerate(given.synthetic)}
+    classes, (photographs, *_) = read_classes_and_sources({"photographs": given.photographs, **renders})
     labels, truck = read_labels(given.test), COCO_NAMES.index(VEHICLE_LIKE_CLASS)
     rows = [COCO_NAMES.index(name) if name in COCO_NAMES else truck for name in classes]
     untrained = YoloxDetector(Yolox(given.weights, range(len(COCO_NAMES))), COCO_NAMES)
@@ -84,11 +84,12 @@ def main() -> None:
 
     lines = []
     with TemporaryDirectory() as scratch:
+        subsets = Path(scratch)
         for seed in given.seeds if shares else ():
-            write_subsets(given.photographs, Path(scratch, str(seed)), fractions=list(shares.values()), seed=seed)
+            write_subsets(given.photographs, subsets / str(seed), fractions=list(shares.values()), seed=seed)
         for count in given.counts:
-            alone = trained(count, {}, Path(scratch)) if count else figures(Yolox(given.weights, rows))[:, None]
-            both = trained(count, renders, Path(scratch))
+            alone = trained(count, {}, subsets) if count else figures(Yolox(given.weights, rows))[:, None]
+            both = trained(count, renders, subsets)
             columns = chain.from_iterable((a, b, b - a) for a, b in zip(alone, both, strict=True))
             lines.append([str(count), *map(format_figures, columns)])
     print(table(COLUMNS, lines))
