@@ -86,7 +86,7 @@ def scenery_doubts(
     return (
         *_scenery_role_doubts(used, options, wet, parked),
         *_ground_shape_doubts(used),
-        *_doubts_about_surroundings(used),
+        *_surroundings_doubts(used),
         *_scenery_size_doubts(report, options),
         *_object_height_doubts(used, report, options),
         *_missing_file_doubts(report.missing),
@@ -145,7 +145,7 @@ def _ground_shape_doubts(used: UsedPieces) -> Iterator[Doubt]:
             yield Doubt(DoubtKind.GROUND, f"{text}; to leave it out, set not_ground = {names_as_config_value([main.name])}")
 
 
-def _doubts_about_surroundings(used: UsedPieces) -> Iterator[Doubt]:
+def _surroundings_doubts(used: UsedPieces) -> Iterator[Doubt]:
     """Yield doubts about pieces above, below, and around everything else."""
     grounds = [piece for piece, role in used if role.use == "ground"]
     solid = [piece for piece, role in used if role.use == "obstacle" and not piece.hair]
